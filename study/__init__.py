@@ -1,0 +1,1 @@
+"""Verification and comparison study of the piecewise-linear weight functions."""
