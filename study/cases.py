@@ -1,0 +1,110 @@
+"""Sections of the study, their cases, and when a stored result of a case still holds."""
+
+import ast
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+from study.provenance import versions
+from study.sources import closure, package_sources, source
+from study.store import Result, StudyError
+
+SECTIONS = {
+    "3": "study.sec3",
+    "7.1": "study.ex71",
+    "7.6": "study.ex76",
+    "T": "study.verification.t_identity",
+}
+"""Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One computation with one result.
+
+    Attributes:
+        section: The section it belongs to.
+        name: Its name there, which is its file name too.
+        run: Function of a module (workers import it), called with the parameters.
+        parameters: Keyword arguments, of types that JSON has.
+    """
+
+    section: str
+    name: str
+    run: Callable[..., Result]
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"\w[\w.+-]*", self.name):
+            raise ValueError(f"{self.name!r} cannot be the name of a case: it names its file")
+
+    @property
+    def key(self) -> str:
+        """Section and name, as in "7.1/pw-T6"."""
+        return f"{self.section}/{self.name}"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section with its cases."""
+
+    id: str
+    title: str
+    cases: list[Case]
+
+
+def load_section(section: str) -> Section:
+    """Import a section's module, and with it what it computes with."""
+    name = _module(section)
+    try:
+        module = import_module(name)
+    except ImportError as error:
+        raise StudyError(f"section {section} cannot be loaded: {error}") from error
+    cases = list(module.CASES)
+    names = [case.name for case in cases]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    strange = [case.key for case in cases if case.section != section]
+    if twice or strange:
+        raise StudyError(f"{name} has unsuitable cases: {', '.join(twice + strange)}")
+    return Section(section, module.TITLE, cases)
+
+
+def title(section: str) -> str:
+    """Return a section's title without importing its module, which the report must not do."""
+    name = _module(section)
+    path = source(name)
+    if path is None:
+        raise StudyError(f"section {section} has no module {name}")
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if any(isinstance(target, ast.Name) and target.id == "TITLE" for target in targets):
+            assert isinstance(node, ast.Assign)
+            return str(ast.literal_eval(node.value))
+    raise StudyError(f"{path} has no TITLE")
+
+
+def fingerprint(case: Case) -> str:
+    """Return a digest of all that a case's result depends on.
+
+    That is its parameters, the library, the modules of the study that its own imports lead to, and
+    the packages' versions. This module is left out: a section added to its table changes no other.
+    """
+    digest = hashlib.sha256()
+    digest.update(json.dumps([case.key, case.parameters, versions()], sort_keys=True).encode())
+    own = closure(_module(case.section), frozenset({__name__}))
+    own |= closure(case.run.__module__, frozenset({__name__}))
+    for path in [*package_sources("pw_elements"), *own.values()]:
+        data = path.read_bytes()
+        digest.update(f"\n{path.name} {len(data)}\n".encode())
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def _module(section: str) -> str:
+    if section not in SECTIONS:
+        raise StudyError(f"there is no section {section}, but {', '.join(SECTIONS)}")
+    return SECTIONS[section]

@@ -1,0 +1,79 @@
+"""Source files of modules, found and read without importing them."""
+
+import ast
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+
+def source(module: str) -> Path | None:
+    """Return the source file of a module or package, or None if there is none."""
+    top, *rest = module.split(".")
+    spec = find_spec(top)  # of a top-level name: looks, but imports nothing
+    if spec is None:
+        return None
+    if not rest:
+        return Path(spec.origin) if spec.origin else None
+    for folder in spec.submodule_search_locations or ():
+        base = Path(folder, *rest)
+        for path in (base.with_name(f"{base.name}.py"), base / "__init__.py"):
+            if path.is_file():
+                return path
+    return None
+
+
+def package_sources(package: str) -> list[Path]:
+    """Return all source files of a top-level package, sorted."""
+    spec = find_spec(package)
+    folders = (spec.submodule_search_locations if spec else None) or ()
+    return sorted(path for folder in folders for path in Path(folder).rglob("*.py"))
+
+
+def imported(module: str) -> set[str]:
+    """Return the names of all modules that a module's source imports, anywhere in it.
+
+    `from a import b` counts as `a` and `a.b`: without importing, b may be either a module or not.
+    """
+    path = source(module)
+    if path is None:
+        return set()
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    return set(_names(ast.parse(path.read_text(encoding="utf-8")), package))
+
+
+def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Path]:
+    """Return the sources of a module and, transitively, of what it imports of its own package.
+
+    Args:
+        module: Full name of the module.
+        without: Modules not to enter.
+    """
+    top = module.split(".")[0]
+    found: dict[str, Path] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name in found or name in without or name.split(".")[0] != top:
+            continue
+        path = source(name)
+        if path is not None:
+            found[name] = path
+            waiting += sorted(imported(name))
+            waiting.append(name.rpartition(".")[0] or name)  # the package around it runs first
+    return dict(sorted(found.items()))
+
+
+def _names(tree: ast.AST, package: str) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                around = package.split(".")
+                above = around[: len(around) - node.level + 1]
+                base = ".".join([*above, base] if base else above)
+            yield base
+            for alias in node.names:
+                yield f"{base}.{alias.name}"
