@@ -1,0 +1,124 @@
+"""One look for all figures."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
+from matplotlib.ticker import EngFormatter
+
+matplotlib.use("Agg")
+
+COLUMN = 3.5
+"""Width of a figure of one column, in inches."""
+FULL = 7.0
+"""Width of a figure of the whole page, in inches."""
+
+LOOK: dict[str, dict[str, Any]] = {
+    "galerkin-T6": {"color": "#D55E00", "marker": "^", "label": "standard, 6 nodes"},
+    "pw-T6": {"color": "#0072B2", "marker": "o", "label": "piecewise linear, 6 nodes"},
+    "pwsym-T6": {"color": "#56B4E9", "marker": "d", "label": "symmetrised, 6 nodes"},
+    "galerkin-Q8": {"color": "#B87A00", "marker": "s", "label": "standard, 8 nodes"},
+    "pw-Q8": {"color": "#007A5A", "marker": "D", "label": "piecewise linear, 8 nodes"},
+    "composite-T6": {"color": "#B0568C", "marker": "v", "label": "composite, 6 nodes"},
+    "exact": {"color": "#000000", "marker": "", "label": "exact"},
+}
+"""Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`.
+
+The colours are Okabe and Ito's, two of them darkened to be seen on white.
+"""
+
+RC = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "figure.figsize": (COLUMN, 2.6),
+    "figure.constrained_layout.use": True,
+    "savefig.dpi": 200,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.0,
+    "legend.frameon": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "pw-elements",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Set the study's look for what is drawn within the block."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(RC)
+        yield
+
+
+def si_axis(axis: Axis, unit: str) -> None:
+    """Write the ticks of an axis with SI prefixes, as in "2.5 GPa"."""
+    axis.set_major_formatter(EngFormatter(unit=unit, sep="\N{NO-BREAK SPACE}"))
+
+
+def mesh_plot(
+    ax: Axes,
+    x: np.ndarray,
+    cells: np.ndarray,
+    color: str = "#555555",
+    linewidth: float = 0.6,
+) -> None:
+    """Draw a mesh of quadratic cells with its corner and mid-side nodes, to scale.
+
+    Cells may number their nodes as they like, as long as the corners come first: the corners are
+    taken around the centre, and each side gets the node nearest to its middle.
+
+    Args:
+        ax: Where to draw.
+        x: Coordinates of the nodes, shape (nodes, 2 or 3).
+        cells: Nodes of each cell, shape (cells, 3 or 6) for triangles, (cells, 4, 8 or 9) for
+            quadrilaterals. Without mid-side nodes the middles of the sides are drawn.
+        color: Colour of the lines.
+        linewidth: Their width in points.
+    """
+    x = np.asarray(x)[:, :2]
+    cells = np.asarray(cells)
+    corners = 3 if cells.shape[1] in (3, 6) else 4
+    sides, tips, middles = [], [], []
+    for cell in cells:
+        around, between = _outline(x[cell[:corners]], x[cell[corners:]])
+        after = np.roll(around, -1, axis=0)
+        t = np.linspace(0, 1, 9)[:, None]
+        for a, m, b in zip(around, between, after, strict=True):
+            sides.append((1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * m + t * (2 * t - 1) * b)
+        tips.append(around)
+        middles.append(between)
+    ax.add_collection(LineCollection(sides, colors=color, linewidths=linewidth))
+    for nodes, size, face in ((tips, 3.0, "#333333"), (middles, 2.6, "white")):
+        unique = np.unique(np.round(np.concatenate(nodes), 12), axis=0)
+        ax.plot(*unique.T, "o", ms=size, mfc=face, mec="#333333", mew=0.6, ls="none")
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+
+
+def _outline(corners: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners in cyclic order and the middle node of the side that follows each."""
+    spokes = corners - corners.mean(axis=0)
+    corners = corners[np.argsort(np.arctan2(spokes[:, 1], spokes[:, 0]))]
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
+    if len(others):
+        distance = np.linalg.norm(middles[:, None] - others, axis=2)
+        middles = others[distance.argmin(axis=1)]
+    return corners, middles
