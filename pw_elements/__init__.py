@@ -1,0 +1,53 @@
+"""Quadratic finite elements with piecewise-linear weight functions, for DOLFINx.
+
+The trial functions are the standard quadratic ones; the test (weight) functions are
+continuous and linear on the sub-cells of the once refined cell. Idea and equations:
+M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
+functions in 2D contact problems" (2001); as a function space it is the P1-iso-P2 element
+of M. Bercovier and O. Pironneau (1979), https://doi.org/10.1007/BF01399555.
+"""
+
+from importlib.util import find_spec
+
+if find_spec("dolfinx") is None:
+    raise ImportError(
+        "pw_elements needs DOLFINx 0.9 or newer: take Debian's python3-dolfinx, conda-forge's "
+        "fenics-dolfinx or the container dolfinx/dolfinx, or start through ./run, which fetches it"
+    )
+
+from pw_elements.algebra import (
+    Reduction,
+    SingularSystem,
+    assemble_matrix,
+    assemble_vector,
+    reactions,
+    solve,
+)
+from pw_elements.eigen import BucklingModes, NoBuckling, buckling
+from pw_elements.elements import macro_element, quadratic_element, serendipity_element
+from pw_elements.mechanics import Body, Material, State, boundary_measure, nodal_load, support
+from pw_elements.spaces import NumberingError, Spaces, test_space
+
+__all__ = [
+    "Body",
+    "BucklingModes",
+    "Material",
+    "NoBuckling",
+    "NumberingError",
+    "Reduction",
+    "SingularSystem",
+    "Spaces",
+    "State",
+    "assemble_matrix",
+    "assemble_vector",
+    "boundary_measure",
+    "buckling",
+    "macro_element",
+    "nodal_load",
+    "quadratic_element",
+    "reactions",
+    "serendipity_element",
+    "solve",
+    "support",
+    "test_space",
+]

@@ -1,0 +1,233 @@
+"""Free assembly, the reduction L^T K R, and solves that refuse a singular system.
+
+DOLFINx sets no Dirichlet conditions on a matrix whose test and trial spaces differ. Here the
+matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u = 0 around:
+
+    V = fem.functionspace(mesh, ("Lagrange", 2))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
+    K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+    f = assemble_vector(v * ufl.dx)
+    rim = fem.locate_dofs_topological(V, 1, exterior_facet_indices(mesh.topology))
+    a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
+from dolfinx.fem.petsc import assemble_vector as _assemble_vector
+
+# A known solution comes back with a relative error of condition number x round-off: above
+# this, fewer than four digits of any answer would be meant.
+_LOST = 1e-4
+# Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
+_RESIDUAL = 1e-10
+
+
+class SingularSystem(RuntimeError):
+    """The system has no unique solution, mostly for want of supports."""
+
+
+def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
+    """Matrix of a bilinear form, all rows and columns free.
+
+    The form (and by it mesh and spaces) lives as long as the matrix.
+    """
+    compiled = fem.form(form)
+    matrix = _assemble_matrix(compiled)
+    matrix.assemble()
+    matrix.setAttr("form", compiled)
+    return matrix
+
+
+def assemble_vector(form: ufl.Form) -> PETSc.Vec:
+    """Vector of a linear form, contributions of all processes added."""
+    compiled = fem.form(form)
+    vector = _assemble_vector(compiled)
+    vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+    vector.setAttr("form", compiled)
+    return vector
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """K_r = L^T K R, f_r = L^T (f - K a_0), a = R a_r + a_0.
+
+    Args:
+        left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
+        right: R, (n, n_r).
+        offset: a_0, (n,): prescribed values.
+    """
+
+    left: PETSc.Mat
+    right: PETSc.Mat
+    offset: PETSc.Vec
+
+    @classmethod
+    def dirichlet(
+        cls, space: fem.FunctionSpace, conditions: Sequence[fem.DirichletBC]
+    ) -> "Reduction":
+        """Drops the prescribed degrees of freedom; `conditions` are set on the trial space.
+
+        Raises:
+            ValueError: if they leave nothing free, or a prescribed value is not finite.
+        """
+        index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+        owned = index_map.size_local * block
+        values = np.zeros(owned + index_map.num_ghosts * block)
+        free = np.ones(owned, dtype=bool)
+        for condition in conditions:
+            dofs, first_ghost = condition.dof_indices()
+            free[dofs[:first_ghost]] = False
+            condition.set(values)
+        comm = space.mesh.comm
+        if not comm.allreduce(int(np.isfinite(values[:owned]).all()), MPI.MIN):
+            raise ValueError("a prescribed value is not a finite number")
+        if comm.allreduce(int(free.sum()), MPI.SUM) == 0:
+            raise ValueError("the Dirichlet conditions leave no degree of freedom free")
+        offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
+        offset.setArray(values[:owned])
+        selection = _selection(free, offset)
+        return cls(selection, selection, offset)
+
+    def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
+        """L^T K R."""
+        reduced = self.left.transposeMatMult(K.matMult(self.right))
+        reduced.setAttr("form", K.getAttr("form"))
+        return reduced
+
+    def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
+        """L^T (f - K a_0)."""
+        remainder = K.createVecLeft()
+        K.mult(self.offset, remainder)
+        remainder.aypx(-1.0, f)
+        reduced = self.left.createVecRight()
+        self.left.multTranspose(remainder, reduced)
+        return reduced
+
+    def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """R a_r + a_0."""
+        full = self.offset.duplicate()
+        self.right.multAdd(reduced, self.offset, full)
+        return full
+
+    def shape(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """R a_r: a mode, which vanishes where values are prescribed."""
+        full = self.offset.duplicate()
+        self.right.mult(reduced, full)
+        return full
+
+    def then(self, inner: "Reduction") -> "Reduction":
+        """This reduction followed by another one of the reduced system."""
+        return Reduction(
+            self.left.matMult(inner.left),
+            self.right.matMult(inner.right),
+            self.expand(inner.offset),
+        )
+
+
+def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction) -> PETSc.Vec:
+    """Displacements a (n,) of K a = f under a reduction, by a direct solver.
+
+    Raises:
+        SingularSystem: if the reduced system has no unique solution.
+        ValueError: if the load is not finite.
+    """
+    load = reduction.load(K, f)
+    if not np.isfinite(load.norm(PETSc.NormType.INFINITY)):
+        raise ValueError("the load vector or a prescribed value is not finite")
+    matrix = reduction.matrix(K)
+    solver = factorise(matrix)
+    solution = load.duplicate()
+    solver.solve(load, solution)
+    solver.destroy()
+    _check_residual(matrix, solution, load)
+    return reduction.expand(solution)
+
+
+def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
+    """Nodal forces r = K a - f (n,) that supports exert on the body."""
+    r = f.duplicate()
+    K.mult(a, r)
+    r.axpy(-1.0, f)
+    return r
+
+
+def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
+    """(A + A^T) / 2: what a symmetric solver makes of an unsymmetric element's matrix."""
+    part = matrix.copy()
+    part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    part.scale(0.5)
+    part.setAttr("form", matrix.getAttr("form"))
+    return part
+
+
+def factorise(matrix: PETSc.Mat) -> PETSc.KSP:
+    """MUMPS factorisation of a regular matrix, ready to solve.
+
+    Raises:
+        SingularSystem: if a known solution does not come back, or a pivot is zero.
+    """
+    solver = PETSc.KSP().create(matrix.comm)
+    solver.setOperators(matrix)
+    solver.setType("preonly")
+    preconditioner = solver.getPC()
+    preconditioner.setType("lu")
+    preconditioner.setFactorSolverType("mumps")
+    preconditioner.setFactorSetUpSolverType()
+    factor = preconditioner.getFactorMatrix()
+    factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
+    solver.setUp()
+
+    probe = matrix.createVecRight()
+    first, last = probe.getOwnershipRange()
+    probe.setArray(np.cos(np.arange(first, last, dtype=float)))  # no rigid motion, nor any mode
+    image, back = matrix.createVecLeft(), probe.duplicate()
+    matrix.mult(probe, image)
+    solver.solve(image, back)
+    back.axpy(-1.0, probe)
+    error = back.norm() / probe.norm()
+    null_pivots = factor.getMumpsInfog(28)
+    if null_pivots > 0 or not error < _LOST:
+        solver.destroy()
+        count = f"{null_pivots} zero pivots, " if null_pivots > 0 else ""
+        raise SingularSystem(
+            f"the system matrix is singular ({count}a known solution came back with the relative "
+            f"error {error:.1e}): the supports leave a rigid motion free, or a node has no "
+            "stiffness; add Dirichlet conditions"
+        )
+    return solver
+
+
+def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:
+    residual = load.duplicate()
+    matrix.mult(solution, residual)
+    residual.axpy(-1.0, load)
+    scale = matrix.norm(PETSc.NormType.INFINITY) * solution.norm(PETSc.NormType.INFINITY)
+    scale += load.norm(PETSc.NormType.INFINITY)
+    if scale > 0 and not residual.norm(PETSc.NormType.INFINITY) <= _RESIDUAL * scale:
+        raise SingularSystem(
+            f"the direct solver left the relative residual "
+            f"{residual.norm(PETSc.NormType.INFINITY) / scale:.1e}: the matrix is too badly "
+            "conditioned; check supports and units"
+        )
+
+
+def _selection(free: np.ndarray, rows: PETSc.Vec) -> PETSc.Mat:
+    """Columns of the identity that belong to the free ones of the owned rows."""
+    comm = rows.comm.tompi4py()
+    count = int(free.sum())
+    first = comm.scan(count) - count
+    indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
+    columns = np.arange(first, first + count, dtype=PETSc.IntType)
+    return PETSc.Mat().createAIJ(
+        (rows.getSizes(), (count, PETSc.DETERMINE)),
+        csr=(indptr, columns, np.ones(count)),
+        comm=rows.comm,
+    )

@@ -1,0 +1,121 @@
+"""The elements: quadratic trial functions and piecewise-linear weight functions.
+
+Weight functions are built from the four principles of section 3 of the paper:
+1) a weight function lives on the sub-cells around its node only, 2) it is linear on each
+of them, 3) it is continuous, 4) it is 1 at its node and 0 at all others.
+Principles 2 and 3 name a space, Basix's macro polynomials of degree 1; principle 4 names
+its basis, point evaluation at the nodes of the quadratic element; principle 1 then follows.
+"""
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from basix import CellType, ElementFamily, LagrangeVariant, MapType, PolysetType, SobolevSpace
+from basix.polynomials import tabulate_polynomial_set
+
+CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
+
+# Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
+PAPER_NODES = (0, 1, 2, 5, 3, 4)
+
+
+def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Piecewise-linear weight functions on the cell halved once, Eqs (15)-(20).
+
+    Args:
+        cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
+            sub-cells), "tetrahedron" (10) or "hexahedron" (27). The nodes and their order
+            are those of the quadratic Lagrange element.
+        shape: value shape, () for a scalar, (d,) for a vector field.
+
+    Raises:
+        ValueError: for any other cell.
+    """
+    celltype = _cell(cell)
+    nodes, entities = _quadratic_nodes(celltype)
+    x, M = _point_evaluations(nodes, entities)
+    element = basix.ufl.custom_element(
+        celltype,
+        [],
+        np.eye(len(nodes)),  # the whole macro space: linear on sub-cells and continuous
+        x,
+        M,
+        0,
+        MapType.identity,
+        SobolevSpace.H1,
+        False,
+        1,
+        1,
+        polyset_type=PolysetType.macroedge,
+    )
+    return _blocked(element, shape)
+
+
+def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
+    _cell(cell)
+    return basix.ufl.element("Lagrange", cell, 2, shape=shape or None)
+
+
+def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
+
+    Basix's own serendipity element has integral moments for degrees of freedom; nodal
+    forces need point evaluations. The space is that of all quadratics, x²y and xy².
+    """
+    celltype = CellType.quadrilateral
+    nodes, entities = _quadratic_nodes(celltype)
+    entities = [*entities[:2], [[]]]
+    x, M = _point_evaluations(nodes, entities)
+
+    points, weights = basix.make_quadrature(celltype, 5)
+    orthonormal = tabulate_polynomial_set(celltype, PolysetType.standard, 2, 0, points)[0]
+    px, py = points.T
+    monomials = np.array([px**0, px, py, px**2, px * py, py**2, px**2 * py, px * py**2])
+    coefficients = np.linalg.qr(((monomials * weights) @ orthonormal.T).T)[0].T
+    element = basix.ufl.custom_element(
+        celltype,
+        [],
+        np.ascontiguousarray(coefficients),
+        x,
+        M,
+        0,
+        MapType.identity,
+        SobolevSpace.H1,
+        False,
+        2,
+        2,
+    )
+    return _blocked(element, shape)
+
+
+def _cell(name: str) -> CellType:
+    if name not in CELLS:
+        raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
+    return CellType[name]
+
+
+def _quadratic_nodes(cell: CellType) -> tuple[npt.NDArray[np.float64], list[list[list[int]]]]:
+    """Node coordinates (n, dim) of the quadratic element and the node numbers per entity."""
+    lagrange = basix.create_element(ElementFamily.P, cell, 2, LagrangeVariant.gll_warped)
+    return lagrange.points, lagrange.entity_dofs
+
+
+def _point_evaluations(
+    nodes: npt.NDArray[np.float64], entities: list[list[list[int]]]
+) -> tuple[list[list[npt.NDArray[np.float64]]], list[list[npt.NDArray[np.float64]]]]:
+    """Interpolation points and matrices of nodal dofs, in the arrays Basix asks for."""
+    dimension = nodes.shape[1]
+    x: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
+    M: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
+    for d, of_dimension in enumerate(entities):
+        for dofs in of_dimension:
+            n = len(dofs)
+            x[d].append(np.ascontiguousarray(nodes[dofs]).reshape(n, dimension))
+            M[d].append(np.eye(n).reshape(n, 1, n, 1))
+    return x, M
+
+
+def _blocked(element: basix.ufl._ElementBase, shape: tuple[int, ...]) -> basix.ufl._ElementBase:
+    return basix.ufl.blocked_element(element, shape=shape) if shape else element

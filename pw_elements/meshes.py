@@ -1,0 +1,77 @@
+"""Structured rectangles in the patterns of the examples, and their smooth images."""
+
+from collections.abc import Callable
+from typing import Literal
+
+from mpi4py import MPI
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import CellType, DiagonalType, Mesh, create_mesh, create_rectangle
+
+Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
+PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
+Map = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]
+
+
+def triangles(
+    comm: MPI.Comm,
+    lower: tuple[float, float],
+    upper: tuple[float, float],
+    divisions: tuple[int, int],
+    pattern: Pattern = "right",
+) -> Mesh:
+    """Rectangle of triangles; `pattern` says how a square is cut, "crossed" gives four.
+
+    Raises:
+        ValueError: for an empty rectangle, no divisions, or an unknown pattern.
+    """
+    _check(lower, upper, divisions)
+    if pattern not in PATTERNS:
+        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
+    return create_rectangle(comm, [lower, upper], divisions, diagonal=DiagonalType[pattern])
+
+
+def quadrilaterals(
+    comm: MPI.Comm,
+    lower: tuple[float, float],
+    upper: tuple[float, float],
+    divisions: tuple[int, int],
+) -> Mesh:
+    """Rectangle of quadrilaterals.
+
+    Raises:
+        ValueError: for an empty rectangle or no divisions.
+    """
+    _check(lower, upper, divisions)
+    return create_rectangle(comm, [lower, upper], divisions, CellType.quadrilateral)
+
+
+def mapped(mesh: Mesh, image: Map) -> Mesh:
+    """Moves the mesh's nodes, (n, 3) to (n, 3), in place; straight sides stay straight."""
+    mesh.geometry.x[:] = image(mesh.geometry.x)
+    return mesh
+
+
+def curved(mesh: Mesh, image: Map) -> Mesh:
+    """New mesh of degree-2 geometry whose nodes, mid-side ones too, are images (n, 3)."""
+    dimension = mesh.geometry.dim
+    element = basix.ufl.element("Lagrange", mesh.topology.cell_name(), 2, shape=(dimension,))
+    nodes = fem.functionspace(mesh, element)
+    index_map = nodes.dofmap.index_map
+    cells_owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    local = nodes.dofmap.list[:cells_owned]
+    cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
+    x = image(nodes.tabulate_dof_coordinates()[: index_map.size_local])[:, :dimension]
+    return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
+
+
+def _check(
+    lower: tuple[float, float], upper: tuple[float, float], divisions: tuple[int, int]
+) -> None:
+    if not all(a < b for a, b in zip(lower, upper, strict=True)):
+        raise ValueError(f"a rectangle from {lower} to {upper} has no area")
+    if min(divisions) < 1:
+        raise ValueError(f"divisions {divisions}: at least one in each direction")

@@ -1,0 +1,111 @@
+"""Trial and test spaces with one numbering: node i of the one is node i of the other."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+
+from pw_elements.elements import macro_element, quadratic_element, serendipity_element
+
+
+class NumberingError(RuntimeError):
+    """Trial and test space number their nodes differently."""
+
+
+@dataclass(frozen=True)
+class Spaces:
+    """A trial and a test space on one mesh, with identical dofmaps.
+
+    Raises:
+        NumberingError: where the two numberings differ.
+    """
+
+    trial: fem.FunctionSpace
+    test: fem.FunctionSpace
+
+    def __post_init__(self) -> None:
+        _assert_one_numbering(self.trial, self.test)
+
+    @classmethod
+    def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
+        """Quadratic trial, piecewise-linear test functions: the paper's element.
+
+        Args:
+            mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
+            components: of the vector field; the mesh's dimension unless given; 0: scalar.
+        """
+        trial = _lagrange(mesh, components)
+        return cls(trial, test_space(trial))
+
+    @classmethod
+    def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
+        """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles)."""
+        trial = _lagrange(mesh, components)
+        return cls(trial, trial)
+
+    @classmethod
+    def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
+        """Nodal 8-node quadrilaterals for both: the standard element CPS8."""
+        trial = fem.functionspace(mesh, serendipity_element(_shape(mesh, components)))
+        return cls(trial, trial)
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of both spaces."""
+        return self.trial.mesh
+
+
+def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
+    """Piecewise-linear test functions for a user's own quadratic Lagrange space.
+
+    Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
+    assembled row i then belongs to the node of column i.
+
+    Raises:
+        ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.
+        NumberingError: if DOLFINx numbers the two spaces differently.
+    """
+    mesh = trial.mesh
+    cell = mesh.topology.cell_name()
+    shape = trial.element.basix_element.dim and tuple(trial.ufl_element().reference_value_shape)
+    if trial.ufl_element() != quadratic_element(cell, shape):
+        raise ValueError(
+            f"the trial space has the element {trial.ufl_element()}; piecewise-linear test "
+            f'functions go with ("Lagrange", 2) on a {cell}'
+        )
+    test = fem.functionspace(mesh, macro_element(cell, shape))
+    _assert_one_numbering(trial, test)
+    return test
+
+
+test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
+
+
+def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:
+    cell = mesh.topology.cell_name()
+    return fem.functionspace(mesh, quadratic_element(cell, _shape(mesh, components)))
+
+
+def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:
+    if components is None:
+        components = mesh.geometry.dim
+    return (components,) if components else ()
+
+
+def _assert_one_numbering(trial: fem.FunctionSpace, test: fem.FunctionSpace) -> None:
+    """No document of DOLFINx promises it, so it is looked at: here and nowhere else."""
+    a, b = trial.dofmap, test.dofmap
+    same = (
+        a.index_map_bs == b.index_map_bs
+        and a.index_map.size_local == b.index_map.size_local
+        and np.array_equal(a.list, b.list)
+        and np.array_equal(a.index_map.ghosts, b.index_map.ghosts)
+    )
+    if not trial.mesh.comm.allreduce(same, MPI.LAND):
+        raise NumberingError(
+            "trial and test space number their nodes differently, so nodal equations would be "
+            "mixed up: build both on one mesh object, the test space by test_space(trial)"
+        )
