@@ -168,8 +168,8 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     return part
 
 
-def factorise(matrix: PETSc.Mat) -> PETSc.KSP:
-    """MUMPS factorisation of a regular matrix, ready to solve.
+def factorise(matrix: PETSc.Mat, symmetric: bool = False) -> PETSc.KSP:
+    """MUMPS factorisation of a regular matrix, ready to solve; LDL^T (with inertia) or LU.
 
     Raises:
         SingularSystem: if a known solution does not come back, or a pivot is zero.
@@ -178,7 +178,9 @@ def factorise(matrix: PETSc.Mat) -> PETSc.KSP:
     solver.setOperators(matrix)
     solver.setType("preonly")
     preconditioner = solver.getPC()
-    preconditioner.setType("lu")
+    if symmetric:
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    preconditioner.setType("cholesky" if symmetric else "lu")
     preconditioner.setFactorSolverType("mumps")
     preconditioner.setFactorSetUpSolverType()
     factor = preconditioner.getFactorMatrix()

@@ -74,7 +74,13 @@ def buckling(
     solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
     solver.setDimensions(nev=count)
     solver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
-    solver.getST().setKSP(factorise(B))
+    inverse = factorise(B, symmetric=symmetrised)
+    if symmetrised and inverse.getPC().getFactorMatrix().getInertia()[0] > 0:
+        raise NoBuckling(
+            "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
+            "the symmetrised element is no stable one; refine the mesh"
+        )
+    solver.getST().setKSP(inverse)
     solver.solve()
     if solver.getConverged() < count:
         raise NoBuckling(

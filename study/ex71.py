@@ -1,0 +1,86 @@
+"""7.1 Simple structure with two elements: the reactions under a uniform load (Figs 4 and 5)."""
+
+from mpi4py import MPI
+
+import numpy as np
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    reactions,
+    solve,
+    support,
+)
+from pw_elements.meshes import Pattern, triangles
+from pw_elements.recovery import forces_along
+from study.cases import Case
+from study.elements import spaces
+from study.store import Result
+
+TITLE = "Simple structure with two elements"
+
+# Printed: unit square, unit thickness, unit load. Not printed: E and nu, on which the reactions
+# do not depend; MATERIALS shows it.
+YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
+MATERIALS: dict[str, dict[str, float | str]] = {
+    "E1e9": {"youngs_modulus": 1e9},
+    "nu0": {"poissons_ratio": 0.0},
+    "nu0.45": {"poissons_ratio": 0.45},
+    "strain": {"state": "plane strain"},
+    "strain-nu0.45": {"state": "plane strain", "poissons_ratio": 0.45},
+}
+
+
+def two_triangles(
+    element: str,
+    pattern: Pattern = "right",
+    youngs_modulus: float = YOUNGS_MODULUS,
+    poissons_ratio: float = POISSONS_RATIO,
+    state: str = "plane stress",
+) -> Result:
+    """Vertical reactions at the three lower nodes."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1), pattern)
+    body = Body(spaces(element, mesh), Material(youngs_modulus, poissons_ratio), State(state))
+    U = body.spaces.trial
+
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.surface_load((0.0, -1.0), boundary_measure(mesh, _upper_side)))
+    supports = [support(U, 1, _lower_side), support(U, 0, _lower_left)]
+    a = solve(K, f, Reduction.dirichlet(U, supports))
+
+    lower = forces_along(U, reactions(K, a, f), _lower_side)
+    vertical = lower.force[:, 1]
+    scalars = {f"reaction_{i}": float(r) for i, r in enumerate(vertical)}
+    scalars["sum"] = float(vertical.sum())
+    return Result(
+        scalars,
+        dict.fromkeys(scalars, "unit force"),
+        {"x": lower.position[:, 0], "reaction": vertical},
+        dofs=K.getSize()[0],
+    )
+
+
+def _upper_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], 1.0)
+
+
+def _lower_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], 0.0)
+
+
+def _lower_left(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], 0.0) & np.isclose(x[0], 0.0)
+
+
+VARIANTS: dict[str, dict[str, float | str]] = {"": {}, "-left": {"pattern": "left"}}
+VARIANTS |= {f"-{name}": material for name, material in MATERIALS.items()}
+CASES = [
+    Case("7.1", element + suffix, two_triangles, {"element": element, **parameters})
+    for element in ("galerkin-T6", "pw-T6")
+    for suffix, parameters in VARIANTS.items()
+]

@@ -1,0 +1,95 @@
+"""Exact and textbook buckling stresses of a simply supported strip in plane stress."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import brentq
+
+Form = Literal["G", "J", "deflection"]
+SHEAR_FACTOR = 5 / 6  # rectangular section
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Strip of length L and height h, with v = 0 and no shear on its ends, under uniform stress.
+
+    Args:
+        youngs_modulus: E, a stress.
+        poissons_ratio: nu.
+        slenderness: L / h; nothing else of the geometry enters.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    slenderness: float
+
+    @property
+    def shear_modulus(self) -> float:
+        """E / (2 (1 + nu))."""
+        return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
+
+    def euler(self, n: int) -> float:
+        """Euler's stress of mode n, Eq (27)."""
+        return (n * np.pi / self.slenderness) ** 2 * self.youngs_modulus / 12
+
+    def engesser(self, n: int) -> float:
+        """Engesser's stress: shear force normal to the deformed axis."""
+        return self.euler(n) / (1 + self.euler(n) / (SHEAR_FACTOR * self.shear_modulus))
+
+    def haringx(self, n: int) -> float:
+        """Haringx' stress: shear force in the deformed cross-section."""
+        rigidity = SHEAR_FACTOR * self.shear_modulus
+        return rigidity / 2 * (np.sqrt(1 + 4 * self.euler(n) / rigidity) - 1)
+
+    def elasticity(self, n: int, form: Form) -> float:
+        """Exact plane-stress value of mode n: smallest root of the free-surface determinant.
+
+        `form` says which geometric stiffness the continuum has: "G" the gradient form of
+        Eqs (25) and (26), "J" the objective-rate one, "deflection" the deflection's slope only.
+        """
+        return _smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
+
+    def rayleigh_lamb(self, n: int) -> float:
+        """The "G" value again by the Rayleigh-Lamb equation with rho omega² -> s k²."""
+        E, nu, G = self.youngs_modulus, self.poissons_ratio, self.shear_modulus
+        k, b = n * np.pi / self.slenderness, 0.5
+
+        def residual(s: float) -> float:
+            p, q = k * np.sqrt(1 - s * (1 - nu**2) / E), k * np.sqrt(1 - s / G)
+            return 4 * k**2 * p * q * np.tanh(q * b) - (k**2 + q**2) ** 2 * np.tanh(p * b)
+
+        return _smallest_root(residual, 1.2 * self.euler(n))
+
+    def _determinant(self, s: float, n: int, form: Form) -> float:
+        """Free-surface determinant for u = U(y) cos kx, v = V(y) sin kx, U odd and V even.
+
+        Energy: axial u_x² + lateral v_y² + 2 coupling u_x v_y + shear (u_y + v_x)² - s v_x².
+        """
+        E, nu = self.youngs_modulus, self.poissons_ratio
+        lateral = E / (1 - nu**2)
+        coupling = nu * lateral
+        axial = lateral + {"G": -s, "J": s, "deflection": 0.0}[form]
+        shear = self.shear_modulus + (s / 2 if form == "J" else 0.0)
+        k, b = n * np.pi / self.slenderness, 0.5
+        # (shear r² - axial k²)(lateral r² - (shear - s) k²) + (coupling + shear)² k² r² = 0
+        middle = (coupling + shear) ** 2 - shear * (shear - s) - axial * lateral
+        squares = np.roots([shear * lateral, middle * k**2, axial * (shear - s) * k**4])
+        r = np.sqrt(squares.astype(complex))
+        ratio = -(shear * r**2 - axial * k**2) / ((coupling + shear) * k * r)  # V over U
+        shear_free = r + k * ratio
+        pull_free = (lateral * ratio * r - coupling * k) * np.tanh(r * b)
+        # the roots' order and their coincidence at s = 0 are divided out
+        determinant = shear_free[0] * pull_free[1] - shear_free[1] * pull_free[0]
+        return float((determinant / (r[0] - r[1])).real)
+
+
+def _smallest_root(function: Callable[[float], float], upper: float) -> float:
+    """First sign change above zero, where the function starts from a trivial zero."""
+    grid = np.linspace(upper / 500, upper, 500)
+    values = [function(s) for s in grid]
+    for low, high, before, after in zip(grid, grid[1:], values, values[1:], strict=False):
+        if before * after < 0:
+            return float(brentq(function, low, high, xtol=1e-12 * high, rtol=1e-14))
+    raise ValueError(f"no root below {upper:g}")

@@ -1,0 +1,192 @@
+"""The identity K_PW = T K_Galerkin: where it holds, where it fails, and by how much."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    nodal_load,
+    reactions,
+    solve,
+    support,
+)
+from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.recovery import force_transfer
+from study.cases import Case
+from study.store import Result
+
+TITLE = "What the element is: the identity K_PW = T K_Galerkin"
+
+Array = npt.NDArray[np.float64]
+
+YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
+DIVISIONS = (6, 6)
+CONSTANT_STRESS = ((-1.0, 0.4), (0.4, -0.3))
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A matrix or vector made from a body, and the setting in which T is tried on it."""
+
+    make: Callable[[Body], PETSc.Mat | PETSc.Vec]
+    state: State = State.PLANE_STRESS
+    varying_modulus: bool = False
+    curved_sides: bool = False
+
+
+def _stiffness(body: Body) -> PETSc.Mat:
+    return assemble_matrix(body.stiffness())
+
+
+def _mass(body: Body) -> PETSc.Mat:
+    return assemble_matrix(body.mass())
+
+
+def _initial_stress_G(body: Body) -> PETSc.Mat:
+    return assemble_matrix(body.initial_stress(ufl.as_tensor(CONSTANT_STRESS), "G"))
+
+
+def _initial_stress_J(body: Body) -> PETSc.Mat:
+    return assemble_matrix(body.initial_stress(ufl.as_tensor(CONSTANT_STRESS), "J"))
+
+
+def _initial_stress_linear(body: Body) -> PETSc.Mat:
+    return assemble_matrix(body.initial_stress(_linear(body) * ufl.as_tensor(CONSTANT_STRESS)))
+
+
+def _surface_load(body: Body) -> PETSc.Vec:
+    side = boundary_measure(body.spaces.mesh, _fixed_side)
+    return assemble_vector(body.surface_load((0.3, -1.0), side))
+
+
+def _body_load(body: Body) -> PETSc.Vec:
+    return assemble_vector(body.body_load((0.3, -1.0)))
+
+
+def _body_load_linear(body: Body) -> PETSc.Vec:
+    return assemble_vector(body.body_load(_linear(body) * ufl.as_vector((0.3, -1.0))))
+
+
+def _point_load(body: Body) -> PETSc.Vec:
+    """On a mid-side node; at a vertex T changes nothing, nor do the weight functions."""
+    U = body.spaces.trial
+    node = U.tabulate_dof_coordinates()[U.dofmap.list[0, 3]]
+    return nodal_load(U, lambda x: np.isclose(x.T, node).all(axis=1), (0.3, -1.0))
+
+
+HOLDS = {
+    "stiffness-plane-stress": Quantity(_stiffness),
+    "stiffness-plane-strain": Quantity(_stiffness, State.PLANE_STRAIN),
+    "initial-stress-G": Quantity(_initial_stress_G),
+    "initial-stress-J": Quantity(_initial_stress_J),
+    "surface-load": Quantity(_surface_load),
+    "body-load": Quantity(_body_load),
+}
+FAILS = {
+    "mass": Quantity(_mass),
+    "stiffness-axisymmetric": Quantity(_stiffness, State.AXISYMMETRIC),
+    "stiffness-varying-modulus": Quantity(_stiffness, varying_modulus=True),
+    "stiffness-curved-sides": Quantity(_stiffness, curved_sides=True),
+    "initial-stress-linear": Quantity(_initial_stress_linear),
+    "body-load-linear": Quantity(_body_load_linear),
+    "point-load": Quantity(_point_load),
+}
+
+
+def difference(quantity: str) -> Result:
+    """|A_PW - T A_Galerkin| / |A_PW| of a matrix or vector on a distorted mesh."""
+    trial = (HOLDS | FAILS)[quantity]
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS)
+    mesh = (curved if trial.curved_sides else mapped)(mesh, distorted)
+    modulus = YOUNGS_MODULUS
+    if trial.varying_modulus:
+        modulus *= 1 + ufl.SpatialCoordinate(mesh)[0]
+    material = Material(modulus, POISSONS_RATIO)
+
+    galerkin = Spaces.galerkin(mesh)
+    A_galerkin = trial.make(Body(galerkin, material, trial.state))
+    A_pw = trial.make(Body(Spaces.petrov_galerkin(mesh), material, trial.state))
+    transferred = _transfer(galerkin, A_galerkin)
+    return Result(
+        {"difference": _relative(A_pw, transferred)},
+        {},
+        dofs=galerkin.trial.dofmap.index_map.size_global * 2,
+    )
+
+
+def statics_2d() -> Result:
+    """Displacements and reactions of both elements on a distorted, clamped square."""
+    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS), distorted)
+    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
+    a, r = _clamped(galerkin, State.PLANE_STRAIN)
+    a_pw, r_pw = _clamped(pw, State.PLANE_STRAIN)
+    scalars = {
+        "displacement_difference": _relative(a_pw, a),
+        "reaction_difference": _relative(r_pw, _transfer(galerkin, r)),
+        "reaction_difference_without_T": _relative(r_pw, r),
+    }
+    return Result(scalars, {}, dofs=a.getSize())
+
+
+def statics_3d() -> Result:
+    """Displacements of both elements on a clamped cube of tetrahedra."""
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (3, 3, 3), CellType.tetrahedron)
+    a, _ = _clamped(Spaces.galerkin(mesh), State.SOLID)
+    a_pw, _ = _clamped(Spaces.petrov_galerkin(mesh), State.SOLID)
+    return Result({"displacement_difference": _relative(a_pw, a)}, {}, dofs=a.getSize())
+
+
+def distorted(x: Array) -> Array:
+    """Smooth map (n, 3) to (n, 3) that keeps x = 0 and leaves no two triangles alike."""
+    moved = x.copy()
+    moved[:, 0] *= 1 + 0.1 * np.cos(3.3 * x[:, 1]) + 0.05 * np.sin(2.1 * x[:, 0])
+    moved[:, 1] += 0.07 * np.cos(2.7 * x[:, 0]) * np.sin(1.9 * x[:, 1] + 0.4)
+    return moved
+
+
+def _clamped(spaces: Spaces, state: State) -> tuple[PETSc.Vec, PETSc.Vec]:
+    """Displacements and reactions under a body force, the side x = 0 held."""
+    dimension = spaces.mesh.geometry.dim
+    body = Body(spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), state)
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load(np.eye(dimension)[1]))
+    held = [support(spaces.trial, i, _fixed_side) for i in range(dimension)]
+    a = solve(K, f, Reduction.dirichlet(spaces.trial, held))
+    return a, reactions(K, a, f)
+
+
+def _transfer(spaces: Spaces, A: PETSc.Mat | PETSc.Vec) -> PETSc.Mat | PETSc.Vec:
+    T = force_transfer(spaces.trial)
+    return T * A if isinstance(A, PETSc.Vec) else T.matMult(A)
+
+
+def _relative(a: PETSc.Mat | PETSc.Vec, b: PETSc.Mat | PETSc.Vec) -> float:
+    return float((a - b).norm() / a.norm())
+
+
+def _linear(body: Body) -> ufl.core.expr.Expr:
+    x = ufl.SpatialCoordinate(body.spaces.mesh)
+    return 1 + x[0] - 2 * x[1]
+
+
+def _fixed_side(x: Array) -> npt.NDArray[np.bool_]:
+    return np.isclose(x[0], 0.0)
+
+
+CASES = [Case("T", name, difference, {"quantity": name}) for name in (*HOLDS, *FAILS)]
+CASES += [Case("T", "statics-2d", statics_2d), Case("T", "statics-3d", statics_3d)]
