@@ -3,6 +3,7 @@
 import os
 import subprocess
 from datetime import UTC, datetime
+from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ PACKAGES = {
 """Distribution and module of each package; petsc4py and slepc4py carry the libraries' versions."""
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions of the packages, imported only if they carry no metadata."""
     return {name: _version(*package) for name, package in PACKAGES.items()}
@@ -30,7 +32,7 @@ def provenance(seconds: float, dofs: int, processes: int, fingerprint: str) -> d
     return {
         "commit": commit,
         "dirty": dirty,
-        "versions": versions(),
+        "versions": dict(versions()),
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": seconds,
         "dofs": dofs,

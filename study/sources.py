@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -29,16 +30,16 @@ def package_sources(package: str) -> list[Path]:
     return sorted(path for folder in folders for path in Path(folder).rglob("*.py"))
 
 
-def imported(module: str) -> set[str]:
+def imported(module: str) -> frozenset[str]:
     """Return the names of all modules that a module's source imports, anywhere in it.
 
     `from a import b` counts as `a` and `a.b`: without importing, b may be either a module or not.
     """
     path = source(module)
     if path is None:
-        return set()
+        return frozenset()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-    return set(_names(ast.parse(path.read_text(encoding="utf-8")), package))
+    return _names(path.read_text(encoding="utf-8"), package)
 
 
 def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Path]:
@@ -63,7 +64,12 @@ def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Pat
     return dict(sorted(found.items()))
 
 
-def _names(tree: ast.AST, package: str) -> Iterator[str]:
+@cache
+def _names(text: str, package: str) -> frozenset[str]:
+    return frozenset(_named(ast.parse(text), package))
+
+
+def _named(tree: ast.AST, package: str) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:

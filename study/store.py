@@ -37,9 +37,9 @@ class Result:
         processes: Number of MPI processes that took part.
     """
 
-    scalars: dict[str, float]
-    units: dict[str, str]
-    curves: dict[str, np.ndarray] = field(default_factory=dict)
+    scalars: Mapping[str, float]
+    units: Mapping[str, str]
+    curves: Mapping[str, np.ndarray] = field(default_factory=dict)
     dofs: int = 0
     processes: int = 1
 

@@ -1,0 +1,154 @@
+"""Run the study: compute what is not stored yet, judge the claims, draw, write the report."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from study import claims, runner
+from study.cases import SECTIONS, load_section
+from study.store import Results, StudyError
+
+ROOT = Path(__file__).resolve().parents[1]
+
+USAGE = """\
+  study                   all sections, then claims, figures and report
+  study 7.1 7.6           these sections only; the rest is taken from stored results
+  study list              sections and cases, and whether a stored result holds
+  study check             judge the claims by the stored results
+  study report            claims, figures and report again from stored results
+
+exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="study",
+        description=__doc__,
+        epilog=USAGE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("what", nargs="*", help="sections, or one of list, check, report")
+    parser.add_argument("--force", action="store_true", help="compute also what is stored")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
+    parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR")
+    options = parser.parse_intermixed_args(arguments)
+    try:
+        match options.what:
+            case ["list"]:
+                return show(options.out)
+            case ["check"]:
+                return check(options.out)
+            case ["report"]:
+                return report(options.out)
+            case sections:
+                return study(sections, options.out, options.jobs, options.force)
+    except StudyError as error:
+        print(f"study: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("study: interrupted; the results so far are kept", file=sys.stderr)
+        return 130
+
+
+def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
+    """Compute the sections, or all if none is given, and conclude."""
+    for command in {"list", "check", "report"} & set(sections):
+        raise StudyError(f"{command} stands alone, without sections")
+    for unknown in (section for section in sections if section not in SECTIONS):
+        raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
+    if jobs < 1:
+        raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
+    _ensure_writable(out)
+    claims.load_claims()  # an error in them is to be known now, not at the end
+    wanted = [load_section(section) for section in dict.fromkeys(sections or SECTIONS)]
+    cases = [case for section in wanted for case in section.cases]
+    failed = runner.run(cases, out, jobs, force)
+    return max(conclude(out, complete=not sections), int(bool(failed)))
+
+
+def report(out: Path) -> int:
+    """Judge, draw and write the report again."""
+    _ensure_stored(out)
+    _ensure_writable(out)
+    return conclude(out, complete=False)
+
+
+def check(out: Path) -> int:
+    """Print the claims whose verdict differs from the pinned one; without a verdict, it does."""
+    _ensure_stored(out)
+    verdicts = claims.judge(claims.load_claims(), Results(out))
+    differing = [verdict for verdict in verdicts if verdict.differs]
+    print(claims.table(differing) + claims.summary(verdicts))
+    return int(bool(differing))
+
+
+def show(out: Path) -> int:
+    """Print the sections with their cases and what is stored of them."""
+    results = Results(out)
+    for name in SECTIONS:
+        section = load_section(name)
+        print(f"{name}  {section.title}")
+        for case in section.cases:
+            print(f"    {runner.state(case, results):8}  {case.key}")
+    return 0
+
+
+def conclude(out: Path, complete: bool) -> int:
+    """Write claims, figures and report from what is stored.
+
+    Args:
+        out: Folder of the results.
+        complete: Whether each claim has to have its verdict, as after a run of all sections.
+
+    Returns:
+        1 if a verdict differs from the pinned one or a figure cannot be drawn, else 0.
+    """
+    from study.report import (
+        build,
+    )  # its layout engine is slow to import, and workers do not need it
+
+    results = Results(out)
+    verdicts = claims.judge(claims.load_claims(), results)
+    claims.write(out, verdicts)
+    drawn = draw_figures(out)
+    build(results, out)
+    differing = [
+        verdict
+        for verdict in verdicts
+        if verdict.differs and (complete or verdict.verdict != "not judged")
+    ]
+    print(claims.table(differing) + claims.summary(verdicts))
+    print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
+    return int(bool(differing) or not drawn)
+
+
+def draw_figures(out: Path) -> bool:
+    """Draw all figures in a process of their own; return whether none failed."""
+    command = [sys.executable, "-m", "figures", "--results", str(out.resolve())]
+    return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
+
+
+def _ensure_writable(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise StudyError(f"{out} cannot be written to: {error.strerror}") from None
+
+
+def _ensure_stored(out: Path) -> None:
+    """Refuse a folder without results, or with one that cannot be read."""
+    results = Results(out)
+    stored = [case for section in SECTIONS for case in results.section(section)]
+    if not stored:
+        raise StudyError(f"there are no results in {out}: run ./run study")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
