@@ -1,0 +1,199 @@
+"""The report: one self-contained HTML page, and a PDF of the same source."""
+
+import base64
+import importlib
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from study.cases import SECTIONS, title
+from study.report import numbers
+from study.store import (
+    CorruptResult,
+    MissingResult,
+    Results,
+    Stored,
+    StudyError,
+    write_whole,
+)
+
+HERE = Path(__file__).parent
+
+
+def build(results: Results, out: Path) -> None:
+    """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures."""
+    html = render(results)
+    write_whole(Path(out) / "report.html", html.encode())
+    write_whole(Path(out) / "report.pdf", _pdf(html))
+
+
+def render(results: Results, templates: Path = HERE) -> str:
+    """Return the page.
+
+    Args:
+        results: What to report; its folder has the claims and the figures, too.
+        templates: Folder of the templates, with `sections/<id>.html` for each section's text.
+    """
+    page = _Page(results, templates)
+    stored = {section: results.section(section) for section in SECTIONS}
+    stored = {section: cases for section, cases in stored.items() if cases}
+    sections = [
+        {"id": section, "title": title(section), "body": page.body(section)} for section in stored
+    ]
+    cases = [case for section in stored.values() for case in section]
+    values = {
+        "claims": page.claims,
+        "counts": _counts(page.claims),
+        "sections": sections,
+        "others": page.others(list(stored)),
+        "items": importlib.import_module("study.paper").ITEMS,
+        **_provenance(cases),
+    }
+    try:
+        return page.environment.get_template("base.html").render(values)
+    except jinja2.UndefinedError as error:  # results or claims that another version wrote
+        raise CorruptResult(f"{results.folder}: {error}; run ./run study --force") from error
+
+
+class _Page:
+    """What the sections' texts can call, and which figures they have placed."""
+
+    def __init__(self, results: Results, templates: Path) -> None:
+        self.results = results
+        self.claims = results.claims()
+        self.figures = _figures(results)
+        self.placed: set[str] = set()
+        self.environment = jinja2.Environment(
+            loader=jinja2.FileSystemLoader([templates, HERE]),
+            undefined=jinja2.StrictUndefined,
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        words: dict[str, Callable[..., Markup]] = {
+            "num": numbers.num,
+            "short": numbers.short,
+            "pct": numbers.pct,
+            "fixed": numbers.fixed,
+        }
+        self.environment.filters |= words
+        self.environment.globals |= words | {
+            "s": results.scalar,
+            "curves": self.curves,
+            "figure": self.figure,
+            "claims_of": self.claims_of,
+            "claims_table": self.claims_table,
+        }
+
+    def body(self, section: str) -> Markup:
+        """Return a section's text, and after it those of its figures that the text left out."""
+        try:
+            text = Markup(self.environment.get_template(f"sections/{section}.html").render())
+        except jinja2.TemplateNotFound as error:
+            if error.name != f"sections/{section}.html":
+                raise
+            text = Markup()
+        except MissingResult as missing:
+            text = Markup('<p class="note">This section is incomplete: {}.</p>').format(missing)
+        except jinja2.TemplateError as error:
+            raise StudyError(f"study/report/sections/{section}.html: {error}") from error
+        mine = [name for name, entry in self.figures.items() if entry["section"] == section]
+        return text + self._rest(mine)
+
+    def others(self, sections: list[str]) -> Markup:
+        """Return the figures of sections that are not in the report."""
+        entries = self.figures.items()
+        return self._rest([name for name, entry in entries if entry["section"] not in sections])
+
+    def curves(self, key: str) -> dict[str, np.ndarray]:
+        return self.results.curves(key)
+
+    def figure(self, name: str) -> Markup:
+        """Return a figure with its caption; a remark if it has not been drawn."""
+        if name in self.placed:
+            raise StudyError(f"the report places figure {name} twice")
+        self.placed.add(name)
+        return self._part(
+            "figure.html", name=name, figure=self.figures.get(name), label=self._label(name)
+        )
+
+    def claims_of(self, section: str) -> list[dict[str, Any]]:
+        """Return the claims whose source names the section."""
+        return [claim for claim in self.claims if _names(claim["source"], section)]
+
+    def claims_table(self, rows: list[dict[str, Any]]) -> Markup:
+        """Return a table of claims."""
+        return self._part("claims.html", rows=rows)
+
+    def _rest(self, names: list[str]) -> Markup:
+        return Markup().join(self.figure(name) for name in names if name not in self.placed)
+
+    def _part(self, template: str, **values: object) -> Markup:
+        return Markup(self.environment.get_template(template).render(values))
+
+    def _label(self, name: str) -> str:
+        """Return "Figure 5" for fig05, "Table 2" for tab2 as in the paper; for others S1, S2 …."""
+        numbered = re.compile(r"(fig|tab)(?:ure|le)?_?0*(\d+\w*)")
+        if match := numbered.fullmatch(name):
+            return f"{'Figure' if match[1] == 'fig' else 'Table'} {match[2]}"
+        own = [other for other in self.figures if not numbered.fullmatch(other)]
+        return f"Figure S{own.index(name) + 1}" if name in own else name
+
+
+def _figures(results: Results) -> dict[str, dict[str, Any]]:
+    """Return the index of figures by name, each with its drawing as a data URI."""
+    folder = results.folder / "figures"
+    remedy = "draw them again with ./run study report"
+    try:
+        entries = json.loads((folder / "index.json").read_bytes())
+        for entry in entries:
+            svg = (folder / f"{entry['name']}.svg").read_bytes()
+            entry["uri"] = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}"
+        return {entry["name"]: entry for entry in entries}
+    except FileNotFoundError as error:
+        raise MissingResult(f"there is no {error.filename}: {remedy}") from None
+    except (ValueError, TypeError, KeyError) as error:
+        raise CorruptResult(f"{folder / 'index.json'} cannot be used ({error}): {remedy}") from None
+
+
+def _names(source: str, section: str) -> bool:
+    """Tell whether a source like "Sec. 7.1, Table 2" names a section; "Eq. 3" does not name 3."""
+    section = re.escape(section)
+    alone = section if r"\." in section else rf"(?:^|(?:§|\bSec(?:tions?|\.)?)\s*){section}"
+    return re.search(rf"(?<![\w.]){alone}(?!\.?\w)", source) is not None
+
+
+def _counts(claims: list[dict[str, Any]]) -> dict[str, int]:
+    verdicts = [claim["verdict"] for claim in claims]
+    counts = {name: verdicts.count(name) for name in ("holds", "fails", "not yet", "not judged")}
+    differing = [c for c in claims if c["verdict"] not in (c["pinned"], "not judged")]
+    return {**counts, "differing": len(differing)}
+
+
+def _provenance(cases: list[Stored]) -> dict[str, Any]:
+    """Return the cases, and the distinct sets of versions, to which they refer by letters."""
+    sets: list[dict[str, str]] = []
+    rows = []
+    for case in cases:
+        origin = case.provenance
+        versions = origin.get("versions", {})
+        if versions not in sets:
+            sets.append(versions)
+        rows.append({"key": case.key, "letter": _letter(sets.index(versions)), **origin})
+    return {"cases": rows, "versions": {_letter(i): one for i, one in enumerate(sets)}}
+
+
+def _letter(index: int) -> str:
+    return chr(ord("A") + index)
+
+
+def _pdf(html: str) -> bytes:
+    import weasyprint  # half a second, and its libraries are not needed to read the page's code
+
+    return weasyprint.HTML(string=html).write_pdf(pdf_variant="pdf/ua-1")
