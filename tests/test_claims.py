@@ -1,0 +1,179 @@
+"""Claims: every mistake in the file is named, and the verdict follows from the numbers alone."""
+
+import json
+
+import pytest
+
+from study import claims
+from study.claims import judge, load_claims, summary, table, write
+from study.store import Result, Results, StudyError, save
+from tests.toystudy import MEASURED, claim
+
+
+@pytest.fixture
+def results(tmp_path):
+    save(tmp_path, "1", "b", Result({"y": 5.0}, {}), {})
+    return Results(tmp_path)
+
+
+@pytest.fixture
+def load(tmp_path):
+    def read(*texts):
+        path = tmp_path / "claims.toml"
+        path.write_text("\n".join(texts))
+        return load_claims(path, MEASURED)
+
+    return read
+
+
+def verdict(load, results, **changes):
+    (one,) = judge(load(claim(**changes)), results)
+    return one
+
+
+@pytest.mark.parametrize(
+    ("relation", "value", "tol", "expected"),
+    [
+        ("=", 5.0, 0.0, "holds"),
+        ("=", 5.25, 0.25, "holds"),
+        ("=", 4.75, 0.25, "holds"),
+        ("=", 5.25, 0.125, "fails"),
+        ("=", 4.75, 0.125, "fails"),
+        ("<", 5.0, 0.0, "fails"),
+        ("<", 5.0, 0.25, "holds"),
+        ("<", 4.75, 0.25, "fails"),
+        ("<=", 5.0, 0.0, "holds"),
+        ("<=", 4.75, 0.25, "holds"),
+        ("<=", 4.5, 0.25, "fails"),
+        (">", 5.0, 0.0, "fails"),
+        (">", 5.0, 0.25, "holds"),
+        (">", 5.25, 0.25, "fails"),
+        (">=", 5.0, 0.0, "holds"),
+        (">=", 5.25, 0.25, "holds"),
+        (">=", 5.5, 0.25, "fails"),
+    ],
+)
+def test_verdict_follows_from_relation_and_tolerance(load, results, relation, value, tol, expected):
+    one = verdict(load, results, relation=f'"{relation}"', value=value, tol=tol)
+    assert (one.measured, one.verdict) == (5.0, expected)
+    assert one.differs == (expected == "fails")
+
+
+def test_arguments_reach_the_measure(load, results):
+    args = '{ key = "1/b", name = "y", factor = 2.0 }'
+    assert verdict(load, results, args=args).measured == 10.0
+
+
+def test_pinned_failure_that_fails_does_not_differ(load, results):
+    one = verdict(load, results, value=1, pinned='"fails"')
+    assert (one.verdict, one.differs) == ("fails", False)
+
+
+def test_claim_without_measure_is_not_yet_judged(load, results):
+    one = verdict(load, results, measure=None, args=None, pinned='"not yet"')
+    assert (one.verdict, one.measured, one.differs) == ("not yet", None, False)
+
+
+def test_claim_without_result_is_not_judged(load, results):
+    one = verdict(load, results, args='{ key = "7/no", name = "y" }')
+    assert (one.verdict, one.measured, one.differs) == ("not judged", None, True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"colour": '"red"'}, "the-claim: colour"),
+        ({"why": None}, "the-claim: why is missing"),
+        ({"tol": None}, "the-claim: tol is missing"),
+        ({"id": None}, "number 1: id is missing"),
+        ({"source": '" "'}, "the-claim: source"),
+        ({"value": '"5"'}, "the-claim: value is no number"),
+        ({"value": "true"}, "the-claim: value is no number"),
+        ({"value": "nan"}, "the-claim: value cannot be nan"),
+        ({"tol": -1}, "the-claim: tol cannot be -1"),
+        ({"relation": '"=="'}, "the-claim: relation is '=='"),
+        ({"pinned": '"true"'}, "the-claim: pinned is 'true'"),
+        ({"pinned": '"not yet"'}, "the-claim: pinned"),
+        ({"measure": None, "args": None}, "the-claim: pinned"),
+        ({"measure": None, "pinned": '"not yet"'}, "the-claim: args"),
+        ({"measure": '"velocity"'}, "the-claim: measure 'velocity' is not in toy_measures"),
+        ({"measure": '"__name__"'}, "the-claim: measure"),
+        ({"args": '{ key = "1/b" }'}, "the-claim: args do not suit value: .*'name'"),
+        ({"args": "3"}, "the-claim: args is no table"),
+    ],
+)
+def test_mistake_is_named_by_claim_and_key(load, changes, message):
+    with pytest.raises(StudyError, match=message):
+        load(claim(**changes))
+
+
+def test_id_used_twice_is_named(load):
+    with pytest.raises(StudyError, match="the-claim: its id"):
+        load(claim(), claim())
+
+
+@pytest.mark.parametrize("text", ["[[claim]", "title = 1", "claim = 3"])
+def test_file_that_is_no_list_of_claims_is_named(load, text):
+    with pytest.raises(StudyError, match=r"claims\.toml"):
+        load(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"measure": '"broken"', "args": None}, "the-claim: broken failed with ZeroDivisionError"),
+        ({"measure": '"nothing"', "args": None}, "the-claim: nothing gave nan"),
+    ],
+)
+def test_measure_that_breaks_is_named_with_its_claim(load, results, changes, message):
+    with pytest.raises(StudyError, match=message):
+        verdict(load, results, **changes)
+
+
+def test_verdicts_are_written_for_the_report(load, results):
+    found = judge(
+        load(claim(), claim(id='"other"', measure=None, args=None, pinned='"not yet"')), results
+    )
+    write(results.folder, found)
+    first, second = results.claims()
+    assert first == {
+        "id": "the-claim",
+        "source": "Sec. 1, Eq. 3",
+        "statement": "The force is 5 N.",
+        "measured": 5.0,
+        "relation": "=",
+        "value": 5.0,
+        "tol": 1e-12,
+        "verdict": "holds",
+        "pinned": "holds",
+        "why": "Twice 2.5.",
+        "unit": "N",
+        "tol_why": "Round-off.",
+    }
+    assert second["measured"] is None
+    assert json.loads((results.folder / "claims.json").read_text()) == [first, second]
+
+
+def test_summary_counts_and_table_names(load, results):
+    found = judge(
+        load(
+            claim(),
+            claim(id='"wrong"', value=4.0),
+            claim(id='"absent"', args='{ key = "7/no", name = "y" }'),
+        ),
+        results,
+    )
+    assert summary(found) == (
+        "3 claims: 1 holds, 1 fails, 0 not yet, 1 not judged; 1 other than pinned"
+    )
+    lines = table([one for one in found if one.differs]).splitlines()
+    assert [line.split()[0] for line in lines] == ["wrong", "absent"]
+    assert "= 4 ± 1e-12" in lines[0]
+    assert lines[0].endswith("fails, pinned: holds")
+    assert table([]) == ""
+
+
+def test_the_paper_s_own_claims_are_well_formed():
+    if not claims.CLAIMS.exists():
+        pytest.skip("no claims yet")
+    assert load_claims()

@@ -1,0 +1,323 @@
+"""The command line: what is computed, kept and reported, and with which exit status."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import study.__main__
+import study.report
+from study.__main__ import main
+from study.store import Results
+from tests.toystudy import claim, install, started
+
+ROOT = Path(__file__).parents[1]
+
+BUILD = study.report.build
+
+# Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch)
+    monkeypatch.setattr(study.report, "build", lambda *_: None)
+    return tmp_path
+
+
+@pytest.fixture
+def report(toy, monkeypatch):
+    """Let the report be written, which is slow and not the matter of most tests here."""
+    assert toy
+    monkeypatch.setattr(study.report, "build", BUILD)
+
+
+@pytest.fixture
+def out(toy):
+    return toy / "results"
+
+
+@pytest.fixture
+def run(out):
+    def start(*arguments, jobs=1):
+        return main([*arguments, "--jobs", str(jobs), "--out", str(out)])
+
+    return start
+
+
+def change(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.usefixtures("report")
+def test_whole_study_leaves_everything(run, out, capsys):
+    assert run() == 0
+    printed = capsys.readouterr()
+    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {
+        "1/a.json", "1/a.npz", "1/b.json", "1/b.npz", "2/only.json",
+        "claims.json", "figures/index.json", "report.html", "report.pdf",
+    }  # fmt: skip
+    lines = printed.err.splitlines()
+    assert len(lines) == 3
+    assert re.fullmatch(r"\[1/3\] 1/a     +\d\.\d\d s      6 dofs    3 iterations", lines[0])
+    assert re.fullmatch(r"\[3/3\] 2/only  +\d\.\d\d s      0 dofs", lines[2])
+    assert "1 claims: 1 holds, 0 fails, 0 not yet; 0 other than pinned" in printed.out
+    assert str(out / "report.html") in printed.out
+
+
+def test_second_run_reuses_and_force_does_not(run, toy, capsys):
+    assert run("1") == 0
+    assert started(toy) == 2
+    assert run("1") == 0
+    assert started(toy) == 2
+    assert capsys.readouterr().err.count("reused") == 2
+    assert run("1", "--force") == 0
+    assert started(toy) == 4
+
+
+def test_changed_source_is_computed_again(run, toy, out):
+    run("1")
+    change(toy / "toy" / "common.py", "2.0", "2.0 + 0.0")
+    assert run("1") == 0
+    assert started(toy) == 4
+    assert Results(out).scalar("1/b", "y") == 5.0
+
+
+def test_subset_takes_the_rest_from_what_is_stored(run, toy, out):
+    run()
+    assert run("2", "--force") == 0
+    assert started(toy) == 2
+    assert Results(out).claims()[0]["verdict"] == "holds"
+
+
+def test_differing_verdict_is_1_and_shown(run, toy, capsys):
+    change(toy / "claims.toml", "value = 5.0", "value = 4.0")
+    assert run("1") == 1
+    assert re.search(r"^the-claim  5  = 4 .*fails, pinned: holds$", capsys.readouterr().out, re.M)
+    assert run("check") == 1
+    assert re.search(r"^the-claim  5  = 4 .*fails, pinned: holds$", capsys.readouterr().out, re.M)
+    assert run("report") == 1
+    change(toy / "claims.toml", 'pinned = "holds"', 'pinned = "fails"')
+    assert run("check") == 0
+    assert run("report") == 0
+
+
+def test_missing_verdict_fails_the_whole_and_the_check_but_no_subset(run, toy, capsys):
+    change(toy / "claims.toml", "1/b", "1/never")
+    assert run("1") == 0
+    assert "1 not judged" in capsys.readouterr().out
+    assert run("report") == 0
+    assert run() == 1
+    assert run("check") == 1
+    assert "not judged, pinned: holds" in capsys.readouterr().out
+
+
+def test_case_that_raises_leaves_the_others_and_no_result(run, toy, out, capsys):
+    run("1")
+    before = (out / "1" / "b.json").read_text()
+    change(toy / "toy" / "one.py", 'case("a")', 'case("a", do="raise")')
+    forget(toy)
+    assert run("1", "--force") == 1
+    errors = capsys.readouterr().err
+    assert re.search(
+        r"1/a +failed: ArithmeticError: no convergence \(one\.py, line \d+\)$", errors, re.M
+    )
+    assert "second line" not in errors
+    results = Results(out)
+    assert "1/a" not in results
+    assert results.scalar("1/b", "y") == 5.0
+    assert (out / "1" / "b.json").read_text() != before
+
+
+def test_corrupt_result_is_computed_again_and_nothing_else(run, toy, out, capsys):
+    run("1")
+    (out / "1" / "a.json").write_text("{")
+    assert run("1") == 0
+    assert started(toy) == 3
+    assert "1/a: its stored result cannot be read" in capsys.readouterr().err
+    assert Results(out).scalar("1/a", "y") == 2.0
+
+
+@pytest.mark.parametrize("command", ["report", "check"])
+def test_corrupt_result_ends_what_only_reads(run, out, capsys, command):
+    run()
+    capsys.readouterr()
+    (out / "2" / "only.json").write_text("{")
+    assert run(command) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"study: {out / '2' / 'only.json'} cannot be used")
+    assert errors.endswith("run ./run study 2 --force\n")
+    assert errors.count("\n") == 1
+
+
+@pytest.mark.usefixtures("report")
+def test_report_restores_what_was_lost(run, out):
+    run()
+    for name in ("claims.json", "report.html", "report.pdf", "figures/index.json"):
+        (out / name).unlink()
+    assert run("report") == 0
+    assert (out / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert Results(out).claims()[0]["verdict"] == "holds"
+
+
+def test_list_tells_the_state_of_each_case(run, toy, out, capsys):
+    run("1")
+    (out / "1" / "a.json").write_text("{")
+    capsys.readouterr()
+    assert run("list") == 0
+    listed = capsys.readouterr().out.split("\n")
+    assert listed == [
+        "1  First toy",
+        "    corrupt   1/a",
+        "    stored    1/b",
+        "2  Second toy",
+        "    missing   2/only",
+        "",
+    ]
+    change(toy / "toy" / "common.py", "2.0", "3.0")
+    run("list")
+    assert "    outdated  1/b" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["9.9"], "there is no section 9.9; there are 1, 2"),
+        (["1", "9.9"], "there is no section 9.9; there are 1, 2"),
+        (["1", "--jobs", "0"], "--jobs needs at least 1 process, not 0"),
+        (
+            ["1", "--out", "/dev/null/results"],
+            "/dev/null/results cannot be written to: Not a directory",
+        ),
+        (["report", "--out", "/dev/null/results"], "there are no results in /dev/null/results"),
+        (["check"], "there are no results in results"),
+        (["list", "1"], "list stands alone, without sections"),
+    ],
+)
+def test_bad_usage_is_2_and_one_sentence_before_any_work(
+    toy, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.chdir(toy)
+    assert main(arguments) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"study: {message}")
+    assert errors.count("\n") == 1
+    assert started(toy) == 0
+
+
+def test_mistake_in_the_claims_is_noticed_before_any_work(run, toy, capsys):
+    (toy / "claims.toml").write_text(claim(relation='"~"'))
+    assert run("1") == 2
+    assert "claim the-claim: relation" in capsys.readouterr().err
+    assert started(toy) == 0
+
+
+def test_options_may_stand_between_sections(toy, out):
+    assert main(["1", "--jobs", "1", "2", "--out", str(out)]) == 0
+    assert started(toy) == 2
+
+
+@pytest.mark.usefixtures("report")
+def test_figures_that_fail_are_1_and_do_not_cost_the_report(run, out, monkeypatch):
+    draw = study.__main__.draw_figures
+    monkeypatch.setattr(study.__main__, "draw_figures", lambda out: not draw(out))
+    assert run("1") == 1
+    assert (out / "report.html").exists()
+
+
+def test_two_processes_do_the_same_as_one(run, toy, out):
+    assert run("1") == 0
+    one = {
+        case.key: (case.scalars, case.curves["x"].tolist()) for case in Results(out).section("1")
+    }
+    assert run("1", "--force", jobs=2) == 0
+    two = {
+        case.key: (case.scalars, case.curves["x"].tolist()) for case in Results(out).section("1")
+    }
+    assert two == one
+    workers = (toy / "log").read_text().split()[2:]
+    assert len(workers) == 2
+    assert str(os.getpid()) not in workers
+
+
+def test_killed_worker_is_named_and_finished_results_are_kept(run, toy, out, capsys):
+    run("1")
+    change(toy / "toy" / "one.py", 'case("b", 2.5)', 'case("b", 2.5, do="die"), case("c")')
+    forget(toy)
+    assert run("1", jobs=2) == 1
+    line = next(line for line in capsys.readouterr().err.splitlines() if "killed" in line)
+    unfinished = line.partition("unfinished: ")[2].split(", ")
+    assert "1/b" in unfinished
+    for key in ("1/a", "1/b", "1/c"):
+        assert (key in Results(out)) == (key not in unfinished)
+
+
+DRIVER = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+if __name__ == "__main__":
+    import pytest
+    from tests.toystudy import install
+    folder = Path(sys.argv[2])
+    with pytest.MonkeyPatch.context() as patch:
+        install(folder, patch)
+        one = folder / "toy" / "one.py"
+        one.write_text(one.read_text().replace("2.5)", "2.5, do='sleep')"))
+        from study.__main__ import main
+        sys.exit(main(["1", "--jobs", sys.argv[3], "--out", str(folder / "results")]))
+"""
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_interrupt_is_130_and_ends_the_workers(tmp_path, jobs):
+    driver = tmp_path / "driver.py"
+    driver.write_text(DRIVER)
+    command = [sys.executable, str(driver), str(ROOT), str(tmp_path), jobs]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 30
+        while started(tmp_path) < 2 or not (tmp_path / "results" / "1" / "a.json").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == "study: interrupted; the results so far are kept"
+    assert "Traceback" not in errors
+    assert json.loads((tmp_path / "results" / "1" / "a.json").read_text())["case"] == "a"
+    for worker in (tmp_path / "log").read_text().split():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(worker), 0)
+
+
+def test_command_line_starts_and_refuses_in_a_process_of_its_own():
+    command = [sys.executable, "-m", "study", "no-such-section"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("study: there is no section no-such-section; there are 3, 7.1")
+    assert done.stderr.count("\n") == 1
+
+
+def test_figures_are_drawn_by_a_process_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert study.__main__.draw_figures(Path("some/results"))
+    assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
+
+
+def forget(toy):
+    """Let the next import read the section's changed source."""
+    for name in [name for name in sys.modules if name.split(".")[0] == "toy"]:
+        del sys.modules[name]
+    for cache in (toy / "toy").glob("__pycache__"):
+        for path in cache.iterdir():
+            path.unlink()

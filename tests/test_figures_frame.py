@@ -1,0 +1,235 @@
+"""Drawing: the same bytes each time, whole files, and no figure lost to another's fault."""
+
+import json
+import os
+from importlib import import_module
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import figures
+from figures.__main__ import main, scripts
+from figures.style import COLUMN, LOOK, mesh_plot, si_axis, style
+from study.store import Result, Results, save
+
+SCRIPT = '''"""Force over place.
+
+More about it.
+"""
+
+import matplotlib.pyplot as plt
+
+from figures.style import COLUMN, LOOK
+
+NEEDS = ["1/a"]
+SECTION = "1"
+
+
+def draw(results):
+    figure, ax = plt.subplots(figsize=(COLUMN, 2.0))
+    curves = results.curves("1/a")
+    ax.plot(curves["x"], curves["x"] ** 2, **LOOK["pw-T6"])
+    ax.legend()
+    return figure
+
+
+def caption(results):
+    return f"Its scalar is {results.scalar('1/a', 'y'):.1f}."
+
+
+def alt(results):
+    return "A parabola"
+'''
+
+
+@pytest.fixture
+def out(tmp_path):
+    save(tmp_path / "out", "1", "a", Result({"y": 2.5}, {}, {"x": np.linspace(0, 1, 5)}), {})
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def script(tmp_path, monkeypatch):
+    """A function that adds a figure script; no others exist."""
+    folder = tmp_path / "scripts"
+    folder.mkdir()
+    monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(folder)])
+    monkeypatch.setattr("figures.__main__.scripts", lambda: sorted(added))
+    added = []
+
+    def add(name, old="", new=""):
+        assert old in SCRIPT
+        added.append(name)
+        (folder / f"{name}.py").write_text(SCRIPT.replace(old, new) if old else SCRIPT)
+
+    return add
+
+
+def names(out):
+    return [entry["name"] for entry in json.loads((out / "figures" / "index.json").read_text())]
+
+
+def test_figure_is_drawn_and_indexed(out, script):
+    script("toy_one")
+    assert main(["--results", str(out)]) == 0
+    assert sorted(os.listdir(out / "figures")) == ["index.json", "toy_one.png", "toy_one.svg"]
+    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert entry == {
+        "name": "toy_one",
+        "title": "Force over place",
+        "section": "1",
+        "caption": "Its scalar is 2.5.",
+        "alt": "A parabola",
+        "width": 336,
+        "height": 192,
+    }
+    assert plt.imread(out / "figures" / "toy_one.png").shape[:2] == (400, 700)
+    assert plt.get_fignums() == []
+
+
+def test_same_results_give_the_same_bytes(out, script):
+    script("toy_same")
+    drawn = []
+    for _ in range(2):
+        main(["--results", str(out)])
+        drawn.append(
+            [(out / "figures" / f"toy_same.{kind}").read_bytes() for kind in ("svg", "png")]
+        )
+    assert drawn[0] == drawn[1]
+    svg = drawn[0][0].decode()
+    assert "<dc:date>" not in svg
+    assert "<text" not in svg
+
+
+def test_figure_without_its_results_is_skipped_with_a_line(out, script, capsys):
+    script("toy_ready")
+    script("toy_wants", '"1/a"]', '"1/a", "7.5/x"]')
+    assert main(["--results", str(out)]) == 0
+    assert capsys.readouterr().err == "figures: toy_wants: not drawn, for want of 7.5/x\n"
+    assert names(out) == ["toy_ready"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("figure, ax =", "1 / 0 #", "ZeroDivisionError: division by zero"),
+        ("'y'", "'z'", "no scalar 'z'"),
+        ("import matplotlib", "import no_such_matplotlib", "ModuleNotFoundError"),
+    ],
+)
+def test_script_that_fails_is_1_and_costs_no_other(out, script, capsys, old, new, line):
+    name = f"toy_bad{len(line)}"
+    script(name, old, new)
+    script("toy_z_good")
+    assert main(["--results", str(out)]) == 1
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"figures: {name}: ")
+    assert line in errors
+    assert names(out) == ["toy_z_good"]
+    assert plt.get_fignums() == []
+
+
+def test_named_figure_is_drawn_and_the_others_stay_indexed(out, script):
+    script("toy_p")
+    script("toy_q")
+    main(["--results", str(out)])
+    (out / "figures" / "toy_p.png").unlink()
+    (out / "figures" / "toy_q.png").unlink()
+    assert main(["toy_q", "--results", str(out)]) == 0
+    assert names(out) == ["toy_p", "toy_q"]
+    assert not (out / "figures" / "toy_p.png").exists()
+    assert (out / "figures" / "toy_q.png").exists()
+
+
+def test_figure_that_can_be_drawn_no_more_leaves_the_index(out, script):
+    script("toy_r")
+    main(["--results", str(out)])
+    (out / "1" / "a.json").unlink()
+    main(["toy_r", "--results", str(out)])
+    assert names(out) == []
+
+
+def test_unknown_figure_is_2_and_answered_with_those_there_are(out, script, capsys):
+    script("toy_s")
+    assert main(["fig99", "--results", str(out)]) == 2
+    assert capsys.readouterr().err == "figures: there is no figure fig99, but toy_s\n"
+
+
+def test_scripts_come_in_the_order_of_their_numbers(tmp_path, monkeypatch):
+    for name in ("fig10", "fig9", "fig02", "mesh", "style", "__main__"):
+        (tmp_path / f"{name}.py").write_text("")
+    monkeypatch.setattr(figures, "__path__", [str(tmp_path)])
+    assert scripts() == ["fig02", "fig9", "fig10", "mesh"]
+
+
+def test_every_script_has_what_the_frame_asks_for(tmp_path):
+    for name in scripts():
+        module = import_module(f"figures.{name}")
+        assert module.__doc__, name
+        assert module.NEEDS, name
+        assert isinstance(module.SECTION, str), name
+        assert all(callable(getattr(module, part)) for part in ("draw", "caption", "alt")), name
+        assert not any(key in Results(tmp_path) for key in module.NEEDS), name
+
+
+def test_style_ends_with_its_block():
+    before = matplotlib.rcParams["font.size"], matplotlib.rcParams["svg.hashsalt"]
+    with style():
+        assert matplotlib.rcParams["font.size"] == 9.0
+        assert matplotlib.rcParams["font.sans-serif"] == ["DejaVu Sans"]
+    assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["svg.hashsalt"]) == before
+
+
+def test_looks_are_distinct_and_visible_on_white():
+    elements = {"galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "pw-Q8", "composite-T6", "exact"}
+    assert set(LOOK) == elements
+    for part in ("color", "marker", "label"):
+        assert len({look[part] for look in LOOK.values()}) == len(LOOK)
+    for look in LOOK.values():
+        assert contrast_to_white(look["color"]) > 2.3
+
+
+def contrast_to_white(color):
+    rgb = np.array(matplotlib.colors.to_rgb(color))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
+
+
+def drawn(x, cells):
+    with style():
+        figure, ax = plt.subplots(figsize=(COLUMN, 2))
+        mesh_plot(ax, np.array(x), np.array(cells))
+        sides = [segment.round(9) for segment in ax.collections[0].get_segments()]
+        nodes = [np.column_stack(line.get_data()).round(9) for line in ax.lines]
+        plt.close(figure)
+    return sides, nodes
+
+
+def test_side_passes_through_its_middle_node_whatever_the_numbering():
+    x = [[0, 0], [2, 0], [0, 2], [1, 0.3], [1.2, 1.2], [-0.1, 1]]
+    for cell in ([0, 1, 2, 3, 4, 5], [0, 1, 2, 4, 5, 3], [2, 0, 1, 3, 4, 5]):
+        sides, (corners, middles) = drawn(x, [cell])
+        assert len(sides) == 3
+        assert {tuple(side[4]) for side in sides} == {(1, 0.3), (1.2, 1.2), (-0.1, 1)}
+        ends = {frozenset([tuple(side[0]), tuple(side[-1])]) for side in sides}
+        assert len(ends) == 3
+        assert next(side for side in sides if tuple(side[4]) == (1, 0.3))[:, 0].max() == 2
+        assert len(corners) == len(middles) == 3
+
+
+@pytest.mark.parametrize("corners", [[0, 1, 3, 2], [0, 1, 2, 3]])
+def test_quadrilateral_is_drawn_around_not_across(corners):
+    x = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
+    sides, _ = drawn(x, [corners])
+    lengths = [np.linalg.norm(side[-1] - side[0]) for side in sides]
+    assert lengths == pytest.approx([1, 1, 1, 1])
+
+
+def test_ticks_have_si_prefixes():
+    with style():
+        figure, ax = plt.subplots()
+        si_axis(ax.yaxis, "Pa")
+        assert ax.yaxis.get_major_formatter()(2.5e9) == "2.5\N{NO-BREAK SPACE}GPa"
+        plt.close(figure)

@@ -1,0 +1,320 @@
+"""The report: self-contained, accessible, with every number from a file."""
+
+import json
+from html.parser import HTMLParser
+from io import BytesIO
+
+import pytest
+from pypdf import PdfReader
+
+from study import report
+from study.claims import judge, load_claims, write
+from study.report import build, numbers, render
+from study.store import MissingResult, Result, Results, StudyError, save
+from tests.toystudy import MEASURED, claim, install
+
+# Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
+
+ORIGIN = {
+    "commit": "0123456789abcdef",
+    "dirty": True,
+    "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
+    "time": "2026-01-02T03:04:05+00:00",
+    "seconds": 1.239,
+    "dofs": 4290,
+    "processes": 2,
+    "fingerprint": "f",
+}
+
+
+@pytest.fixture
+def out(tmp_path, monkeypatch):
+    """A folder of results with claims and three figures."""
+    install(tmp_path, monkeypatch)
+    out = tmp_path / "results"
+    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), ORIGIN)
+    versions = {**ORIGIN["versions"], "dolfinx": "0.10.0"}
+    save(out, "1", "b", Result({"y": 5.0}, {}), {**ORIGIN, "versions": versions, "dirty": False})
+    path = tmp_path / "claims.toml"
+    path.write_text(
+        claim()
+        + claim(id='"wrong"', value=4.0, source='"Table 1"')
+        + claim(id='"open"', measure=None, args=None, pinned='"not yet"', source='"Sec. 2"')
+    )
+    write(out, judge(load_claims(path, MEASURED), Results(out)))
+    figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
+    return out
+
+
+@pytest.fixture
+def text(tmp_path):
+    """A function that writes the text of section 1 and returns the page."""
+    folder = tmp_path / "templates"
+
+    def page(fragment, out):
+        (folder / "sections").mkdir(parents=True, exist_ok=True)
+        (folder / "sections" / "1.html").write_text(fragment)
+        return render(Results(out), folder)
+
+    return page
+
+
+def figures(out, *sections):
+    entries = [
+        {
+            "name": name,
+            "title": f"Title of {name}",
+            "section": section,
+            "caption": f"Caption of {name}: a < b.",
+            "alt": f'Line "{name}"',
+            "width": 672,
+            "height": 288,
+        }
+        for name, section in sections
+    ]
+    folder = out / "figures"
+    folder.mkdir(exist_ok=True)
+    (folder / "index.json").write_text(json.dumps(entries))
+    for name, _ in sections:
+        (folder / f"{name}.svg").write_text(SVG)
+
+
+class Page(HTMLParser):
+    def __init__(self, html):
+        super().__init__()
+        self.tags = []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def row(html, id):
+    (one,) = [part for part in html.split("<tr") if f"<code>{id}</code>" in part]
+    return one.partition("</tr>")[0]
+
+
+def test_page_needs_nothing_but_itself(out):
+    page = Page(render(Results(out)))
+    assert len(page.all("img")) == 3
+    for image in page.all("img"):
+        assert image["src"].startswith("data:image/svg+xml;base64,")
+    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
+    sources = [a[key] for tag, a in page.tags for key in ("src", "srcset", "poster") if key in a]
+    assert all(source.startswith("data:") for source in sources)
+    assert "url(" not in render(Results(out))
+    assert "@import" not in render(Results(out))
+
+
+def test_page_is_accessible(out):
+    page = Page(render(Results(out)))
+    assert page.all("html") == [{"lang": "en"}]
+    viewport = {"name": "viewport", "content": "width=device-width, initial-scale=1"}
+    assert viewport in page.all("meta")
+    assert [image["alt"] for image in page.all("img")] == [
+        'Line "fig05"', 'Line "tab2"', 'Line "orders"',
+    ]  # fmt: skip
+    assert len(page.all("h1")) == 1
+    assert len(page.all("title")) == 1
+    assert all("scope" in heading for heading in page.all("th"))
+    boxes = [one for one in page.all("div") if one.get("class") == "scroll"]
+    assert len(boxes) == len(page.all("table"))
+
+
+def test_every_internal_link_has_its_one_target(out):
+    page = Page(render(Results(out)))
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    links = [link["href"] for link in page.all("a")]
+    assert {"#summary", "#sec-1", "#paper", "#provenance"} <= set(links)
+    assert all(link[1:] in ids for link in links if link.startswith("#"))
+
+
+def test_only_sections_with_results_appear(out):
+    html = render(Results(out))
+    assert "First toy" in html
+    assert "Second toy" not in html
+
+
+def test_verdicts_come_first_in_words_and_differing_ones_are_marked(out):
+    html = render(Results(out))
+    assert html.index("Summary of verdicts") < html.index("Contents") < html.index("First toy")
+    counts = html.partition('<dl class="counts">')[2].partition("</dl>")[0]
+    assert [int(part.partition("<")[0]) for part in counts.split("<dd>")[1:]] == [1, 1, 1, 0, 1]
+    assert '"verdict holds">holds<' in row(html, "the-claim")
+    assert "pinned: " not in row(html, "the-claim")
+    assert '"verdict fails">fails<' in row(html, "wrong")
+    assert row(html, "wrong").startswith(' class="differs"')
+    assert "pinned: holds" in row(html, "wrong")
+    assert '"verdict open">not yet<' in row(html, "open")
+    assert ">5<" in row(html, "wrong")
+    assert "= 4<" in row(html, "wrong")
+
+
+def test_items_of_the_paper_and_provenance_are_listed(out):
+    html = render(Results(out))
+    assert "Equation 3" in html
+    assert "A &lt; B &amp; so on" in html
+    assert "<dt>A</dt><dd>dolfinx 0.9.0, numpy 2.2.4</dd>" in html
+    assert "<dt>B</dt><dd>dolfinx 0.10.0, numpy 2.2.4</dd>" in html
+    cases = html.partition('id="provenance"')[2].split("<tr>")[2:]
+    assert len(cases) == 2
+    for cell in (
+        ">1/a<",
+        ">4290<",
+        ">1.24<",
+        ">2<",
+        ">0123456789+<",
+        ">A<",
+        ">2026-01-02 03:04:05<",
+    ):
+        assert cell in cases[0]
+    assert ">0123456789<" in cases[1]
+    assert ">B<" in cases[1]
+
+
+def test_text_of_a_section_can_call_for_numbers_figures_and_claims(out, text):
+    html = text(
+        '<p id="first">{{ num(s("1/a", "y")) }}, {{ pct(0.00314) }}, {{ 0.5 | fixed(2) }}</p>'
+        '{{ figure("tab2") }}<p id="last">{{ curves("1/a")["x"][1] }}</p>'
+        '{{ claims_table(claims_of("1")) }}',
+        out,
+    )
+    assert "2.550\u202f×\u202f10<sup>9</sup>, 0.31\u202f%, 0.50</p>" in html
+    assert '<p id="last">2.0</p>' in html
+    order = [html.index(part) for part in ('id="first"', 'id="tab2"', 'id="last"', 'id="fig05"')]
+    assert order == sorted(order)
+    body = html.partition('id="sec-1"')[2].partition('id="others"')[0]
+    assert "<code>the-claim</code>" in body
+    assert "<code>wrong</code>" not in body
+    assert html.count('id="tab2"') == 1
+
+
+def test_caption_is_numbered_as_in_the_paper_and_escaped(out):
+    html = render(Results(out))
+    assert "<b>Figure 5</b> Caption of fig05: a &lt; b." in html
+    assert "<b>Table 2</b> Caption of tab2" in html
+    assert "<b>Figure S1</b> Caption of orders" in html
+
+
+def test_figure_of_no_reported_section_is_not_lost(out):
+    html = render(Results(out))
+    assert html.index('id="others"') < html.index('id="orders"') < html.index('id="paper"')
+
+
+def test_figure_that_was_not_drawn_is_a_remark(out, text):
+    html = text('{{ figure("fig77") }}', out)
+    assert "Figure 77 is not drawn" in html or "fig77 is not drawn" in html
+    assert 'id="fig77"' in html
+
+
+def test_missing_result_costs_a_section_its_text_only(out, text):
+    html = text('<p>{{ s("1/never", "y") }}</p>', out)
+    assert "This section is incomplete" in html
+    assert "run ./run study 1." in html
+    assert 'id="fig05"' in html
+
+
+@pytest.mark.parametrize(
+    ("fragment", "message"),
+    [
+        ('{{ figure("fig05") }}{{ figure("fig05") }}', "fig05 twice"),
+        ("{{ no_such_word }}", r"sections/1\.html: 'no_such_word' is undefined"),
+        ("{% if %}", r"sections/1\.html: "),
+        ('{{ s("1/a", "z") }}', "no scalar 'z'"),
+    ],
+)
+def test_mistake_in_a_text_is_named(out, text, fragment, message):
+    with pytest.raises(StudyError, match=message):
+        text(fragment, out)
+
+
+@pytest.mark.parametrize(
+    ("source", "section", "named"),
+    [
+        ("Sec. 7.1, Eq. 12", "7.1", True),
+        ("Table 2, Section 7.6", "7.6", True),
+        ("7.1", "7.1", True),
+        ("Sections 7.1 and 7.6.", "7.6", True),
+        ("Sec. 7.12", "7.1", False),
+        ("Sec. 17.1", "7.1", False),
+        ("Sec. 7.1.2", "7.1", False),
+        ("Sec. 3, Eq. 5", "3", True),
+        ("§3", "3", True),
+        ("Eq. 3", "3", False),
+        ("Table 3, Sec. 7.6", "3", False),
+        ("Sec. 3.2", "3", False),
+        ("T", "T", True),
+        ("Table 2", "T", False),
+    ],
+)
+def test_claims_belong_to_the_section_that_their_source_names(source, section, named):
+    assert report._names(source, section) is named
+
+
+def test_missing_figures_are_named_with_the_remedy(out):
+    (out / "figures" / "fig05.svg").unlink()
+    with pytest.raises(MissingResult, match=r"fig05\.svg: draw them again with"):
+        render(Results(out))
+
+
+def test_files_are_written_with_pages_bookmarks_and_tags(out):
+    build(Results(out), out)
+    assert Page((out / "report.html").read_text()).all("html")
+    pdf = PdfReader(BytesIO((out / "report.pdf").read_bytes()))
+    assert len(pdf.pages) >= 1
+    assert pdf.metadata.title.startswith("Piecewise-linear weight functions")
+    assert pdf.metadata.author == "The pw-elements maintainers"
+    titles = [entry.title for entry in flat(pdf.outline)]
+    assert "Summary of verdicts" in titles
+    assert any("First toy" in title for title in titles)
+    assert pdf.trailer["/Root"]["/MarkInfo"]["/Marked"]
+    assert "/StructTreeRoot" in pdf.trailer["/Root"]
+    assert pdf.trailer["/Root"]["/Lang"] == "en"
+    for number, page in enumerate(pdf.pages, start=1):
+        assert f"{number} / {len(pdf.pages)}" in page.extract_text()
+    links = [note.get_object() for page in pdf.pages for note in page.get("/Annots", ())]
+    assert len([link for link in links if "/Dest" in link or "/A" in link]) >= 4
+
+
+def flat(outline):
+    for entry in outline:
+        yield from flat(entry) if isinstance(entry, list) else [entry]
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (numbers.num(2.549732978e9, 5), "2.5497 × 10<sup>9</sup>"),
+        (numbers.num(-1.25e-7, 2), "−1.2 × 10<sup>−7</sup>"),
+        (numbers.num(0.25), "0.2500"),
+        (numbers.num(2 / 3, 3), "0.667"),
+        (numbers.num(0.99996), "1.000"),
+        (numbers.num(9999.6), "1.000 × 10<sup>4</sup>"),
+        (numbers.num(0.001234), "0.001234"),
+        (numbers.num(0.0001234, 2), "1.2 × 10<sup>−4</sup>"),
+        (numbers.num(3456.0, 2), "3500"),
+        (numbers.num(0.0), "0"),
+        (numbers.num(None), "–"),
+        (numbers.num(float("nan")), "–"),
+        (numbers.short(0.25), "0.25"),
+        (numbers.short(4.0), "4"),
+        (numbers.short(100.0, 3), "100"),
+        (numbers.short(5e5, 3), "5 × 10<sup>5</sup>"),
+        (numbers.pct(0.00291), "0.29 %"),
+        (numbers.pct(-0.031, 3), "−3.10 %"),
+        (numbers.pct(None), "–"),
+        (numbers.fixed(-2.345, 1), "−2.3"),
+        (numbers.fixed(-0.001, 2), "0.00"),
+        (numbers.fixed(None, 2), "–"),
+    ],
+)
+def test_numbers_are_written_for_readers(written, expected):
+    assert written.replace("\u202f", " ") == expected
+    assert hasattr(written, "__html__")

@@ -1,0 +1,165 @@
+"""Results on disk: exact, whole or not at all, and clear about what is wrong."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from study.store import CorruptResult, MissingResult, Result, Results, StudyError, save
+
+KEY = "7.1/pw-T6"
+RESULT = Result(
+    scalars={"reaction_1": 0.1 + 0.2, "count": np.int64(3), "tiny": np.float64(5e-324)},
+    units={"reaction_1": "N"},
+    curves={"x": np.array([0.0, math.pi, math.nan]), "nodes": np.arange(6).reshape(2, 3)},
+)
+
+
+@pytest.fixture
+def stored(tmp_path):
+    save(tmp_path, "7.1", "pw-T6", RESULT, {"seconds": 1.5})
+    return tmp_path
+
+
+def test_what_is_read_is_what_was_saved(stored):
+    read = Results(stored)[KEY]
+    assert (read.section, read.case, read.key) == ("7.1", "pw-T6", KEY)
+    assert read.scalars == {"reaction_1": 0.1 + 0.2, "count": 3.0, "tiny": 5e-324}
+    assert read.units == {"reaction_1": "N"}
+    assert read.provenance["seconds"] == 1.5
+    for name, curve in RESULT.curves.items():
+        np.testing.assert_array_equal(read.curves[name], curve)
+        assert read.curves[name].dtype == curve.dtype
+
+
+def test_file_has_the_agreed_keys_and_nothing_else_lies_there(stored):
+    content = json.loads((stored / "7.1" / "pw-T6.json").read_text())
+    assert set(content) == {"case", "scalars", "units", "provenance"}
+    assert content["case"] == "pw-T6"
+    assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_number_that_is_not_finite_is_refused_by_name(tmp_path, value):
+    with pytest.raises(StudyError, match=r"7\.1/pw-T6 .*\bbad = -?(nan|inf)"):
+        save(tmp_path, "7.1", "pw-T6", Result({"good": 1.0, "bad": value}, {}), {})
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_curve_of_objects_is_refused_by_name(tmp_path):
+    with pytest.raises(StudyError, match="odd"):
+        save(tmp_path, "7.1", "c", Result({}, {}, {"odd": np.array([{}, None])}), {})
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from study.store import Result, save
+real = os.replace
+os.replace = lambda a, b: os._exit(9) if str(b).endswith(".json") else real(a, b)
+save(Path(sys.argv[1]), "7.1", "pw-T6", Result({"y": 1.0}, {}, {"x": np.zeros(2)}), {})
+"""
+
+
+def kill_between_curves_and_numbers(folder):
+    done = subprocess.run([sys.executable, "-c", KILLED, str(folder)], check=False)
+    assert done.returncode == 9
+    assert (folder / "7.1" / "pw-T6.npz").exists()
+
+
+def test_kill_before_the_numbers_leaves_no_result(tmp_path):
+    kill_between_curves_and_numbers(tmp_path)
+    assert KEY not in Results(tmp_path)
+    assert Results(tmp_path).section("7.1") == []
+
+
+def test_kill_while_replacing_does_not_mix_old_numbers_with_new_curves(stored):
+    kill_between_curves_and_numbers(stored)
+    with pytest.raises(CorruptResult, match=r"not of the same run.*study 7\.1 --force"):
+        Results(stored)[KEY]
+
+
+def test_failed_write_leaves_the_old_result_and_no_litter(stored, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        save(stored, "7.1", "pw-T6", Result({"reaction_1": 9.0}, {}, {"x": np.ones(1)}), {})
+    assert Results(stored).scalar(KEY, "reaction_1") == 0.1 + 0.2
+    assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
+
+
+def test_curves_of_an_earlier_result_go_with_it(stored):
+    save(stored, "7.1", "pw-T6", Result({"y": 1.0}, {}), {})
+    assert Results(stored).curves(KEY) == {}
+    assert os.listdir(stored / "7.1") == ["pw-T6.json"]
+
+
+def replaced(old, new):
+    def damage(path):
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda path: path.write_text(path.read_text()[:-20]),
+        lambda path: path.write_text(""),
+        lambda path: path.write_text("[1, 2]"),
+        lambda path: path.write_bytes(b"\xff\xfe\x00"),
+        replaced("3.0", "NaN"),
+        replaced("3.0", '"3.0"'),
+        replaced('"units"', '"unit"'),
+        replaced('"case": "pw-T6"', '"case": "pw-Q8"'),
+        lambda path: path.with_suffix(".npz").unlink(),
+        lambda path: path.with_suffix(".npz").write_bytes(b"no archive"),
+    ],
+)
+def test_damaged_result_is_named_with_its_remedy(stored, damage):
+    damage(stored / "7.1" / "pw-T6.json")
+    assert KEY in Results(stored)
+    with pytest.raises(CorruptResult) as caught:
+        Results(stored)[KEY]
+    message = str(caught.value)
+    assert str(stored / "7.1" / "pw-T6.") in message
+    assert message.endswith("run ./run study 7.1 --force")
+    assert "\n" not in message
+
+
+def test_missing_result_is_named_with_its_remedy(stored):
+    assert "7.6/pw-T6" not in Results(stored)
+    with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6$"):
+        Results(stored)["7.6/pw-T6"]
+
+
+def test_unknown_scalar_is_named_with_those_there_are(stored):
+    with pytest.raises(CorruptResult, match=r"'reaction_9' \(but count, reaction_1, tiny\)"):
+        Results(stored).scalar(KEY, "reaction_9")
+
+
+def test_section_is_sorted_and_ignores_unfinished_files(stored):
+    save(stored, "7.1", "galerkin-T6", Result({}, {}), {})
+    save(stored, "7.6", "other", Result({}, {}), {})
+    (stored / "7.1" / ".pw-Q8.json.77").write_text("{")
+    (stored / "7.1" / ".half.json").write_text("{")
+    assert [one.case for one in Results(stored).section("7.1")] == ["galerkin-T6", "pw-T6"]
+
+
+@pytest.mark.parametrize(
+    ("text", "error"), [(None, MissingResult), ("{}", CorruptResult), ("[", CorruptResult)]
+)
+def test_claims_that_cannot_be_read(tmp_path, text, error):
+    if text is not None:
+        (tmp_path / "claims.json").write_text(text)
+    with pytest.raises(error, match=r"claims\.json.*study report"):
+        Results(tmp_path).claims()

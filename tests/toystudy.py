@@ -1,0 +1,148 @@
+"""A small study in a temporary folder, to try the frame on."""
+
+import sys
+from dataclasses import dataclass
+from functools import partial
+from types import ModuleType
+
+import study.__main__
+from study import claims
+from study.cases import SECTIONS
+from study.store import write_json
+
+ONE = """
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from study.cases import Case
+from study.store import Result
+from toy.common import FACTOR
+
+TITLE = "First toy"
+
+
+def run(value, log, do=""):
+    with Path(log).open("a") as stream:
+        stream.write(f"{os.getpid()}\\n")
+    if do == "raise":
+        raise ArithmeticError("no convergence\\nand a second line")
+    if do == "die":
+        os._exit(9)
+    if do == "sleep":
+        time.sleep(60)
+    return Result({"y": FACTOR * value, "iterations": 3}, {"y": "N"}, {"x": np.arange(3.0)}, dofs=6)
+
+
+def case(name, value=1.0, **parameters):
+    return Case("1", name, run, {"value": value, "log": os.environ["TOY_LOG"], **parameters})
+
+
+CASES = [case("a"), case("b", 2.5)]
+"""
+
+TWO = """
+from study.cases import Case
+from study.store import Result
+
+TITLE = "Second toy"
+
+
+def run():
+    return Result({"z": 7.0}, {})
+
+
+CASES = [Case("2", "only", run)]
+"""
+
+MEASURES = """
+def value(results, key, name, factor=1.0):
+    return factor * results.scalar(key, name)
+
+
+def broken(results):
+    return 1 / 0
+
+
+def nothing(results):
+    return float("nan")
+"""
+
+
+@dataclass
+class Item:
+    kind: str
+    number: str
+    content: str
+    treated: str
+
+
+ITEMS = [
+    Item("figure", "1", "Set-up", "Section 1"),
+    Item("equation", "3", "A < B & so on", "left out: not checkable"),
+]
+
+
+def claim(**changes):
+    """Return a claim as TOML; a change to None leaves the key out."""
+    entry = {
+        "id": '"the-claim"',
+        "source": '"Sec. 1, Eq. 3"',
+        "statement": '"The force is 5 N."',
+        "measure": '"value"',
+        "args": '{ key = "1/b", name = "y" }',
+        "relation": '"="',
+        "value": "5.0",
+        "tol": "1e-12",
+        "tol_why": '"Round-off."',
+        "unit": '"N"',
+        "pinned": '"holds"',
+        "why": '"Twice 2.5."',
+    } | changes
+    lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
+    return "\n".join(["[[claim]]", *lines, ""])
+
+
+def module(name, text, **values):
+    made = ModuleType(name)
+    made.__dict__.update(values)
+    exec(text, made.__dict__)
+    return made
+
+
+MEASURED = module("toy_measures", MEASURES)
+
+
+def install(folder, monkeypatch):
+    """Replace sections, claims, measures, items and figures by toys with sources in the folder."""
+    package = folder / "toy"
+    package.mkdir()
+    sources = {"__init__": "", "common": "FACTOR = 2.0\n", "one": ONE, "two": TWO}
+    for name, text in sources.items():
+        (package / f"{name}.py").write_text(text)
+    for name in [name for name in sys.modules if name.split(".")[0] == "toy"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("TOY_LOG", str(folder / "log"))
+    for section in list(SECTIONS):
+        monkeypatch.delitem(SECTIONS, section)
+    monkeypatch.setitem(SECTIONS, "1", "toy.one")
+    monkeypatch.setitem(SECTIONS, "2", "toy.two")
+    path = folder / "claims.toml"
+    path.write_text(claim())
+    monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, path, MEASURED))
+    monkeypatch.setitem(sys.modules, "study.paper", module("study.paper", "", ITEMS=ITEMS))
+    monkeypatch.setattr(study.__main__, "draw_figures", _draw_nothing)
+
+
+def started(folder):
+    """Return how many runs of section 1 have started."""
+    log = folder / "log"
+    return len(log.read_text().split()) if log.exists() else 0
+
+
+def _draw_nothing(out):
+    write_json(out / "figures" / "index.json", [])
+    return True
