@@ -7,6 +7,8 @@ Principles 2 and 3 name a space, Basix's macro polynomials of degree 1; principl
 its basis, point evaluation at the nodes of the quadratic element; principle 1 then follows.
 """
 
+import itertools
+
 import basix
 import basix.ufl
 import numpy as np
@@ -14,6 +16,7 @@ import numpy.typing as npt
 from basix import CellType, ElementFamily, LagrangeVariant, MapType, PolysetType, SobolevSpace
 from basix.polynomials import tabulate_polynomial_set
 
+_SIMPLICES = ("triangle", "tetrahedron")
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 # Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
@@ -49,6 +52,8 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
         1,
         polyset_type=PolysetType.macroedge,
     )
+    if cell not in _SIMPLICES:
+        element = _HalvedTensorElement(element._element)
     return _blocked(element, shape)
 
 
@@ -88,6 +93,39 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
         2,
     )
     return _blocked(element, shape)
+
+
+class _HalvedTensorElement(basix.ufl._BasixElement):
+    """Macro element on an interval, quadrilateral or hexahedron, tabulated sub-cell by sub-cell.
+
+    Basix 0.9 tabulates wrong macro derivatives on these cells: in each upper half it subtracts
+    in unsigned arithmetic, and a slope of -6 comes out as 1e20. Values and simplices are right.
+    FFCx tabulates through this class.
+    """
+
+    def __repr__(self) -> str:
+        # part of a form's signature: what was compiled with the wrong slopes is not found again
+        return f"{super().__repr__()}, by sub-cells"
+
+    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values and derivatives at points (n, dim): (derivatives, n, nodes)."""
+        cell = self._element.cell_type
+        linear = basix.create_element(ElementFamily.P, cell, 1)
+        upper = points >= 0.5
+        table = linear.tabulate(nderivs, 2 * points - upper)[..., 0]
+        for derivative in itertools.product(range(nderivs + 1), repeat=points.shape[1]):
+            if sum(derivative) <= nderivs:
+                table[basix.index(*derivative)] *= 2 ** sum(derivative)
+
+        nodes = self._element.points
+        result = np.zeros((len(table), len(points), len(nodes)))
+        for half in itertools.product((0, 1), repeat=points.shape[1]):
+            inside = np.flatnonzero((upper == half).all(axis=1))
+            for corner, vertex in enumerate(linear.points):
+                place = (vertex + half) / 2
+                node = int(np.abs(nodes - place).sum(axis=1).argmin())
+                result[:, inside, node] = table[:, inside, corner]
+        return result
 
 
 def _cell(name: str) -> CellType:

@@ -222,7 +222,8 @@ def _area(corners: Points) -> float:
 
 
 def _dense(matrix: PETSc.Mat) -> Points:
-    return matrix.convert("dense").getDenseArray().copy()
+    dense = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
+    return dense.getDenseArray().copy()
 
 
 def _relative(a: Points, b: Points) -> float:

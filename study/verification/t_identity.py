@@ -86,7 +86,7 @@ def _point_load(body: Body) -> PETSc.Vec:
     """On a mid-side node; at a vertex T changes nothing, nor do the weight functions."""
     U = body.spaces.trial
     node = U.tabulate_dof_coordinates()[U.dofmap.list[0, 3]]
-    return nodal_load(U, lambda x: np.isclose(x.T, node).all(axis=1), (0.3, -1.0))
+    return nodal_load(U, lambda x: np.asarray(np.isclose(x.T, node).all(axis=1)), (0.3, -1.0))
 
 
 HOLDS = {

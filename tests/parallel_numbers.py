@@ -1,0 +1,117 @@
+"""Prints numbers that must not depend on the number of processes, as JSON.
+
+Started by test_parallel.py with `mpirun -n 1` and more.
+"""
+
+import json
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    buckling,
+    macro_element,
+    nodal_load,
+    reactions,
+    solve,
+    support,
+)
+from pw_elements.algebra import symmetric_part
+from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.recovery import force_transfer, forces_along
+from study.verification.t_identity import distorted
+
+comm = MPI.COMM_WORLD
+numbers: dict[str, list[float] | float] = {}
+
+
+def left(x):
+    return np.isclose(x[0], 0.0)
+
+
+def corner(x):
+    return left(x) & np.isclose(x[1], x[1].min() if x.size else 0.0)
+
+
+def beam(method, name):
+    mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
+    body = Body(method(mesh), Material(2.0, 0.3), State.PLANE_STRESS)
+    U = body.spaces.trial
+    right = boundary_measure(mesh, lambda x: np.isclose(x[0], 8.0))
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.surface_load((-1.0, 0.0), right))
+    f.axpy(1.0, nodal_load(U, lambda x: np.isclose(x[0], 8.0) & np.isclose(x[1], 0.0), (0, 1e-3)))
+    supports = Reduction.dirichlet(U, [support(U, 0, left), support(U, 1, left, 0.01)])
+    a = solve(K, f, supports)
+    r = forces_along(U, reactions(K, a, f), left, axis=1)
+    numbers[f"{name}_displacement_norm"] = a.norm()
+    numbers[f"{name}_reactions"] = r.force.ravel().tolist()
+    numbers[f"{name}_stiffness_norm"] = K.norm()
+
+    u = fem.Function(U)
+    u.x.array[: a.getLocalSize()] = a.array_r
+    u.x.scatter_forward()
+    for form in ("G", "J"):
+        K_sigma = assemble_matrix(body.initial_stress(body.stress(u), form))
+        numbers[f"{name}_buckling_{form}"] = buckling(K, K_sigma, supports, 2).factors.tolist()
+    S = symmetric_part(K_sigma)
+    numbers[f"{name}_symmetrised"] = buckling(
+        symmetric_part(K), S, supports, 1, symmetrised=True
+    ).factors.tolist()
+    M = assemble_matrix(body.mass())
+    numbers[f"{name}_mass_norm"] = M.norm()
+
+
+def identity():
+    mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
+    material = Material(1.0, 0.3)
+    K = assemble_matrix(Body(galerkin, material, State.PLANE_STRESS).stiffness())
+    K_pw = assemble_matrix(Body(pw, material, State.PLANE_STRESS).stiffness())
+    difference = force_transfer(galerkin.trial).matMult(K) - K_pw
+    numbers["identity"] = difference.norm() / K_pw.norm()
+
+
+def solid():
+    mesh = create_box(comm, [(0, 0, 0), (1, 1, 2)], (3, 3, 5), CellType.tetrahedron)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.SOLID)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
+    foot = [support(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
+    numbers["solid"] = solve(K, f, Reduction.dirichlet(U, foot)).norm()
+
+
+def tube():
+    mesh = curved(triangles(comm, (1.0, 0.0), (2.0, 1.0), (6, 5)), distorted)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.AXISYMMETRIC)
+    U = body.spaces.trial
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    numbers["tube_stiffness_norm"], numbers["tube_mass_norm"] = K.norm(), M.norm()
+    W = fem.functionspace(mesh, macro_element("triangle"))
+    w = fem.Function(W)
+    w.interpolate(lambda x: np.sin(x[0]) * x[1])
+    integral = fem.assemble_scalar(fem.form(w**2 * ufl.dx))
+    numbers["macro_integral"] = comm.allreduce(integral)
+    assert U.dofmap.index_map.size_global > 0
+
+
+beam(Spaces.galerkin, "galerkin")
+beam(Spaces.petrov_galerkin, "pw")
+identity()
+solid()
+tube()
+if comm.rank == 0:
+    print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

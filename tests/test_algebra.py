@@ -1,0 +1,175 @@
+import gc
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import create_unit_square
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    SingularSystem,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    reactions,
+    solve,
+    support,
+)
+from pw_elements.algebra import factorise, symmetric_part
+
+
+def left(x):
+    return np.isclose(x[0], 0.0)
+
+
+def right(x):
+    return np.isclose(x[0], 1.0)
+
+
+@pytest.fixture(params=[Spaces.galerkin, Spaces.petrov_galerkin])
+def problem(request):
+    """A square pulled to the right: body, K, f."""
+    spaces = request.param(create_unit_square(MPI.COMM_SELF, 3, 3))
+    body = Body(spaces, Material(7.0, 0.3), State.PLANE_STRESS)
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.surface_load((1.0, 0.2), boundary_measure(spaces.mesh, right)))
+    return body, K, f
+
+
+def dense(matrix):
+    copy = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
+    return copy.getDenseArray().copy()
+
+
+def test_prescribed_values_against_dense_algebra(problem):
+    body, K, f = problem
+    U = body.spaces.trial
+    conditions = [support(U, 0, left), support(U, 1, left), support(U, 0, right, 0.03)]
+    a = solve(K, f, Reduction.dirichlet(U, conditions)).array
+
+    A, b = dense(K), f.array.copy()
+    for condition in conditions:
+        dofs, _ = condition.dof_indices()
+        values = np.zeros(len(b))
+        condition.set(values)
+        A[dofs], b[dofs] = 0, values[dofs]
+        A[dofs, dofs] = 1
+    assert np.abs(a - np.linalg.solve(A, b)).max() < 1e-12
+
+
+def test_reactions_balance_the_load(problem):
+    body, K, f = problem
+    U = body.spaces.trial
+    a = solve(K, f, Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)]))
+    r = reactions(K, a, f).array.reshape(-1, 2)
+    held = fem.locate_dofs_geometrical(U, left)
+    assert r[held].sum(axis=0) == pytest.approx([-1.0, -0.2], abs=1e-12)
+    free = np.setdiff1d(np.arange(len(r)), held)
+    assert np.abs(r[free]).max() < 1e-12
+
+
+def test_chained_reductions_are_one_reduction(problem):
+    body, K, f = problem
+    U = body.spaces.trial
+    at_once = Reduction.dirichlet(U, [support(U, i, left, 0.1 * i) for i in (0, 1)])
+    first = Reduction.dirichlet(U, [support(U, 0, left, 0.0)])
+    # the second one selects from the first one's system
+    kept = list(dense(at_once.right).argmax(axis=0))
+    all_first = list(dense(first.right).argmax(axis=0))
+    selection = np.zeros((len(all_first), len(kept)))
+    for column, dof in enumerate(kept):
+        selection[all_first.index(dof), column] = 1
+    offset = first.left.createVecRight()
+    offset.setArray(
+        [0.1 if d not in kept and d % 2 else 0.0 for d in all_first],
+    )
+    inner_matrix = PETSc.Mat().createDense(selection.shape, array=selection, comm=MPI.COMM_SELF)
+    inner_matrix = inner_matrix.convert("aij")
+    chained = first.then(Reduction(inner_matrix, inner_matrix, offset))
+    assert np.abs(dense(chained.matrix(K)) - dense(at_once.matrix(K))).max() < 1e-13
+    assert np.abs(solve(K, f, chained).array - solve(K, f, at_once).array).max() < 1e-12
+
+
+@pytest.mark.parametrize("components", [(), (0,), (1,)])
+def test_missing_supports_end_in_an_error(problem, components):
+    # one component held on one side leaves a translation (and a rotation) free
+    body, K, f = problem
+    U = body.spaces.trial
+    supports = Reduction.dirichlet(U, [support(U, i, left) for i in components])
+    with pytest.raises(SingularSystem, match="rigid motion"):
+        solve(K, f, supports)
+
+
+def test_a_balanced_load_does_not_hide_a_missing_support():
+    # the right-hand side is consistent, so the residual alone would be small
+    spaces = Spaces.petrov_galerkin(create_unit_square(MPI.COMM_SELF, 4, 4))
+    body = Body(spaces, Material(1.0, 0.3), State.PLANE_STRESS)
+    K = assemble_matrix(body.stiffness())
+    mesh = spaces.mesh
+    f = assemble_vector(body.surface_load((1.0, 0.0), boundary_measure(mesh, right)))
+    f.axpy(1.0, assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, left))))
+    with pytest.raises(SingularSystem):
+        solve(K, f, Reduction.dirichlet(spaces.trial, []))
+
+
+def test_bad_conditioning_alone_is_no_singularity():
+    # a slender cantilever, stiffness entries over 1e11 and a tip that moves 1e5 times its strain
+    from dolfinx.mesh import create_rectangle
+
+    mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (100, 1)], [200, 1])
+    spaces = Spaces.petrov_galerkin(mesh)
+    body = Body(spaces, Material(2e11), State.PLANE_STRESS)
+    K = assemble_matrix(body.stiffness())
+    end = boundary_measure(mesh, lambda x: np.isclose(x[0], 100))
+    f = assemble_vector(body.surface_load((0.0, -1.0), end))
+    U = spaces.trial
+    a = solve(K, f, Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)]))
+    assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
+
+
+def test_refuses_what_is_not_finite_or_leaves_nothing_free(problem):
+    body, K, f = problem
+    U = body.spaces.trial
+    with pytest.raises(ValueError, match="finite"):
+        Reduction.dirichlet(U, [support(U, 0, left, np.nan)])
+    with pytest.raises(ValueError, match="no degree of freedom"):
+        Reduction.dirichlet(U, [support(U, i, lambda x: x[0] > -1) for i in (0, 1)])
+    f.setValue(0, np.inf)
+    f.assemble()
+    with pytest.raises(ValueError, match="finite"):
+        solve(K, f, Reduction.dirichlet(U, [support(U, i, right) for i in (0, 1)]))
+
+
+def test_symmetric_part_and_inertia(problem):
+    body, K, _ = problem
+    part = dense(symmetric_part(K))
+    assert np.abs(part - part.T).max() == 0
+    assert np.abs(part - (dense(K) + dense(K).T) / 2).max() < 1e-15
+    U = body.spaces.trial
+    held = Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)])
+    reduced = symmetric_part(held.matrix(K))
+    inertia = factorise(reduced, symmetric=True).getPC().getFactorMatrix().getInertia()
+    eigenvalues = np.linalg.eigvalsh(dense(reduced))
+    assert inertia == ((eigenvalues < 0).sum(), 0, (eigenvalues > 0).sum())
+
+
+def test_matrices_and_vectors_outlive_their_mesh():
+    def make():
+        spaces = Spaces.petrov_galerkin(create_unit_square(MPI.COMM_SELF, 8, 8))
+        body = Body(spaces, Material(1.0), State.PLANE_STRESS)
+        U = spaces.trial
+        held = Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)])
+        f = assemble_vector(body.body_load((0.0, -1.0)))
+        return assemble_matrix(body.stiffness()), f, held
+
+    systems = [make() for _ in range(5)]
+    gc.collect()
+    solutions = [solve(*system).norm() for system in systems]
+    assert solutions == pytest.approx([solutions[0]] * 5, rel=1e-12)

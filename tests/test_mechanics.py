@@ -1,0 +1,185 @@
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    nodal_load,
+    solve,
+    support,
+)
+from pw_elements.meshes import curved, mapped, triangles
+from study.verification.t_identity import distorted
+
+MATERIAL = Material(10.0, 0.3, density=2.0)
+
+
+def square(n=3):
+    return triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n))
+
+
+def quadrilaterals():
+    return create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 1)], [3, 3], CellType.quadrilateral)
+
+
+def cube(cell):
+    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], cell)
+
+
+SETTINGS = {
+    "T6": (lambda: mapped(square(), distorted), State.PLANE_STRESS),
+    "T6 strain": (lambda: mapped(square(), distorted), State.PLANE_STRAIN),
+    "T6 curved": (lambda: curved(square(), distorted), State.PLANE_STRESS),
+    "Q9": (lambda: mapped(quadrilaterals(), distorted), State.PLANE_STRESS),
+    "T10": (lambda: cube(CellType.tetrahedron), State.SOLID),
+    "H27": (lambda: cube(CellType.hexahedron), State.SOLID),
+}
+
+
+@pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_constant_strain_is_met(setting, method):
+    # patch test: boundary displacements of a linear field, which must come back inside
+    make_mesh, state = SETTINGS[setting]
+    spaces = method(make_mesh())
+    body = Body(spaces, MATERIAL, state)
+    d = spaces.mesh.geometry.dim
+    gradient = np.array([[1.0, 0.4, -0.2], [-0.3, 0.7, 0.5], [0.1, 0.6, -0.8]])[:d, :d]
+    exact = fem.Function(spaces.trial)
+    exact.interpolate(lambda x: gradient @ x[:d])
+    spaces.mesh.topology.create_connectivity(d - 1, d)
+    rim = fem.locate_dofs_topological(
+        spaces.trial, d - 1, exterior_facet_indices(spaces.mesh.topology)
+    )
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load(np.zeros(d)))
+    a = solve(K, f, Reduction.dirichlet(spaces.trial, [fem.dirichletbc(exact, rim)]))
+    assert np.abs(a.array - exact.x.array).max() < 1e-12
+
+
+@pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
+def test_lame_tube_in_axisymmetry(method):
+    # u_r = A r + B / r under internal pressure, plane strain in z: third order in the nodes
+    coarse, fine = (_lame_error(method, n) for n in (8, 16))
+    assert fine < 1e-4
+    assert coarse / fine > 2**2.7
+
+
+def _lame_error(method, n):
+    inner, outer, pressure = 1.0, 2.0, 1.0
+    mesh = create_rectangle(MPI.COMM_SELF, [(inner, 0.0), (outer, 0.5)], [n, n // 2])
+    body = Body(method(mesh), MATERIAL, State.AXISYMMETRIC)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    bore = boundary_measure(mesh, lambda x: np.isclose(x[0], inner))
+    f = assemble_vector(body.surface_load((pressure, 0.0), bore))
+    assert f.sum() == pytest.approx(2 * np.pi * inner * 0.5 * pressure, rel=1e-13)
+    ends = [support(U, 1, lambda x, z=z: np.isclose(x[1], z)) for z in (0.0, 0.5)]
+    a = solve(K, f, Reduction.dirichlet(U, ends)).array.reshape(-1, 2)
+    E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
+    r = U.tabulate_dof_coordinates()[:, 0]
+    factor = (1 + nu) * pressure * inner**2 / E / (outer**2 - inner**2)
+    exact = factor * ((1 - 2 * nu) * r + outer**2 / r)
+    return np.hypot(a[:, 0] - exact, a[:, 1]).max() / exact.max()
+
+
+def test_mass_and_loads_add_up():
+    mesh = mapped(square(), distorted)
+    for method in (Spaces.galerkin, Spaces.petrov_galerkin):
+        body = Body(method(mesh), MATERIAL, State.PLANE_STRESS, thickness=0.5)
+        area = fem.assemble_scalar(fem.form(1.0 * ufl.dx(domain=mesh)))
+        M = assemble_matrix(body.mass())
+        ones = M.createVecRight()
+        ones.set(1.0)
+        assert (M * ones).sum() == pytest.approx(2 * 2.0 * 0.5 * area, rel=1e-13)
+        f = assemble_vector(body.body_load((0.0, -3.0)))
+        assert f.sum() == pytest.approx(-3 * 0.5 * area, rel=1e-13)
+        P = nodal_load(
+            body.spaces.trial, lambda x: np.isclose(x[0], 0) & (x[1] == x[1].max()), (2.0, 1.0)
+        )
+        assert P.sum() == 3.0
+
+
+def test_lumped_mass_is_positive_for_the_new_element_only():
+    lumped = {}
+    for method in (Spaces.galerkin, Spaces.petrov_galerkin):
+        M = assemble_matrix(Body(method(square()), MATERIAL, State.PLANE_STRESS).mass())
+        ones = M.createVecRight()
+        ones.set(1.0)
+        lumped[method] = (M * ones).array.min()
+    assert lumped[Spaces.petrov_galerkin] > 1e-3
+    assert lumped[Spaces.galerkin] < 1e-15
+
+
+def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains():
+    # uniaxial stress, u = v = stretch: G gives S, J gives S - 2 S
+    body = Body(Spaces.galerkin(square()), MATERIAL, State.PLANE_STRESS)
+    stress = ufl.as_tensor([[5.0, 0.0], [0.0, 0.0]])
+    stretch = fem.Function(body.spaces.trial)
+    stretch.interpolate(lambda x: np.array([x[0], 0 * x[0]]))
+    energy = {}
+    for form in ("G", "J"):
+        K = assemble_matrix(body.initial_stress(stress, form))
+        image = K.createVecLeft()
+        K.mult(stretch.x.petsc_vec, image)
+        energy[form] = image.dot(stretch.x.petsc_vec)
+    assert energy["G"] == pytest.approx(5.0, rel=1e-13)
+    assert energy["J"] == pytest.approx(-5.0, rel=1e-13)
+
+
+def test_rotation_costs_no_energy_but_the_geometric_one():
+    body = Body(Spaces.galerkin(square()), MATERIAL, State.PLANE_STRESS)
+    rotation = fem.Function(body.spaces.trial)
+    rotation.interpolate(lambda x: np.array([-x[1], x[0]]))
+    r = rotation.x.petsc_vec
+    stress = ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
+    for form in ("G", "J"):
+        image = r.duplicate()
+        assemble_matrix(body.initial_stress(stress, form)).mult(r, image)
+        assert image.dot(r) == pytest.approx(7.0, rel=1e-13)
+    image = r.duplicate()
+    assemble_matrix(body.stiffness()).mult(r, image)
+    assert abs(image.dot(r)) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({"youngs_modulus": 0.0}, "youngs_modulus"),
+        ({"youngs_modulus": float("nan")}, "youngs_modulus"),
+        ({"youngs_modulus": 1.0, "poissons_ratio": 0.5}, "poissons_ratio"),
+        ({"youngs_modulus": 1.0, "density": -1.0}, "density"),
+    ],
+)
+def test_refuses_impossible_materials(arguments, name):
+    with pytest.raises(ValueError, match=name):
+        Material(**arguments)
+
+
+def test_refuses_bodies_that_make_no_sense():
+    spaces = Spaces.galerkin(square())
+    with pytest.raises(ValueError, match="solid"):
+        Body(spaces, MATERIAL, State.SOLID)
+    with pytest.raises(ValueError, match="thickness"):
+        Body(spaces, MATERIAL, State.PLANE_STRESS, thickness=0.0)
+    body = Body(spaces, MATERIAL, State.PLANE_STRESS)
+    with pytest.raises(ValueError, match="'G' and 'J'"):
+        body.initial_stress(ufl.Identity(2), "K")
+    nowhere = lambda x: np.isclose(x[0], 7.0)  # noqa: E731
+    with pytest.raises(ValueError, match="no exterior facet"):
+        boundary_measure(spaces.mesh, nowhere)
+    with pytest.raises(ValueError, match="no node"):
+        support(spaces.trial, 0, nowhere)
+    with pytest.raises(ValueError, match="finite"):
+        nodal_load(spaces.trial, lambda x: np.isclose(x[0], 0), (np.inf, 0.0))
