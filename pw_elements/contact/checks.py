@@ -1,0 +1,97 @@
+"""Checks of the mesh before anything is solved on it."""
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from basix import CellType, ElementFamily, LagrangeVariant
+from dolfinx.mesh import Mesh
+
+from pw_elements.contact.errors import DegenerateMesh
+
+# Smallest Jacobian determinant over the product of a cell's edge lengths
+_FLAT = 1e-10
+
+
+def check_mesh(mesh: Mesh) -> None:
+    """Looks for cells that have no volume, are inside out, or fold over a neighbour.
+
+    Raises:
+        DegenerateMesh: with the midpoints of such cells.
+    """
+    x, determinant = _determinants(mesh)
+    dim = x.shape[2]
+    size = np.ptp(x, axis=1).max(axis=1, initial=0.0) ** dim
+    flat = np.abs(determinant).min(axis=1) <= _FLAT * size
+    turned = ~flat & (determinant.min(axis=1) < 0) & (determinant.max(axis=1) > 0)
+    _refuse(mesh, x, flat, "have no volume")
+    _refuse(mesh, x, turned, "are turned inside out in a part of them")
+    _refuse(mesh, x, _folded(mesh), "lie on the same side of a facet as their neighbour")
+
+
+def _determinants(mesh: Mesh) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Nodes (cells, nodes, dim) and Jacobian determinants (cells, points), ghosts included."""
+    cmap = mesh.geometry.cmap
+    cell = CellType[mesh.topology.cell_name()]
+    element = basix.create_element(
+        ElementFamily.P, cell, cmap.degree, LagrangeVariant(cmap.variant)
+    )
+    corners = basix.geometry(cell)
+    points = np.vstack([corners, basix.make_quadrature(cell, 4)[0]])
+    derivatives = element.tabulate(1, points)[1:, :, :, 0]
+    dim = mesh.geometry.dim
+    x = mesh.geometry.x[mesh.geometry.dofmap][:, :, :dim]
+    jacobian = np.einsum("jpn,cni->cpij", derivatives, x)
+    if dim != jacobian.shape[-1]:
+        raise DegenerateMesh("the mesh is a surface or line in space, not a body")
+    return x, np.linalg.det(jacobian)
+
+
+def _folded(mesh: Mesh) -> npt.NDArray[np.bool_]:
+    """Cells (ghosts included) on the same side of a straight facet as the cell behind it."""
+    topology, dim = mesh.topology, mesh.topology.dim
+    for pair in ((dim - 1, dim), (dim, dim - 1), (dim - 1, 0), (dim, 0)):
+        topology.create_connectivity(*pair)
+    x = mesh.geometry.x[:, :dim]
+    cells = mesh.geometry.dofmap
+    layout = mesh.geometry.cmap.create_dof_layout()
+    corner = [layout.entity_dofs(0, v)[0] for v in range(basix_corners(mesh))]
+    middle = x[cells[:, corner]].mean(axis=1)
+    facets = topology.connectivity(dim - 1, dim)
+    offsets = facets.offsets
+    inner = np.flatnonzero(np.diff(offsets) == 2)
+    folded = np.zeros(len(cells), dtype=bool)
+    if len(inner) == 0:
+        return folded
+    two = facets.array[offsets[inner][:, None] + np.arange(2)]
+    of_cell = topology.connectivity(dim, dim - 1)
+    local = np.argmax(of_cell.array.reshape(len(cells), -1)[two[:, 0]] == inner[:, None], axis=1)
+    on_facet = basix.topology(CellType[topology.cell_name()])[dim - 1]
+    vertices = np.array([list(f)[:dim] for f in on_facet])[local]  # dim of them span it
+    points = x[np.take_along_axis(cells[two[:, 0]][:, corner], vertices, axis=1)]
+    span = points[:, 1:] - points[:, :1]
+    sides = [
+        np.linalg.det(np.concatenate([span, (middle[two[:, k]] - points[:, 0])[:, None]], axis=1))
+        for k in range(2)
+    ]
+    wrong = sides[0] * sides[1] > 0
+    folded[two[wrong].ravel()] = True
+    return folded
+
+
+def basix_corners(mesh: Mesh) -> int:
+    """Number of vertices of a cell."""
+    return len(basix.geometry(CellType[mesh.topology.cell_name()]))
+
+
+def _refuse(
+    mesh: Mesh, x: npt.NDArray[np.float64], wrong: npt.NDArray[np.bool_], what: str
+) -> None:
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    middles = x[:owned][wrong[:owned]].mean(axis=1)
+    places = np.concatenate(mesh.comm.allgather(middles))
+    if mesh.comm.allreduce(len(middles), MPI.SUM):
+        listed = ", ".join(str(tuple(float(f"{c:.4g}") for c in place)) for place in places[:6])
+        more = f" and {len(places) - 6} more" if len(places) > 6 else ""
+        raise DegenerateMesh(f"cells around {listed}{more} {what}")

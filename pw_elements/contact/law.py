@@ -1,0 +1,140 @@
+"""The law of one contact node: unilateral contact and Coulomb friction on nodal forces.
+
+With r the force of the surface on the node, n the direction it pushes in, g the gap and v
+the slip of the increment (relative tangential displacement), r_n = n·r, r_t = r - r_n n:
+
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  r_t |v| = -mu r_n v
+
+is the same as the vanishing of (nodal Alart-Curnier function)
+
+    F_n = r_n - max(0, p),                     p = r_n - c g,
+    F_t = r_t - projection of s on the disc |.| <= mu max(0, p),    s = r_t - c v,
+
+for any c > 0; it is of the size of the node's stiffness diagonal, so that both terms are
+forces. Newton's method on F is an active-set iteration: a node is
+
+    open (p <= 0):        r = 0,
+    stick (|s| < mu p):   g = 0, v = 0,
+    slip (else):          g = 0, (I - M) r_t - mu r_n d + c M v = 0,
+                          d = s/|s|, M = (mu p / |s|) (I - d d^T).
+
+M turns the direction of slip. In the plane there is one tangent, I - d d^T vanishes, the
+last line is r_t = ± mu r_n, and the iteration runs through finitely many sets. A tangent of
+length zero takes no part: that is how a prescribed tangential displacement is left alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class ActiveSet:
+    """What is assumed of every contact node (n of this process) in one linear solve.
+
+    Args:
+        status: (n,) OPEN, STICK or SLIP.
+        direction: (n, dim - 1), unit tangential force of slipping nodes; zero for others and
+            without friction.
+        turning: (n,), mu p / |s|; zero for nodes that do not slip.
+    """
+
+    status: npt.NDArray[np.int8]
+    direction: Array
+    turning: Array
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Quantities of the contact nodes (n of this process) in their frames.
+
+    Args:
+        frame: (n, dim, dim), rows: normal, tangents (zero where the law is not stated).
+        gap: (n,), infinite where nothing faces the node.
+        slip: (n, dim - 1), of this increment.
+        force: (n, dim), components of the nodal force along the frame.
+        friction: (n,).
+        scale: (n,), c.
+    """
+
+    frame: Array
+    gap: Array
+    slip: Array
+    force: Array
+    friction: Array
+    scale: Array
+
+    @property
+    def pressing(self) -> Array:
+        """p, (n,); minus infinity for nodes which nothing faces."""
+        return self.force[:, 0] - self.scale * self.gap
+
+    @property
+    def shearing(self) -> Array:
+        """s, (n, dim - 1)."""
+        return self.force[:, 1:] - self.scale[:, None] * self.slip
+
+    def active_set(self) -> ActiveSet:
+        """The linearisation of F here."""
+        p, s = self.pressing, self.shearing
+        size, radius = np.linalg.norm(s, axis=1), self.friction * np.maximum(0.0, p)
+        slipping = (p > 0) & (size >= radius)
+        directed = slipping & (self.friction > 0)
+        status = np.where(p > 0, STICK, OPEN)
+        status[slipping] = SLIP
+        direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None] * s
+        turning = np.where(directed, radius / np.where(directed, size, 1.0), 0.0)
+        return ActiveSet(status.astype(np.int8), direction, turning)
+
+    def violation(self) -> Array:
+        """F, (n, dim), forces: zero at a solution."""
+        p, s = self.pressing, self.shearing
+        size, radius = np.linalg.norm(s, axis=1), self.friction * np.maximum(0.0, p)
+        shrink = np.where(size > radius, radius / np.where(size > radius, size, 1.0), 1.0)
+        normal = self.force[:, :1] - np.maximum(0.0, p)[:, None]
+        return np.hstack([normal, self.force[:, 1:] - shrink[:, None] * s])
+
+
+def equations(active: ActiveSet, friction: Array, scale: Array) -> tuple[Array, Array]:
+    """Linear equations A force + B (gap; slip) = 0 of every node in its frame.
+
+    Returns:
+        A and B, both (n, dim, dim).
+    """
+    n, tangents = active.direction.shape
+    A, B = np.zeros((n, tangents + 1, tangents + 1)), np.zeros((n, tangents + 1, tangents + 1))
+    one = np.eye(tangents + 1)
+    A[active.status == OPEN] = one
+
+    stick = active.status == STICK
+    B[stick] = scale[stick, None, None] * one
+
+    slip = active.status == SLIP
+    d, c = active.direction[slip], scale[slip]
+    across = one[1:, 1:] - d[:, :, None] * d[:, None, :]
+    turn = active.turning[slip, None, None] * across
+    B[slip, 0, 0] = c
+    A[slip, 1:, 0] = -friction[slip, None] * d
+    A[slip, 1:, 1:] = one[1:, 1:] - turn
+    B[slip, 1:, 1:] = c[:, None, None] * turn
+    return A, B
+
+
+def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
+    """Normals and tangents of contact nodes, (n, dim, dim).
+
+    Args:
+        normal: (n, dim) unit vectors.
+        stated: (n, dim), False for components of the displacement that are prescribed. They
+            have to be tangential; the tangents are orthogonal to them.
+    """
+    free = np.eye(normal.shape[1]) * stated[:, None, :]
+    projector = free - normal[:, :, None] * normal[:, None, :]
+    values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
+    tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2)
+    return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)

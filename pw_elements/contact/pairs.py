@@ -1,0 +1,254 @@
+"""Contact pairs as the user states them, and the contact nodes they become."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.algebra import Reduction
+from pw_elements.contact.surfaces import Surface
+from pw_elements.mechanics import Marker
+
+Array = npt.NDArray[np.float64]
+
+# Largest initial penetration that passes for round-off and faceting, over the body's diagonal
+_PENETRATION = 1e-6
+# Largest normal component of a prescribed displacement, a cosine
+_TANGENTIAL = 1e-8
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rigid translation of a surface at the end of one increment, from its initial place.
+
+    Args:
+        translation: (dim,); None for a component that is free and follows from its force.
+        force: (dim,), total force of the surface on the body in the free components (on the
+            whole circumference in axisymmetry); without meaning in prescribed ones.
+
+    Raises:
+        ValueError: for values that are not finite, or a force in a prescribed component.
+    """
+
+    translation: Sequence[float | None]
+    force: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        force = np.zeros(len(self.translation)) if self.force is None else np.asarray(self.force)
+        if len(force) != len(self.translation):
+            raise ValueError("translation and force of a motion differ in length")
+        for component, (moved, pushed) in enumerate(zip(self.translation, force, strict=True)):
+            if not np.isfinite(pushed) or not (moved is None or np.isfinite(moved)):
+                raise ValueError(f"component {component} of a motion is not finite")
+            if moved is not None and pushed:
+                raise ValueError(
+                    f"component {component} of a motion has a translation and a force: "
+                    "one of them follows from the other"
+                )
+
+    def prescribed(self) -> Array:
+        """Translations (dim,), NaN where they are free."""
+        return np.array([np.nan if u is None else u for u in self.translation])
+
+    def forces(self) -> Array:
+        """Total forces (dim,)."""
+        return np.zeros(len(self.translation)) if self.force is None else np.array(self.force)
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Nodes of the body that may touch a rigid surface.
+
+    Args:
+        nodes: marker of their positions, or their local numbers in the space (ghosts are
+            passed over, so that every process may give all it knows).
+        surface: the rigid surface at its initial place.
+        friction: Coulomb's mu, or a function of positions (3, n) that gives it per node. A
+            node between a smooth and a rough part is thereby assigned to one of them.
+        motions: one per increment; the surface rests where there are none.
+    """
+
+    nodes: Marker | npt.NDArray[np.int32]
+    surface: Surface
+    friction: float | Callable[[Array], Array] = 0.0
+    motions: Sequence[Motion] = ()
+
+
+@dataclass(frozen=True)
+class ContactNodes:
+    """All contact nodes owned by this process (n of them), pair after pair.
+
+    Args:
+        pairs: the pairs.
+        pair: (n,), number of the node's pair.
+        node: (n,), local number in the space.
+        position: (n, dim).
+        friction: (n,).
+        column: (n, dim), column of each displacement component in the reduced system; -1
+            where it is prescribed.
+        comm: of the space.
+    """
+
+    pairs: Sequence[ContactPair]
+    pair: npt.NDArray[np.int32]
+    node: npt.NDArray[np.int32]
+    position: Array
+    friction: Array
+    column: npt.NDArray[np.int64]
+    comm: MPI.Comm
+
+    @classmethod
+    def collect(
+        cls, pairs: Sequence[ContactPair], space: fem.FunctionSpace, reduction: Reduction
+    ) -> "ContactNodes":
+        """Looks the nodes up and checks what can be checked before any computation.
+
+        Raises:
+            ValueError: for no nodes, a node in two pairs, friction that is negative or not a
+                number, a prescribed normal displacement, or a surface that cuts the body.
+        """
+        dim = space.mesh.geometry.dim
+        if space.dofmap.index_map_bs != dim:
+            raise ValueError("contact is stated on displacements: the space has to be a vector's")
+        if not pairs:
+            raise ValueError("there is no contact pair")
+        owned = space.dofmap.index_map.size_local
+        x = space.tabulate_dof_coordinates()
+        found = [_owned_nodes(pair, space, owned) for pair in pairs]
+        node = np.concatenate(found).astype(np.int32)
+        number = np.repeat(np.arange(len(pairs), dtype=np.int32), [len(f) for f in found])
+        friction = np.concatenate(
+            [_friction(pair, x[f].T) for pair, f in zip(pairs, found, strict=True)]
+        )
+        nodes = cls(
+            pairs,
+            number,
+            node,
+            x[node, :dim],
+            friction,
+            _columns(reduction, node, dim),
+            space.mesh.comm,
+        )
+        nodes.check(_diagonal(space))
+        return nodes
+
+    def check(self, diagonal: float) -> None:
+        """Raises ValueError as `collect` says; `diagonal` is the body's size."""
+        for k in range(len(self.pairs)):
+            count = self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM)
+            if count == 0:
+                raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
+        unique, times = np.unique(self.node, return_counts=True)
+        twice = np.isin(self.node, unique[times > 1])
+        self.refuse(twice, "belong to two contact pairs")
+        wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
+        self.refuse(wrong, "have a friction coefficient that is negative or not finite")
+        normal, gap = self.normals(None), self.gaps(None)
+        if not self.comm.allreduce(int(np.isfinite(normal).all()), MPI.MIN):
+            raise ValueError("the surface's normal is not finite at a contact node")
+        fixed = np.abs(np.where(self.column < 0, normal, 0.0)).max(axis=1, initial=0) > _TANGENTIAL
+        self.refuse(fixed, "have a prescribed normal displacement: they cannot be in contact")
+        self.refuse(
+            ~(gap >= -_PENETRATION * diagonal),
+            "lie inside the rigid surface before any motion; a motion has to press it in",
+        )
+
+    def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
+        """Raises a ValueError that names the positions of nodes, if there are any."""
+        places = self.gathered(self.position[wrong])
+        if len(places):
+            listed = ", ".join(str(tuple(float(f"{c:.6g}") for c in place)) for place in places[:6])
+            more = f" and {len(places) - 6} more" if len(places) > 6 else ""
+            raise ValueError(f"contact nodes at {listed}{more} {what}")
+
+    def gathered(self, values: npt.NDArray) -> npt.NDArray:
+        """Rows of all processes, on each of them."""
+        return np.concatenate(self.comm.allgather(values))
+
+    def shifts(self, translations: Array | None) -> Array:
+        """Translation (n, dim) of each node's surface; `translations` are (pairs, dim)."""
+        if translations is None:
+            return np.zeros_like(self.position)
+        return translations[self.pair]
+
+    def gaps(self, translations: Array | None) -> Array:
+        """Gap (n,) of the undeformed body to the translated surfaces."""
+        return self._by_pair(lambda surface, x: surface.gap(x), translations, ())
+
+    def normals(self, translations: Array | None) -> Array:
+        """Normals (n, dim) of the translated surfaces at the undeformed body."""
+        dim = self.position.shape[1]
+        return self._by_pair(lambda surface, x: surface.normal(x), translations, (dim,))
+
+    def _by_pair(
+        self,
+        ask: Callable[[Surface, Array], Array],
+        translations: Array | None,
+        shape: tuple[int, ...],
+    ) -> Array:
+        x = self.position - self.shifts(translations)
+        values = np.empty((len(x), *shape))
+        for k, pair in enumerate(self.pairs):
+            mine = self.pair == k
+            if mine.any():
+                values[mine] = ask(pair.surface, x[mine])
+        return values
+
+
+def _owned_nodes(pair: ContactPair, space: fem.FunctionSpace, owned: int) -> npt.NDArray[np.int32]:
+    if callable(pair.nodes):
+        nodes = fem.locate_dofs_geometrical(space, pair.nodes)
+    else:
+        nodes = np.unique(np.asarray(pair.nodes, dtype=np.int32))
+    return nodes[nodes < owned]
+
+
+def _friction(pair: ContactPair, x: Array) -> Array:
+    mu = pair.friction(x) if callable(pair.friction) else pair.friction
+    return np.broadcast_to(np.asarray(mu, dtype=float), (x.shape[1],))
+
+
+def _columns(reduction: Reduction, node: npt.NDArray[np.int32], dim: int) -> npt.NDArray[np.int64]:
+    """Columns (n, dim) of the nodes' displacements under the reduction, -1: prescribed.
+
+    Raises:
+        ValueError: if the reduction makes a contact node's displacement a combination.
+    """
+    dofs = (node[:, None] * dim + np.arange(dim)).ravel()
+    column = free_columns(reduction.right)[dofs]
+    if reduction.right.comm.tompi4py().allreduce(int(np.any(column < -1)), MPI.MAX):
+        raise ValueError(
+            "the reduction combines the displacements of a contact node with others: it may "
+            "prescribe them or keep them"
+        )
+    return column.reshape(-1, dim)
+
+
+def free_columns(right: PETSc.Mat) -> npt.NDArray[np.int64]:
+    """Column of each owned row of R that is a row of the identity.
+
+    Empty rows (prescribed values) get -1, combinations -2.
+    """
+    indptr, indices, data = right.getValuesCSR()
+    count = np.diff(indptr)
+    column = np.where(count == 0, -1, -2).astype(np.int64)
+    single = np.flatnonzero(count == 1)
+    kept = single[data[indptr[single]] == 1.0]
+    column[kept] = indices[indptr[kept]]
+    return column
+
+
+def _diagonal(space: fem.FunctionSpace) -> float:
+    """Length of the bounding box's diagonal."""
+    x, comm = space.mesh.geometry.x, space.mesh.comm
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    if len(x):
+        low, high = x.min(axis=0), x.max(axis=0)
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    return float(np.linalg.norm(high - low))

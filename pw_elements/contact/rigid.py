@@ -1,0 +1,111 @@
+"""Rigid motions that supports and contact leave free, by name."""
+
+from itertools import combinations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.contact.pairs import free_columns
+from pw_elements.contact.system import ContactSystem
+
+Array = npt.NDArray[np.float64]
+
+# Squared stiffness of a motion, over what it would be for an arbitrary one: round-off below
+_FREE = 1e-16
+_AXES = "xyz"
+
+
+class RigidMotions:
+    """Translations and rotations of the body, and free translations of the surfaces."""
+
+    def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
+        self._system = system
+        dim = space.mesh.geometry.dim
+        owned = space.dofmap.index_map.size_local
+        x = space.tabulate_dof_coordinates()[:owned, :dim]
+        comm = system.comm
+        count = comm.allreduce(owned, MPI.SUM)
+        self._centre = np.array([comm.allreduce(x[:, k].sum(), MPI.SUM) for k in range(dim)])
+        self._centre /= count
+        spread = comm.allreduce(((x - self._centre) ** 2).sum(), MPI.SUM)
+        self._length = float(np.sqrt(spread / count))
+        self._planes = list(combinations(range(dim), 2))
+        modes = self._modes(x)
+        contact = system.nodes
+        self._at_nodes = self._modes(contact.position)  # (n, dim, modes)
+        self._stiffness_gram = self._gram_of_stiffness(modes.reshape(owned * dim, -1))
+
+    def free(self, constraints: Array) -> list[str]:
+        """Names of the motions against which neither stiffness nor constraints act.
+
+        Args:
+            constraints: (n, dim, dim), rows that act on the displacement of each contact node
+                relative to its surface, of unit size.
+        """
+        system = self._system
+        n, dim, bodies = self._at_nodes.shape
+        relative = np.zeros((n, dim, bodies + len(system.free)))
+        relative[..., :bodies] = self._at_nodes
+        for k, (pair, axis) in enumerate(system.free):
+            relative[system.nodes.pair == pair, axis, bodies + k] = -1.0
+        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(n * dim, -1)
+        gram = np.ascontiguousarray(rows.T @ rows)
+        system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
+        gram[:bodies, :bodies] += self._stiffness_gram
+        values, vectors = np.linalg.eigh(gram)
+        return [self._name(vector) for vector in vectors[:, values < _FREE * len(gram)].T]
+
+    def _modes(self, x: Array) -> Array:
+        """Translations and rotations (n, dim, modes) of size one."""
+        dim = x.shape[1]
+        modes = np.zeros((len(x), dim, dim + len(self._planes)))
+        modes[:, :, :dim] = np.eye(dim)
+        s = (x - self._centre) / self._length
+        for k, (i, j) in enumerate(self._planes):
+            modes[:, i, dim + k] = -s[:, j]
+            modes[:, j, dim + k] = s[:, i]
+        return modes
+
+    def _gram_of_stiffness(self, modes: Array) -> Array:
+        """(K m_i)·(K m_j) over the squares of the stiffness' size."""
+        system = self._system
+        column = free_columns(system.reduction.right)
+        first = system.stiffness.getOwnershipRange()[0]
+        kept = column >= 0
+        images = []
+        for mode in modes.T:
+            vector = system.stiffness.createVecRight()
+            local = vector.array
+            local[column[kept] - first] = mode[kept]
+            del local
+            image = system.stiffness.createVecLeft()
+            system.stiffness.mult(vector, image)
+            images.append(image.array_r.copy())
+        array = np.array(images)
+        gram = np.ascontiguousarray(array @ array.T)
+        system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
+        largest = system.comm.allreduce(system.stiffness_scale().max(initial=0.0), MPI.MAX)
+        return gram / largest**2
+
+    def _name(self, vector: Array) -> str:
+        dim, bodies = len(self._centre), self._at_nodes.shape[2]
+        turning = vector[dim:bodies]
+        if np.abs(turning).max(initial=0.0) > 1e-6:
+            if dim == 2:
+                return f"rotation about {self._pole(vector)}"
+            axis = [turning[self._planes.index(p)] for p in ((1, 2), (0, 2), (0, 1))]
+            main = int(np.argmax(np.abs(axis)))
+            return f"rotation about an axis along {_AXES[main]}"
+        if np.abs(vector[:dim]).max() > 1e-6:
+            return f"translation {_AXES[int(np.argmax(np.abs(vector[:dim])))]}"
+        pair, axis_of = self._system.free[int(np.argmax(np.abs(vector[bodies:])))]
+        return f"translation {_AXES[axis_of]} of the surface of pair {pair}"
+
+    def _pole(self, vector: Array) -> str:
+        """The point of the plane at rest: u = t + w (x - centre) turned by a quarter."""
+        t, w = vector[:2], vector[2] / self._length
+        pole = self._centre + np.array([-t[1], t[0]]) / w
+        return f"({pole[0]:.4g}, {pole[1]:.4g})"

@@ -1,0 +1,97 @@
+"""The equations of the contact nodes, in a nonzero pattern that serves all active sets."""
+
+from collections.abc import Sequence
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class ContactRows:
+    """Rows E K + C of a matrix, E and C being block-diagonal over the contact nodes.
+
+    Args:
+        K: owned rows of the stiffness, columns numbered globally, sorted; the columns of the
+            free translations come last and are empty.
+        row: (n, dim), local row of each displacement component; -1 where it is prescribed.
+        column: (n, dim), its global column; -1 where it is prescribed.
+        translations: (n, dim), column of the free translation of each node's surface; -1
+            where it is prescribed.
+    """
+
+    def __init__(
+        self, K: sp.csr_matrix, row: Indices, column: Indices, translations: Indices
+    ) -> None:
+        self._columns = K.shape[1]
+        n, dim = row.shape
+        pattern = self._pattern(K, row, [column, translations])
+        self._node = np.repeat(np.arange(n), np.diff(pattern.indptr))
+        self._column = pattern.indices
+        keys = self._key(self._node, self._column)
+        node = np.arange(n)[:, None]
+        self._own = np.where(column >= 0, np.searchsorted(keys, self._key(node, column)), -1)
+        self._translation = np.where(
+            translations >= 0, np.searchsorted(keys, self._key(node, translations)), -1
+        )
+        self._block = np.stack(
+            [self._values_of(K, row[self._node, axis]) for axis in range(dim)], axis=1
+        )
+
+        # entries of all rows, row by row
+        entry, axis = np.nonzero(row[self._node] >= 0)
+        self.row = row[self._node[entry], axis]
+        order = np.argsort(self.row, kind="stable")
+        self.row, self._order = self.row[order], (entry[order], axis[order])
+        self.column = self._column[entry[order]]
+
+    def values(self, E: Array, C: Array) -> Array:
+        """Entries at (`row`, `column`): E times the stiffness, C on displacements less surface's.
+
+        Args:
+            E: (n, dim, dim), combines a node's equations.
+            C: (n, dim, dim), combines its displacements relative to its surface.
+        """
+        values = np.einsum("eab,eb->ea", E[self._node], self._block)
+        for axis in range(C.shape[2]):
+            for at, sign in ((self._own[:, axis], 1.0), (self._translation[:, axis], -1.0)):
+                values[at[at >= 0]] += sign * C[at >= 0, :, axis]
+        return values[self._order]
+
+    def compressed(self, first: int) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
+        """Row pointers, columns and global row numbers, for `first` the first local row's."""
+        rows, counts = np.unique(self.row, return_counts=True)
+        pointers = np.concatenate([[0], np.cumsum(counts)])
+        parts = (pointers, self.column, first + rows)
+        return tuple(part.astype(PETSc.IntType) for part in parts)  # type: ignore[return-value]
+
+    def _pattern(self, K: sp.csr_matrix, row: Indices, more: Sequence[Indices]) -> sp.csr_matrix:
+        """Columns (n, columns) that any row of a node has, and those of its displacements."""
+        n = len(row)
+        ones = sp.csr_matrix((np.ones_like(K.data), K.indices, K.indptr), shape=K.shape)
+        pattern = _ones(row, K.shape[0]) @ ones
+        for columns in more:
+            pattern = pattern + _ones(columns, self._columns)
+        pattern = sp.csr_matrix(pattern, shape=(n, self._columns))
+        pattern.sort_indices()
+        return pattern
+
+    def _values_of(self, K: sp.csr_matrix, row: Indices) -> Array:
+        """Stiffness at (row, entry's column), zero where K has no such entry."""
+        keys = self._key(np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)), K.indices)
+        wanted = self._key(row, self._column)
+        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        return np.where((row >= 0) & (keys[at] == wanted), K.data[at], 0.0)
+
+    def _key(self, row: npt.NDArray, column: npt.NDArray) -> Indices:
+        return np.int64(self._columns) * row + column
+
+
+def _ones(columns: Indices, width: int) -> sp.csr_matrix:
+    """Ones at (i, columns[i, :]), but for negative columns."""
+    i, j = np.nonzero(columns >= 0)
+    return sp.csr_matrix((np.ones(len(i)), (i, columns[i, j])), shape=(len(columns), width))

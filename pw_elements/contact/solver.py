@@ -1,0 +1,113 @@
+"""Increments of load and motion, and the active-set iteration within each.
+
+Small displacements: gap and normal belong to the *undeformed* body and the surface at its
+present place (initial place + translation U), so that for the displacement a of a node
+
+    g(a, U) = gap(x - U) + n(x - U)·a,
+
+and the slip of an increment is the tangential part of (a - U) less that at its start.
+Planes make this linear in U; for curved surfaces under force control n and gap follow U
+from iteration to iteration.
+"""
+
+from collections.abc import Sequence
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import fem
+
+from pw_elements.algebra import Reduction
+from pw_elements.contact.checks import check_mesh
+from pw_elements.contact.increment import Increment, ReferenceState
+from pw_elements.contact.pairs import ContactNodes, ContactPair
+from pw_elements.contact.rigid import RigidMotions
+from pw_elements.contact.state import ContactState
+from pw_elements.contact.system import ContactSystem
+
+Free = tuple[tuple[int, int], ...]
+
+
+def solve_contact(
+    K: PETSc.Mat,
+    loads: PETSc.Vec | Sequence[PETSc.Vec],
+    reduction: Reduction,
+    pairs: Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    start: Sequence[ContactState] = (),
+    max_iterations: int = 50,
+) -> list[ContactState]:
+    """Displacements and contact forces at the end of each increment.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free; unsymmetric ones are welcome.
+        loads: load vector (n,) at the end of each increment.
+        reduction: supports (or condensation) that keep the contact nodes' displacements, or
+            prescribe some that are tangential.
+        pairs: contact pairs; a node belongs to one of them.
+        space: trial space of the displacements.
+        start: states of the same increments, from a coarser mesh, say: each increment starts
+            from the status of the nearest node. Without it the first increment starts from the
+            nodes that touch, and every other one from the previous increment.
+        max_iterations: linear systems per increment.
+
+    Raises:
+        ValueError: for input that states no contact problem (see `ContactNodes.collect`),
+            loads that are not finite, or motions or starts that are not one per increment.
+        DegenerateMesh: for cells without volume or turned inside out.
+        FreeBody: if a rigid motion is held by nothing, or no longer once the nodes that
+            would pull have opened and those that cannot hold have slipped.
+        NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
+        ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+    """
+    loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
+    check_mesh(space.mesh)
+    nodes = ContactNodes.collect(pairs, space, reduction)
+    _check_increments(loads, pairs, space.mesh.geometry.dim, start)
+
+    systems: dict[Free, tuple[ContactSystem, RigidMotions]] = {}
+    past = ReferenceState.undeformed(nodes)
+    states = []
+    for k, load in enumerate(loads):
+        prescribed, forces = _motions(nodes, k)
+        free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
+        if free not in systems:
+            systems.clear()  # one factorisation is kept at a time
+            system = ContactSystem(K, reduction, nodes, free)
+            systems[free] = system, RigidMotions(system, space)
+        totals = np.array([forces[at] for at in free])
+        step = Increment(*systems[free], K, load, prescribed, totals, past, max_iterations)
+        state, past = step.run(start[k] if start else None)
+        states.append(state)
+    return states
+
+
+def _motions(nodes: ContactNodes, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
+    dim = nodes.position.shape[1]
+    rest = np.zeros(dim)
+    motions = [pair.motions[k] if pair.motions else None for pair in nodes.pairs]
+    prescribed = [rest if m is None else m.prescribed() for m in motions]
+    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in motions])
+
+
+def _check_increments(
+    loads: Sequence[PETSc.Vec],
+    pairs: Sequence[ContactPair],
+    dim: int,
+    start: Sequence[ContactState],
+) -> None:
+    if not loads:
+        raise ValueError("there is no load increment")
+    for k, load in enumerate(loads):
+        if not np.isfinite(load.norm(PETSc.NormType.INFINITY)):
+            raise ValueError(f"the load of increment {k} is not finite")
+    for k, pair in enumerate(pairs):
+        if pair.motions and len(pair.motions) != len(loads):
+            raise ValueError(
+                f"contact pair {k} has {len(pair.motions)} motions for {len(loads)} increments"
+            )
+        if any(len(motion.translation) != dim for motion in pair.motions):
+            raise ValueError(f"the motions of contact pair {k} are not {dim}-D")
+    if start and len(start) != len(loads):
+        raise ValueError(f"{len(start)} states to start from for {len(loads)} increments")

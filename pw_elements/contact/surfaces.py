@@ -1,0 +1,281 @@
+"""Rigid surfaces: the gap to them and the direction in which they push.
+
+A surface is anything with the two methods of `Surface`. Points are arrays (n, dim); in
+axisymmetry the coordinates are (r, z). The normal points from the rigid surface into the
+body, and the gap is counted along it: negative inside the rigid.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Points = npt.NDArray[np.float64]
+
+
+class Surface(Protocol):
+    """Geometry of a rigid surface at its initial place."""
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points (n, dim); negative inside, infinite where nothing faces x."""
+        ...
+
+    def normal(self, x: Points) -> Points:
+        """Unit vectors (n, dim) in which the surface pushes a point at x; finite everywhere."""
+        ...
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Plane (line in 2-D) through a point.
+
+    Args:
+        point: (dim,), any on the plane.
+        direction: (dim,) from the rigid into the body, of any length.
+
+    Raises:
+        ValueError: for a direction of no length.
+    """
+
+    point: Sequence[float]
+    direction: Sequence[float]
+
+    def __post_init__(self) -> None:
+        _unit(self.direction)
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,), positive on the side the direction points to."""
+        return (x - np.asarray(self.point)) @ _unit(self.direction)
+
+    def normal(self, x: Points) -> Points:
+        """The unit direction, n times."""
+        return np.tile(_unit(self.direction), (len(x), 1))
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """Parabola y = y_apex + s²/(2 radius), s the distance from the axis through the apex.
+
+    y is the last coordinate and s that of all others: a parabola in 2-D, a paraboloid in
+    axisymmetry and 3-D. The rigid is inside the curve: above it for a positive radius (a
+    punch that presses downwards), below it for a negative one.
+
+    The gap is the vertical one times the cosine of the slope at the foot: it is the
+    linearised condition for the *reference* position, which small displacements ask for.
+
+    Args:
+        apex: (dim,).
+        radius: of curvature at the apex.
+
+    Raises:
+        ValueError: for a radius of zero.
+    """
+
+    apex: Sequence[float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.radius) and self.radius != 0):
+            raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """First-order distance (n,)."""
+        s = x - np.asarray(self.apex)
+        height = (s[:, :-1] ** 2).sum(axis=1) / (2 * self.radius) - s[:, -1]
+        return np.sign(self.radius) * height / self._steepness(s)
+
+    def normal(self, x: Points) -> Points:
+        """Unit normals (n, dim) at the feet vertically above or below."""
+        s = x - np.asarray(self.apex)
+        gradient = s / self.radius
+        gradient[:, -1] = -1.0
+        return np.sign(self.radius) * gradient / self._steepness(s)[:, None]
+
+    def _steepness(self, s: Points) -> npt.NDArray[np.float64]:
+        return np.sqrt(1 + (s[:, :-1] ** 2).sum(axis=1) / self.radius**2)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Sphere, in 2-D a circle, in axisymmetry a sphere on the axis; the rigid is inside.
+
+    Args:
+        centre: (dim,).
+        radius: positive.
+
+    Raises:
+        ValueError: for a radius that is not positive.
+    """
+
+    centre: Sequence[float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not self.radius > 0:
+            raise ValueError(f"radius = {self.radius}: has to be positive")
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) from the sphere."""
+        return np.linalg.norm(x - np.asarray(self.centre), axis=1) - self.radius
+
+    def normal(self, x: Points) -> Points:
+        """Unit vectors (n, dim) away from the centre."""
+        return _normalised(x - np.asarray(self.centre))
+
+
+@dataclass(frozen=True)
+class FlatPunch:
+    """Flat face of finite width, a disc in 3-D; what is not under it does not touch.
+
+    Args:
+        centre: (dim,) of the face.
+        direction: (dim,) from the rigid into the body, of any length.
+        half_width: distance from centre to edge; a node on the edge touches.
+
+    Raises:
+        ValueError: for a direction of no length, or a half width that is not positive.
+    """
+
+    centre: Sequence[float]
+    direction: Sequence[float]
+    half_width: float
+
+    def __post_init__(self) -> None:
+        _unit(self.direction)
+        if not self.half_width > 0:
+            raise ValueError(f"half_width = {self.half_width}: has to be positive")
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) from the face; infinite beside it."""
+        s, n = x - np.asarray(self.centre), _unit(self.direction)
+        gap = s @ n
+        beside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
+        return np.where(beside, np.inf, gap)
+
+    def normal(self, x: Points) -> Points:
+        """The unit direction, n times."""
+        return np.tile(_unit(self.direction), (len(x), 1))
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """Broken line in the plane; its first and last segment go on for ever.
+
+    The body lies to the left when one walks from the first point to the last. Corners that
+    stick out into the body are sharp (the normal at a point nearest to the corner is the
+    line that joins them) or rounded from within; re-entrant ones stay sharp.
+
+    Args:
+        points: (m, 2), two at least.
+        radius: of the rounding; less than what the shorter neighbour of a corner allows.
+
+    Raises:
+        ValueError: for fewer than two points, repeated points, or a radius that is negative
+            or eats up a segment.
+    """
+
+    points: Sequence[Sequence[float]]
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise ValueError("a polyline needs two points (x, y) at least")
+        if not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
+            raise ValueError("two successive points of the polyline are the same")
+        if not self.radius >= 0:
+            raise ValueError(f"radius = {self.radius}: cannot be negative")
+        if np.any(np.sum(np.diff(self._inset(), axis=0) * np.diff(points, axis=0), axis=1) <= 0):
+            raise ValueError(f"radius = {self.radius}: leaves nothing of a segment")
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) from the (rounded) line."""
+        return self._nearest(x)[0]
+
+    def normal(self, x: Points) -> Points:
+        """Unit vectors (n, 2) from the nearest point of the (rounded) line."""
+        return self._nearest(x)[1]
+
+    def _inset(self) -> Points:
+        """The line moved into the rigid by the radius, corners where its segments meet."""
+        points = np.asarray(self.points, dtype=float)
+        normals = _left(np.diff(points, axis=0))
+        inset = points.copy()
+        inset[0] -= self.radius * normals[0]
+        inset[-1] -= self.radius * normals[-1]
+        both = normals[:-1] + normals[1:]
+        inset[1:-1] -= 2 * self.radius * both / np.sum(both**2, axis=1, keepdims=True)
+        return inset
+
+    def _nearest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
+        line = self._inset()
+        span = np.diff(line, axis=0)
+        normals = _left(span)
+        turns_right = np.cross(span[:-1], span[1:]) < 0
+        s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)
+        low, high = np.zeros(len(span)), np.ones(len(span))
+        low[0], high[-1] = -np.inf, np.inf
+        clamped = np.clip(s, low, high)
+        away = x[:, None] - line[:-1] - clamped[..., None] * span
+        nearest = np.argmin(np.linalg.norm(away, axis=2), axis=1)
+        row = np.arange(len(x))
+        away, s, clamped = away[row, nearest], s[row, nearest], clamped[row, nearest]
+
+        distance = np.linalg.norm(away, axis=1)
+        sign = np.sign(np.sum(away * normals[nearest], axis=1))
+        direction = normals[nearest]
+        corner = (s != clamped) & (distance > 0)
+        if corner.any():  # nearest to a corner, outside of one that sticks out
+            before = nearest[corner] - (s[corner] < 0)
+            sign[corner] = np.where(turns_right[before], 1.0, -1.0)
+            direction[corner] = sign[corner, None] * away[corner] / distance[corner, None]
+        return sign * distance - self.radius, direction
+
+
+@dataclass(frozen=True)
+class SignedDistance:
+    """A surface given as a function of points: positive in the body, negative in the rigid.
+
+    Args:
+        function: (n, dim) to (n,); a distance at first order near the surface.
+        gradient: (n, dim) to (n, dim); by central differences unless given.
+        step: of the differences, a small part of the smallest radius of the surface.
+    """
+
+    function: Callable[[Points], npt.NDArray[np.float64]]
+    gradient: Callable[[Points], Points] | None = None
+    step: float = 1e-6
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """The function's value (n,)."""
+        return np.asarray(self.function(x), dtype=float)
+
+    def normal(self, x: Points) -> Points:
+        """The gradient's unit vectors (n, dim)."""
+        if self.gradient is not None:
+            return _normalised(np.asarray(self.gradient(x), dtype=float))
+        steps = self.step * np.eye(x.shape[1])
+        differences = [self.function(x + h) - self.function(x - h) for h in steps]
+        return _normalised(np.stack(differences, axis=1))
+
+
+def _unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
+    vector = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(vector)
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"direction {list(direction)}: needs a finite length")
+    return vector / length
+
+
+def _normalised(vectors: Points) -> Points:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not length.all():
+        raise ValueError("the normal of a surface is not defined at a contact node")
+    return vectors / length
+
+
+def _left(vectors: Points) -> Points:
+    """Unit vectors a quarter turn to the left, (n, 2)."""
+    return _normalised(np.column_stack((-vectors[:, 1], vectors[:, 0])))

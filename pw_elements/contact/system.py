@@ -1,0 +1,204 @@
+"""The linear system of one active set: E K + C, bordered by free surface translations.
+
+K is reduced by the supports once. E combines the equations of each contact node, C adds its
+constraints on displacements; all other rows stay as they are. The nonzero pattern is that
+of all active sets, so the matrix is built once, and MUMPS analyses it once.
+"""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from pw_elements.algebra import Reduction, SingularSystem, factorise
+from pw_elements.contact.pairs import ContactNodes
+from pw_elements.contact.rows import ContactRows
+
+Array = npt.NDArray[np.float64]
+
+# Backward error of a direct solve is some round-offs
+_RESIDUAL = 1e-9
+
+
+class ContactSystem:
+    """Equations of the reduced displacements and of the free translations.
+
+    The free translations come last, on the last process. Their equations say that the
+    contact forces of a pair add up to the given total in that direction.
+
+    Args:
+        K: free stiffness, (n, n).
+        reduction: supports.
+        nodes: contact nodes.
+        free: (pair, component) of each free translation.
+    """
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        reduction: Reduction,
+        nodes: ContactNodes,
+        free: Sequence[tuple[int, int]],
+    ) -> None:
+        self.reduction, self.nodes, self.free = reduction, nodes, list(free)
+        self.stiffness = reduction.matrix(K)
+        self.comm: MPI.Comm = nodes.comm
+        first, last = self.stiffness.getOwnershipRange()
+        self._own = last - first
+        self._holds_border = self.comm.rank == self.comm.size - 1
+        self._row = np.where(nodes.column < 0, -1, nodes.column - first)
+        outside = (self._row < -1) | (self._row >= self._own)
+        if self.comm.allreduce(int(outside.any()), MPI.MAX):
+            raise ValueError("the reduction moves a contact node to another process")
+        local = self._rows_of_stiffness()
+        self._contact = ContactRows(local, self._row, nodes.column, self._translation_columns())
+        self._pointers = self._contact.compressed(first)
+        self.matrix = self._assembled(local)
+        self._solver: PETSc.KSP | None = None
+
+    def _rows_of_stiffness(self) -> sp.csr_matrix:
+        """Owned rows, with empty columns for the free translations."""
+        indptr, indices, data = self.stiffness.getValuesCSR()
+        columns = self.stiffness.getSize()[1] + len(self.free)
+        rows = sp.csr_matrix((data, indices, indptr), shape=(self._own, columns))
+        rows.sort_indices()
+        return rows
+
+    def _translation_columns(self) -> npt.NDArray[np.int64]:
+        """Column (n, dim) of the free translation of each node's surface, -1: prescribed."""
+        columns = np.full(self._row.shape, -1, dtype=np.int64)
+        for k, (pair, axis) in enumerate(self.free):
+            columns[self.nodes.pair == pair, axis] = self.stiffness.getSize()[1] + k
+        return columns
+
+    def _assembled(self, K: sp.csr_matrix) -> PETSc.Mat:
+        """The matrix with its final pattern; values of the contact rows are set later."""
+        contact = self._contact
+        rest = K.tocoo()
+        keep = np.ones(self._own, dtype=bool)
+        keep[contact.row] = False
+        keep = keep[rest.row]
+        border = self._balance(K)
+        parts = [
+            (rest.row[keep], rest.col[keep], rest.data[keep]),
+            (contact.row, contact.column, np.zeros(len(contact.row))),
+            (self._own + border.row, border.col, border.data),
+        ]
+        row, column, data = (np.concatenate([part[j] for part in parts]) for j in range(3))
+        size = self._own + (len(self.free) if self._holds_border else 0)
+        rows = sp.csr_matrix((data, (row, column)), shape=(size, K.shape[1]))
+        rows.sort_indices()
+        indices = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType))
+        sizes = (size, K.shape[1])
+        return PETSc.Mat().createAIJ((sizes, sizes), csr=(*indices, rows.data), comm=self.comm)
+
+    def _balance(self, K: sp.csr_matrix) -> sp.coo_matrix:
+        """Equations of the free translations: sums of a pair's rows, and a diagonal of zeros.
+
+        They are empty on all processes but the last.
+        """
+        select = sp.lil_matrix((len(self.free), self._own))
+        for k, (pair, axis) in enumerate(self.free):
+            row = self._row[self.nodes.pair == pair, axis]
+            select[k, row[row >= 0]] = 1.0
+        parts = self.comm.gather(sp.csr_matrix(select) @ K, root=self.comm.size - 1)
+        if parts is None:
+            return sp.coo_matrix((len(self.free), K.shape[1]))
+        total = sp.coo_matrix(sum(parts[1:], start=parts[0]))
+        own = np.arange(len(self.free))
+        row = np.concatenate([total.row, own])
+        column = np.concatenate([total.col, K.shape[1] - len(own) + own])
+        data = np.append(total.data, np.zeros(len(own)))
+        return sp.coo_matrix((data, (row, column)), total.shape)
+
+    def stiffness_scale(self) -> Array:
+        """Mean stiffness diagonal (n,) of the free components of each contact node."""
+        diagonal = self.stiffness.getDiagonal().array_r
+        kept = self._row >= 0
+        values = np.where(kept, diagonal[self._row], 0.0)
+        return values.sum(axis=1) / kept.sum(axis=1)
+
+    def at_nodes(self, reduced: Array) -> Array:
+        """Values (n, dim) of a reduced local array at the contact nodes; 0 where prescribed."""
+        return np.where(self._row >= 0, reduced[self._row], 0.0)
+
+    def elsewhere(self, reduced: Array) -> float:
+        """Largest entry, on this process, of a reduced local array outside the contact nodes."""
+        rest = np.abs(reduced)
+        rest[self._row[self._row >= 0]] = 0.0
+        return float(rest.max(initial=0.0))
+
+    def solve(
+        self, load: PETSc.Vec, E: Array, C: Array, constraint: Array, totals: Array
+    ) -> tuple[PETSc.Vec, Array]:
+        """Solves E r + C (a - U) = constraint with r = K a - load at every contact node.
+
+        Args:
+            load: reduced load.
+            E: (n, dim, dim), combines a node's forces.
+            C: (n, dim, dim), combines its displacements relative to its surface.
+            constraint: (n, dim).
+            totals: total forces, one per free translation; prescribed translations are
+                part of `constraint`.
+
+        Returns:
+            Reduced displacements, and the free translations on every process.
+
+        Raises:
+            SingularSystem: if there is no unique solution.
+        """
+        pointers, columns, rows = self._pointers
+        values = self._contact.values(E, C)
+        self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
+        self.matrix.assemble()
+
+        right = self.matrix.createVecRight()
+        f = load.array_r
+        local = right.array
+        local[: len(f)] = f
+        node, component = np.nonzero(self._row >= 0)
+        mixed = np.einsum("nab,nb->na", E, self.at_nodes(f)) + constraint
+        local[self._row[node, component]] = mixed[node, component]
+        loads = self.totals(self.at_nodes(f))
+        if self._holds_border:
+            local[len(f) :] = totals + loads
+        del local
+        solution = self._solution(right)
+        free = self.comm.bcast(
+            solution.array_r[len(f) :] if self._holds_border else None, root=self.comm.size - 1
+        )
+        reduced = load.duplicate()
+        reduced.setArray(solution.array_r[: len(f)])
+        return reduced, np.array(free)
+
+    def totals(self, forces: Array) -> Array:
+        """Sums of nodal forces (n, dim) over all processes, one per free translation."""
+        nodes = self.nodes
+        sums = np.array([forces[nodes.pair == pair, axis].sum() for pair, axis in self.free])
+        self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+        return sums
+
+    def _solution(self, right: PETSc.Vec) -> PETSc.Vec:
+        if self._solver is None:
+            self._solver = factorise(self.matrix)
+        solution = right.duplicate()
+        self._solver.solve(right, solution)  # factorises anew, for the matrix has changed
+        null_pivots = self._solver.getPC().getFactorMatrix().getMumpsInfog(28)
+        residual = right.duplicate()
+        self.matrix.mult(solution, residual)
+        residual.axpy(-1.0, right)
+        infinity = PETSc.NormType.INFINITY
+        scale = self.matrix.norm(infinity) * solution.norm(infinity) + right.norm(infinity)
+        error = residual.norm(infinity) / scale if scale > 0 else 0.0
+        if null_pivots > 0 or not error <= _RESIDUAL:
+            self._solver.destroy()
+            self._solver = None
+            raise SingularSystem(
+                f"the tangent of the contact problem is singular ({null_pivots} zero pivots, "
+                f"relative residual {error:.1e})"
+            )
+        return solution

@@ -1,0 +1,164 @@
+import functools
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    support,
+)
+from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.meshes import mapped, quadrilaterals, triangles
+from tests.contact_cases import Block, at
+
+PRESSURE = 3.0
+
+
+def skewed(x):
+    """Moves all nodes of the unit square but in y those below and above, in x those aside."""
+    moved = x.copy()
+    bubble = np.sin(np.pi * x[:, 0])
+    moved[:, 0] += 0.07 * bubble + 0.05 * bubble * np.sin(5 * x[:, 1])
+    moved[:, 1] += 0.06 * np.sin(np.pi * x[:, 1]) * np.cos(4 * x[:, 0])
+    return moved
+
+
+ELEMENTS = {
+    "galerkin-T6": (triangles, Spaces.galerkin, (1 / 6, 2 / 3)),
+    "pw-T6": (triangles, Spaces.petrov_galerkin, (1 / 4, 1 / 2)),
+    "galerkin-Q8": (quadrilaterals, Spaces.serendipity, (1 / 6, 2 / 3)),
+    "galerkin-Q9": (quadrilaterals, Spaces.galerkin, (1 / 6, 2 / 3)),
+    "pw-Q9": (quadrilaterals, Spaces.petrov_galerkin, (1 / 4, 1 / 2)),
+}
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("state", [State.PLANE_STRESS, State.PLANE_STRAIN])
+def test_contact_patch(element, state):
+    """A uniform pressure arrives at the rigid plane as exact nodal forces on a skewed mesh."""
+    build, method, (end, middle) = ELEMENTS[element]
+    mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), skewed)
+    body = Body(method(mesh), Material(10.0, 0.3), state)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.surface_load((0.0, -PRESSURE), boundary_measure(mesh, at(1, 1.0))))
+    left = Reduction.dirichlet(U, [support(U, 0, at(0, 0.0))])
+    pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
+    (state_,) = solve_contact(K, f, left, [pair], U)
+    (contact,) = state_.pairs
+
+    length = np.diff(contact.position[::2, 0])
+    expected = np.zeros(len(contact.position))
+    np.add.at(expected, np.arange(0, len(expected) - 2, 2), end * length)
+    np.add.at(expected, np.arange(1, len(expected), 2), middle * length)
+    np.add.at(expected, np.arange(2, len(expected), 2), end * length)
+    assert contact.force_normal / expected == pytest.approx(PRESSURE, rel=1e-10)
+    assert np.abs(contact.force_tangential).max() < 1e-10
+    assert state_.iterations == 1
+    assert state_.residuals.largest() < 1e-12
+
+
+@pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
+def test_contact_patch_in_space(method):
+    """Corners of a face carry nothing on T10, a twelfth of the face with macro functions."""
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
+    body = Body(method(mesh), Material(10.0, 0.3), State.SOLID)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    top, foot = (boundary_measure(mesh, at(2, z)) for z in (1.0, 0.0))
+    f = assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
+    even = assemble_vector(body.surface_load((0.0, 0.0, PRESSURE), foot)).array_r.reshape(-1, 3)
+    sides = Reduction.dirichlet(U, [support(U, i, at(i, 0.0)) for i in range(2)])
+    pair = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    (state,) = solve_contact(K, f, sides, [ContactPair(pair.nodes, pair.surface)], U)
+    (contact,) = state.pairs
+    x = U.tabulate_dof_coordinates()
+    for place, force in zip(contact.position, contact.force_normal, strict=True):
+        node = np.argmin(np.linalg.norm(x - place, axis=1))
+        assert force == pytest.approx(even[node, 2], abs=1e-10)
+    assert contact.force == pytest.approx((0, 0, PRESSURE), abs=1e-10)
+    assert state.residuals.largest() < 1e-12
+
+
+# mu, traction/pressure, divisions, stick zone, pressure and shear over 200 by position
+TABLE = {
+    "t .15, 80x40": (
+        (0.3, 0.15, 80),
+        (0.2, 3.025),
+        {0.5: 0.939, 1: 0.914, 2: 0.9035, 3: 0.948, 3.5: 1.099},
+        {1: -0.043, 2: 0.073, 3: 0.249},
+    ),
+    "t .30, 20x10": (
+        (0.3, 0.30, 20),
+        (0.2, 2.20),
+        {0.5: 0.883, 1: 0.881, 2: 0.889, 3: 1.009, 3.5: 1.156},
+        {1: 0.024, 2: 0.191, 3: 0.303},
+    ),
+    "t .30, 80x40": (
+        (0.3, 0.30, 80),
+        (0.2, 2.125),
+        {0.5: 0.875, 1: 0.881, 2: 0.890, 3: 1.014, 3.5: 1.163},
+        {1: 0.025, 2: 0.202, 3: 0.304},
+    ),
+    "t .40, 80x40": (
+        (0.3, 0.40, 80),
+        (0.2, 1.425),
+        {0.5: 0.821, 1: 0.858, 2: 0.936, 3: 1.039, 3.5: 1.193},
+        {1: 0.106, 2: 0.281, 3: 0.312},
+    ),
+    "mu .5, t .50, 80x40": (
+        (0.5, 0.50, 80),
+        (0.2, 2.70),
+        {0.5: 0.818, 1: 0.843, 2: 0.860, 3: 0.995, 3.5: 1.240},
+        {1: 0.080, 2: 0.241, 3: 0.498},
+    ),
+}
+
+
+@functools.cache
+def block(n):
+    return Block(n)
+
+
+@pytest.mark.parametrize("case", TABLE)
+def test_block_on_a_rough_plane(case):
+    """Table of section 7.2, from an independent prototype."""
+    (mu, ratio, n), (first, last), pressure, shear = TABLE[case]
+    states = block(n).solve(mu, 200 * ratio)
+    contact = states[-1].pairs[0]
+    x = contact.position[:, 0]
+    stick = x[contact.status == STICK]
+    assert (stick.min(), stick.max()) == pytest.approx((first, last), abs=1e-9)
+    tributary = 4 / (2 * n)
+    for at_x, value in pressure.items():
+        r_n = contact.force_normal[np.isclose(x, at_x)]
+        assert r_n / tributary / 200 == pytest.approx(value, abs=6e-4)
+    for at_x, value in shear.items():
+        r_t = contact.force_tangential[np.isclose(x, at_x), 0]
+        assert -r_t / tributary / 200 == pytest.approx(value, abs=6e-4)
+    assert contact.force == pytest.approx((-400 * ratio, 800.0), rel=1e-9)
+    for state in states:
+        assert state.residuals.largest() < 1e-10
+        assert state.iterations <= 8
+        (step,) = state.pairs
+        power = np.sum(step.slip * step.force_tangential, axis=1)
+        assert np.all(power[step.status == SLIP] < 1e-12)
+
+
+def test_node_between_smooth_and_rough_matters():
+    pulled = [
+        block(20).solve(0.3, 60.0, shared_is_rough=rough)[-1].displacement
+        for rough in (True, False)
+    ]
+    u = [a.array_r.reshape(-1, 2)[:, 0].mean() for a in pulled]
+    assert 1.03 < u[1] / u[0] < 1.15
