@@ -153,6 +153,7 @@ def test_verdicts_come_first_in_words_and_differing_ones_are_marked(out):
     assert row(html, "wrong").startswith(' class="differs"')
     assert "pinned: holds" in row(html, "wrong")
     assert '"verdict open">not yet<' in row(html, "open")
+    assert "= 5" not in row(html, "open")  # without a measure there is nothing to compare
     assert ">5<" in row(html, "wrong")
     assert "= 4<" in row(html, "wrong")
 
@@ -247,6 +248,7 @@ def test_mistake_in_a_text_is_named(out, text, fragment, message):
         ("Sec. 7.1.2", "7.1", False),
         ("Sec. 3, Eq. 5", "3", True),
         ("§3", "3", True),
+        ("Abstract; section 3", "3", True),
         ("Eq. 3", "3", False),
         ("Table 3, Sec. 7.6", "3", False),
         ("Sec. 3.2", "3", False),

@@ -165,7 +165,7 @@ def _figures(results: Results) -> dict[str, dict[str, Any]]:
 def _names(source: str, section: str) -> bool:
     """Tell whether a source like "Sec. 7.1, Table 2" names a section; "Eq. 3" does not name 3."""
     section = re.escape(section)
-    alone = section if r"\." in section else rf"(?:^|(?:§|\bSec(?:tions?|\.)?)\s*){section}"
+    alone = section if r"\." in section else rf"(?:^|(?:§|\b[Ss]ec(?:tions?|\.)?)\s*){section}"
     return re.search(rf"(?<![\w.]){alone}(?!\.?\w)", source) is not None
 
 
