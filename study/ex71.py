@@ -36,15 +36,16 @@ MATERIALS: dict[str, dict[str, float | str]] = {
 }
 
 
-def two_triangles(
+def structure(
     element: str,
+    squares: int = 1,
     pattern: Pattern = "right",
     youngs_modulus: float = YOUNGS_MODULUS,
     poissons_ratio: float = POISSONS_RATIO,
     state: str = "plane stress",
 ) -> Result:
-    """Vertical reactions at the three lower nodes."""
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1), pattern)
+    """Vertical reactions at the lower nodes of a row of unit squares, two triangles each."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (squares, 1.0), (squares, 1), pattern)
     body = Body(spaces(element, mesh), Material(youngs_modulus, poissons_ratio), State(state))
     U = body.spaces.trial
 
@@ -60,7 +61,12 @@ def two_triangles(
     return Result(
         scalars,
         dict.fromkeys(scalars, "unit force"),
-        {"x": lower.position[:, 0], "reaction": vertical},
+        {
+            "x": lower.position[:, 0],
+            "reaction": vertical,
+            "nodes": U.tabulate_dof_coordinates()[:, :2],
+            "cells": U.dofmap.list.copy(),
+        },
         dofs=K.getSize()[0],
     )
 
@@ -77,10 +83,15 @@ def _lower_left(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[1], 0.0) & np.isclose(x[0], 0.0)
 
 
-VARIANTS: dict[str, dict[str, float | str]] = {"": {}, "-left": {"pattern": "left"}}
+# "If there are more than two elements located along the boundary surface": a row of six squares
+VARIANTS: dict[str, dict[str, float | str]] = {
+    "": {},
+    "-left": {"pattern": "left"},
+    "-row": {"squares": 6},
+}
 VARIANTS |= {f"-{name}": material for name, material in MATERIALS.items()}
 CASES = [
-    Case("7.1", element + suffix, two_triangles, {"element": element, **parameters})
+    Case("7.1", element + suffix, structure, {"element": element, **parameters})
     for element in ("galerkin-T6", "pw-T6")
     for suffix, parameters in VARIANTS.items()
 ]

@@ -264,14 +264,15 @@ def _cases() -> list[Case]:
         for element in ELEMENTS
         for form in forms
     ]
+    eigen_only = {"prestress_symmetrised": False}
     cases += [
         case(
             "-static-unsymmetric",
             "pwsym-T6",
             "G",
             divisions=PAPER_DIVISIONS,
-            prestress_symmetrised=False,
             **pinned,
+            **eigen_only,
         )
     ]
     cases += [
@@ -283,6 +284,17 @@ def _cases() -> list[Case]:
         case(f"-uniform-{nx}x{ny}", element, form, divisions=(nx, ny), **navier)
         for element in ELEMENTS
         for form in forms
+        for nx, ny in UNIFORM_MESHES
+    ]
+    cases += [
+        case(
+            f"-static-unsymmetric-uniform-{nx}x{ny}",
+            "pwsym-T6",
+            "G",
+            divisions=(nx, ny),
+            **navier,
+            **eigen_only,
+        )
         for nx, ny in UNIFORM_MESHES
     ]
     cases += [Case("7.6", f"scan-{p}", mesh_scan, {"pattern": p}) for p in PATTERNS]

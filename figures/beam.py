@@ -1,0 +1,31 @@
+"""What the figures of section 7.6 share: the half beam with its supports and load."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from figures.style import mesh_plot
+from figures.symbols import arrow, roller
+from study.store import Results
+
+MESH = "7.6/galerkin-T6-J"
+LOAD = "#D55E00"
+NOTE = "Mesh and supports are reconstructed: the paper's figure is lost."
+
+
+def half_beam(ax: Axes, results: Results) -> tuple[float, float]:
+    """Draws mesh, load P at A and the end support; returns length and height of the half beam."""
+    nodes = results.curves(MESH)["nodes"]
+    length, height = np.ptp(nodes, axis=0)
+    mesh_plot(ax, nodes, results.curves(MESH)["cells"])
+    arrow(ax, (-0.75, 0.0), (-0.06, 0.0), LOAD, 1.6)
+    ax.annotate("$P$", (-0.8, 0.0), ha="right", va="center", color=LOAD)
+    ax.annotate("$A$", (-0.08, 0.1), ha="right", va="bottom")
+    roller(ax, (0.0, 0.0), "down", 0.16)
+    for x in (0.0, length):
+        ax.plot([x, x], [-0.62 * height, -1.02 * height], color="#333333", linewidth=0.6)
+    style = {"arrowstyle": "<|-|>", "lw": 0.7, "color": "#333333", "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", (0.0, -0.9 * height), (length, -0.9 * height), arrowprops=style)
+    ax.annotate(f"$L/2 = {length:g}\\,h$", (length / 2, -1.0 * height), ha="center", va="top")
+    ax.set(xlim=(-1.2, length + 0.7), ylim=(-1.35 * height, 0.8 * height))
+    ax.set_axis_off()
+    return length, height

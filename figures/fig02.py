@@ -1,0 +1,51 @@
+"""Weight functions of nodes 1 and 4, over the shape functions they replace."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+
+from figures.style import FULL, LOOK
+from study.store import Results
+
+SECTION = "3"
+NEEDS = ["3/weights"]
+
+
+def draw(results: Results) -> Figure:
+    """Surfaces of two weight functions and, below, of the quadratic shape functions."""
+    curves = results.curves("3/weights")
+    (x, y), cells = curves["grid"].T, curves["grid_cells"]
+    fig = plt.figure(figsize=(FULL, 5.2))
+    rows = (("weights", "w", LOOK["pw-T6"]), ("shapes", "N", LOOK["galerkin-T6"]))
+    for row, (name, letter, look) in enumerate(rows):
+        for column, node in enumerate((1, 4)):
+            ax: Axes3D = fig.add_subplot(2, 2, 2 * row + column + 1, projection="3d")
+            z = curves[name][:, node - 1]
+            surface = {"color": look["color"], "edgecolor": "white", "linewidth": 0.3}
+            ax.plot_trisurf(x, y, z, triangles=cells, shade=False, alpha=0.85, **surface)
+            ax.plot([0, 1, 0, 0], [0, 0, 1, 0], 0, color="black", linewidth=0.9)
+            ax.set(xlabel="$x$", ylabel="$y$", zlim=(-0.13, 1.05), xticks=(0, 0.5, 1))
+            ax.set(yticks=(0, 0.5, 1), zticks=(0, 0.5, 1))
+            ax.set_title(f"${letter}_{node}$", y=0.9)
+            ax.view_init(elev=24, azim=-118)
+            ax.set_box_aspect((1, 1, 0.75), zoom=0.93)
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Weight functions w of nodes 1 and 4 (upper row), drawn from the Basix element, and the "
+        "quadratic shape functions N of the same nodes (lower row), which are the standard "
+        "element's weight functions too."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    low = results.curves("3/weights")["shapes"][:, 0].min()
+    return (
+        "Four surfaces over the unit triangle. w1 is a pyramid over the sub-element at node 1, "
+        "w4 a pyramid over the three sub-elements that meet at node 4. N1 and N4 are smooth; N1 "
+        f"falls to {low:.3f} between the nodes."
+    )

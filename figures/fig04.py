@@ -1,0 +1,43 @@
+"""The simple structure with two triangular elements."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from figures.style import COLUMN, mesh_plot
+from figures.symbols import load_arrows, roller
+from study.store import Results
+
+SECTION = "7.1"
+NEEDS = ["7.1/pw-T6"]
+
+
+def draw(results: Results) -> Figure:
+    """Mesh, load and supports."""
+    curves = results.curves("7.1/pw-T6")
+    fig, ax = plt.subplots(figsize=(COLUMN, 3.1))
+    mesh_plot(ax, curves["nodes"], curves["cells"])
+    load_arrows(ax, np.linspace(0, 1, 9), 1.0, 0.16)
+    ax.annotate("$q = 1$", (0.5, 1.19), ha="center", va="bottom")
+    for x in curves["x"]:
+        roller(ax, (x, 0.0), "down")
+    roller(ax, (0.0, 0.0), "left")
+    ax.set(xlim=(-0.2, 1.12), ylim=(-0.2, 1.32))
+    ax.set_axis_off()
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Unit square of unit thickness, two 6-node triangles, unit load on the upper side; the "
+        "three lower nodes are held vertically, one of them horizontally too."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "A square cut along its diagonal into two triangles with nine nodes. Arrows press on its "
+        "upper side; rollers carry the three nodes of its lower side."
+    )

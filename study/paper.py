@@ -1,0 +1,100 @@
+"""The paper's figures, tables and numbered equations: printed numbers, and where each is treated.
+
+M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise linear weight
+functions in 2D contact problems", received August 16, 2001.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+# Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq (27)
+TABLE_2 = {
+    "Euler": (2660e6, 10640e6),
+    "CPS6": (2.6208e9, 9.8096e9),
+    "CPS6M": (2.6105e9, 9.6683e9),
+    "6-node user element": (2.5608e9, 9.1833e9),
+}
+
+NOT_YET = "not yet"
+
+
+@dataclass(frozen=True)
+class Item:
+    """A figure, table or numbered equation.
+
+    Attributes:
+        kind: Which of them.
+        number: Its number in the paper.
+        content: What it shows.
+        treated: The module, figure or case that treats it, or "not yet".
+    """
+
+    kind: Literal["figure", "table", "equation"]
+    number: str
+    content: str
+    treated: str
+
+
+def _figure(number: int, content: str, treated: str = NOT_YET) -> Item:
+    return Item("figure", str(number), content, treated)
+
+
+def _table(number: int, content: str, treated: str = NOT_YET) -> Item:
+    return Item("table", str(number), content, treated)
+
+
+def _equation(number: int, content: str, treated: str = NOT_YET) -> Item:
+    return Item("equation", str(number), content, treated)
+
+
+_MECHANICS = "pw_elements/mechanics.py"
+_ELEMENTS = "pw_elements/elements.py"
+
+ITEMS = [
+    _figure(1, "6-node triangle in the parent domain", "figures/fig01.py"),
+    _figure(2, "weight functions of nodes 1 and 4", "figures/fig02.py"),
+    _figure(3, "two triangles make an 8-node quadrilateral"),
+    _figure(4, "the structure of two triangles", "figures/fig04.py"),
+    _figure(5, "its reactions by both methods", "figures/fig05.py"),
+    _figure(6, "elastic block on a rigid foundation"),
+    _figure(7, "contact stresses, 6-node triangles"),
+    _figure(8, "contact stresses, 8-node quadrilaterals"),
+    _figure(9, "parabolic rigid punch"),
+    _figure(10, "its contact stresses"),
+    _figure(11, "rigid plate: profile and mesh"),
+    _figure(12, "its contact stresses"),
+    _figure(13, "its reaction forces, CPS8"),
+    _figure(14, "its reaction forces, user element"),
+    _figure(15, "stepped column: section and mesh"),
+    *(
+        _figure(16 + 2 * i + j, f"{stress} on contact surface {i + 1}")
+        for i in range(4)
+        for j, stress in enumerate(("normal pressure", "shear stress"))
+    ),
+    _figure(24, "half beam, symmetric buckling: mesh and supports", "figures/fig24.py"),
+    _figure(25, "half beam, antisymmetric buckling: mesh and supports", "figures/fig25.py"),
+    _table(1, "the first six eigenvalues of the stepped column"),
+    _table(2, "critical stresses of the beam", "figures/tab02.py"),
+    _equation(1, "equations of motion", _MECHANICS),
+    _equation(2, "weak form", _MECHANICS),
+    _equation(3, "trial functions", "pw_elements/spaces.py"),
+    _equation(4, "accelerations"),
+    _equation(5, "strains", _MECHANICS),
+    _equation(6, "stresses", _MECHANICS),
+    _equation(7, "test functions", "pw_elements/spaces.py"),
+    _equation(8, "gradients of the weight functions", _ELEMENTS),
+    _equation(9, "discrete equations of motion"),
+    _equation(10, "stiffness matrix", _MECHANICS),
+    _equation(11, "mass matrix", _MECHANICS),
+    _equation(12, "force vector", _MECHANICS),
+    _equation(13, "harmonic motion"),
+    _equation(14, "eigenvalue problem of vibration"),
+    *(_equation(14 + node, f"weight function of node {node}", _ELEMENTS) for node in range(1, 7)),
+    _equation(21, "element stiffness matrix", "study/sec3.py"),
+    _equation(22, "constitutive matrix of plane stress", _MECHANICS),
+    _equation(23, "sum over the four sub-elements", "study/sec3.py"),
+    _equation(24, "buckling problem", "pw_elements/eigen.py"),
+    _equation(25, "initial stress matrix", _MECHANICS),
+    _equation(26, "gradients in it", _MECHANICS),
+    _equation(27, "Euler's critical stress", "study/exact.py"),
+]

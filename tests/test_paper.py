@@ -1,0 +1,16 @@
+from pathlib import Path
+
+from study.paper import ITEMS, NOT_YET
+
+PROJECT = Path(__file__).parents[1]
+PRINTED = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
+
+
+def test_every_figure_table_and_equation_is_listed_once():
+    for kind, numbers in PRINTED.items():
+        assert [item.number for item in ITEMS if item.kind == kind] == [str(n) for n in numbers]
+
+
+def test_what_treats_an_item_exists():
+    for item in ITEMS:
+        assert item.treated == NOT_YET or (PROJECT / item.treated).is_file(), item
