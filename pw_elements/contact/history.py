@@ -55,7 +55,7 @@ class History:
 
     def slowed(self, old: ActiveSet, contact: Contact) -> ActiveSet:
         """The next active set, in which at most one of the slow nodes changes."""
-        new = contact.active_set()
+        new = contact.active_set(old)
         if self._slow is None:
             return new
         wrong = np.where(self._slow, np.linalg.norm(contact.violation(), axis=1), 0.0)

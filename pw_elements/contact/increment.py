@@ -31,10 +31,14 @@ Mask = npt.NDArray[np.bool_]
 
 # Violation of the law over the largest nodal contact force
 _TOLERANCE = 1e-9
-# What of the violation may be round-off, over stiffness x displacement
+# What of the violation may be round-off: over stiffness x displacement, and over stiffness x
+# coordinate, for a gap is a difference of coordinates
 _ROUND_OFF = 1e-13
+_EPSILON = 4 * float(np.finfo(float).eps)
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING = 1e-9
+# Step of differences along free translations, over the surface's extent
+_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,7 @@ class Increment:
         self.max_iterations = max_iterations
         self.scale = system.stiffness_scale()
         self.stated = self.nodes.column >= 0
+        self.extent = np.ptp(self.nodes.gathered(self.nodes.position), axis=0).max()
 
     def run(self, start: ContactState | None) -> tuple[ContactState, ReferenceState]:
         """Iterates to the end.
@@ -101,17 +106,19 @@ class Increment:
         Raises:
             FreeBody, NotUnique, ContactNotConverged: as `solve_contact` says.
         """
-        translations = self._first_translations(start)
+        translations, displacement = self._first_translations(start), self.past.displacement
+        self.nodes.check_supports(translations)
         frame = self._frame(translations)
         active = self._first_active_set(start, translations, frame)
         history = History(self.system.comm)
         history.repeats(active, translations)
         for iteration in range(1, self.max_iterations + 1):
-            now = self._solve(active, translations, frame)
+            now = self._solve(active, translations, frame, displacement)
             if self._violation(now) <= 1:
                 return self._finish(now, iteration)
             old = _turned(active, frame, now.contact.frame)
-            translations, frame = now.translations, now.contact.frame
+            translations, displacement = now.translations, now.displacement
+            frame = now.contact.frame
             active = self._held(history.slowed(old, now.contact), old, now.contact)
             if history.repeats(active, translations):
                 active = self._held(history.slowed(old, now.contact), old, now.contact)
@@ -150,12 +157,12 @@ class Increment:
     def _touching(self, translations: Array) -> ActiveSet:
         """Nodes that the moved surface reaches; the nearest of each pair in any case."""
         gap = self.nodes.gaps(translations)
-        extent = np.ptp(self.nodes.gathered(self.nodes.position), axis=0).max()
-        closed = gap <= _TOUCHING * extent
+        near = _TOUCHING * self.extent
+        closed = gap <= near
         for k in range(len(self.nodes.pairs)):
             mine = self.nodes.pair == k
             nearest = self.system.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
-            closed |= mine & np.isfinite(gap) & (gap <= nearest + _TOUCHING * extent)
+            closed |= mine & np.isfinite(gap) & (gap <= nearest + near)
         return self._sticking(closed)
 
     def _all_closed(self, translations: Array) -> ActiveSet:
@@ -191,24 +198,30 @@ class Increment:
     def _frame(self, translations: Array) -> Array:
         return frames(self.nodes.normals(translations), self.stated)
 
-    def _solve(self, active: ActiveSet, translations: Array, frame: Array) -> Iterate:
-        """Solves for an active set; the frame is that of the surfaces at `translations`."""
-        A, B = equations(active, self.nodes.friction, self.scale)
-        E = np.einsum("nai,nab,nbj->nij", frame, A, frame)
-        C = np.einsum("nai,nab,nbj->nij", frame, B, frame)
-        shift = self.nodes.shifts(translations)
-        gap = np.where(active.status == OPEN, 0.0, self.nodes.gaps(translations))
-        level = np.einsum(
-            "nab,nb->na",
-            frame,
-            self.past.displacement - self.nodes.shifts(self.past.translations),
+    def _solve(
+        self, active: ActiveSet, translations: Array, frame: Array, displacement: Array
+    ) -> Iterate:
+        """Solves for an active set, linearised at translations (with frame) and displacement."""
+        nodes, past = self.nodes, self.past
+        A, B = equations(active, nodes.friction, self.scale)
+        follow = frame.copy()  # what the translations act on: gap loss and slip
+        loss = nodes.approach(
+            translations, displacement, np.isnan(self.prescribed), _STEP * self.extent
         )
-        level[:, 0] = -gap - np.einsum("na,na->n", frame[:, 0], shift)
-        known = self.nodes.shifts(np.nan_to_num(self.prescribed))
+        follow[:, 0] = loss
+        level = past.displacement - nodes.shifts(past.translations)
+        level = np.einsum("nab,nb->na", frame, level)
+        gap = np.where(active.status == OPEN, 0.0, nodes.gaps(translations))
+        level[:, 0] = -gap - np.sum(loss * nodes.shifts(translations), axis=1)
+
+        E, C, D = (
+            np.einsum("nai,nab,nbj->nij", frame, part, right)
+            for part, right in ((A, frame), (B, frame), (B, follow))
+        )
         constraint = np.einsum("nai,nab,nb->ni", frame, B, level)
-        constraint += np.einsum("nij,nj->ni", C, known)
+        constraint += np.einsum("nij,nj->ni", D, nodes.shifts(np.nan_to_num(self.prescribed)))
         try:
-            reduced, free = self.system.solve(self.load, E, C, constraint, self.totals)
+            reduced, free = self.system.solve(self.load, E, C, D, constraint, self.totals)
         except SingularSystem as error:
             raise NotUnique(
                 f"{error}: no rigid motion is free, so the friction of the {self._count(active)} "
@@ -246,10 +259,11 @@ class Increment:
         """Largest violation of law and balance over what is allowed."""
         comm = self.system.comm
         wrong = np.abs(now.contact.violation()).max(initial=0.0)
-        round_off = (self.scale[:, None] * np.abs(now.displacement)).max(initial=0.0)
+        round_off = _ROUND_OFF * np.abs(now.displacement) + _EPSILON * np.abs(self.nodes.position)
+        lost = comm.allreduce((self.scale[:, None] * round_off).max(initial=0.0), MPI.MAX)
         largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
         wrong = comm.allreduce(wrong, MPI.MAX)
-        allowed = _TOLERANCE * largest + _ROUND_OFF * comm.allreduce(round_off, MPI.MAX)
+        allowed = _TOLERANCE * largest + lost
         return wrong / allowed if wrong > 0 else 0.0
 
     # -- rigid motions -------------------------------------------------------------------------

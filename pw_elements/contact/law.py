@@ -21,6 +21,9 @@ forces. Newton's method on F is an active-set iteration: a node is
 M turns the direction of slip. In the plane there is one tangent, I - d d^T vanishes, the
 last line is r_t = ± mu r_n, and the iteration runs through finitely many sets. A tangent of
 length zero takes no part: that is how a prescribed tangential displacement is left alone.
+
+A node whose slip would turn back sticks for one iteration first: otherwise long slips, which
+c magnifies, let rows of nodes jump from one direction to the other and back.
 """
 
 from dataclasses import dataclass
@@ -79,11 +82,13 @@ class Contact:
         """s, (n, dim - 1)."""
         return self.force[:, 1:] - self.scale[:, None] * self.slip
 
-    def active_set(self) -> ActiveSet:
-        """The linearisation of F here."""
+    def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
+        """The linearisation of F here; with regard to the one before, if it is given."""
         p, s = self.pressing, self.shearing
         size, radius = np.linalg.norm(s, axis=1), self.friction * np.maximum(0.0, p)
         slipping = (p > 0) & (size >= radius)
+        if before is not None:
+            slipping &= ~(np.sum(s * before.direction, axis=1) < 0)
         directed = slipping & (self.friction > 0)
         status = np.where(p > 0, STICK, OPEN)
         status[slipping] = SLIP

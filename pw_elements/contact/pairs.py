@@ -148,14 +148,19 @@ class ContactNodes:
         self.refuse(twice, "belong to two contact pairs")
         wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
-        normal, gap = self.normals(None), self.gaps(None)
-        if not self.comm.allreduce(int(np.isfinite(normal).all()), MPI.MIN):
-            raise ValueError("the surface's normal is not finite at a contact node")
-        fixed = np.abs(np.where(self.column < 0, normal, 0.0)).max(axis=1, initial=0) > _TANGENTIAL
-        self.refuse(fixed, "have a prescribed normal displacement: they cannot be in contact")
+        self.check_supports(None)
         self.refuse(
-            ~(gap >= -_PENETRATION * diagonal),
+            ~(self.gaps(None) >= -_PENETRATION * diagonal),
             "lie inside the rigid surface before any motion; a motion has to press it in",
+        )
+
+    def check_supports(self, translations: Array | None) -> None:
+        """Raises ValueError if a node that a surface faces cannot move along its normal."""
+        normal, faced = self.normals(translations), np.isfinite(self.gaps(translations))
+        self.refuse(~np.isfinite(normal).all(axis=1), "see a surface without a finite normal")
+        held = np.abs(np.where(self.column < 0, normal, 0.0)).max(axis=1, initial=0) > _TANGENTIAL
+        self.refuse(
+            held & faced, "have a prescribed normal displacement: they cannot be in contact"
         )
 
     def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
@@ -184,6 +189,26 @@ class ContactNodes:
         """Normals (n, dim) of the translated surfaces at the undeformed body."""
         dim = self.position.shape[1]
         return self._by_pair(lambda surface, x: surface.normal(x), translations, (dim,))
+
+    def approach(self, translations: Array, displacement: Array, axes: Array, step: float) -> Array:
+        """Loss of gap (n, dim) per translation of the surfaces, at given displacements (n, dim).
+
+        It is the normal where surfaces are flat; for curved ones it is found by central
+        differences in the components of `axes` (pairs, dim) that are True.
+        """
+        loss = self.normals(translations)
+        for axis in range(loss.shape[1]):
+            ahead, behind = translations.copy(), translations.copy()
+            ahead[axes[:, axis], axis] += step
+            behind[axes[:, axis], axis] -= step
+            with np.errstate(invalid="ignore"):  # infinite gaps
+                change = self._gap_of(behind, displacement) - self._gap_of(ahead, displacement)
+            moved = axes[self.pair, axis] & np.isfinite(change)
+            loss[moved, axis] = change[moved] / (2 * step)
+        return loss
+
+    def _gap_of(self, translations: Array, displacement: Array) -> Array:
+        return self.gaps(translations) + np.sum(self.normals(translations) * displacement, axis=1)
 
     def _by_pair(
         self,

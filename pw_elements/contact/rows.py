@@ -49,17 +49,18 @@ class ContactRows:
         self.row, self._order = self.row[order], (entry[order], axis[order])
         self.column = self._column[entry[order]]
 
-    def values(self, E: Array, C: Array) -> Array:
-        """Entries at (`row`, `column`): E times the stiffness, C on displacements less surface's.
+    def values(self, E: Array, C: Array, D: Array) -> Array:
+        """Entries at (`row`, `column`).
 
         Args:
             E: (n, dim, dim), combines a node's equations.
-            C: (n, dim, dim), combines its displacements relative to its surface.
+            C: (n, dim, dim), combines its displacements.
+            D: (n, dim, dim), combines the translations of its surface; subtracted.
         """
         values = np.einsum("eab,eb->ea", E[self._node], self._block)
-        for axis in range(C.shape[2]):
-            for at, sign in ((self._own[:, axis], 1.0), (self._translation[:, axis], -1.0)):
-                values[at[at >= 0]] += sign * C[at >= 0, :, axis]
+        for entries, parts in ((self._own, C), (self._translation, -D)):
+            for axis, at in enumerate(entries.T):
+                values[at[at >= 0]] += parts[at >= 0, :, axis]
         return values[self._order]
 
     def compressed(self, first: int) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:

@@ -62,8 +62,8 @@ class Parabola:
     axisymmetry and 3-D. The rigid is inside the curve: above it for a positive radius (a
     punch that presses downwards), below it for a negative one.
 
-    The gap is the vertical one times the cosine of the slope at the foot: it is the
-    linearised condition for the *reference* position, which small displacements ask for.
+    The gap is measured along the axis and the normal is the axis: Hertz's approximation for
+    contacts that are small against the radius, in which slopes count as small like strains.
 
     Args:
         apex: (dim,).
@@ -81,20 +81,19 @@ class Parabola:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """First-order distance (n,)."""
+        """Distance (n,) along the axis."""
         s = x - np.asarray(self.apex)
-        height = (s[:, :-1] ** 2).sum(axis=1) / (2 * self.radius) - s[:, -1]
-        return np.sign(self.radius) * height / self._steepness(s)
+        return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * self._side
 
     def normal(self, x: Points) -> Points:
-        """Unit normals (n, dim) at the feet vertically above or below."""
-        s = x - np.asarray(self.apex)
-        gradient = s / self.radius
-        gradient[:, -1] = -1.0
-        return np.sign(self.radius) * gradient / self._steepness(s)[:, None]
+        """The axis (n, dim), from the rigid into the body."""
+        axis = np.zeros_like(x)
+        axis[:, -1] = -self._side
+        return axis
 
-    def _steepness(self, s: Points) -> npt.NDArray[np.float64]:
-        return np.sqrt(1 + (s[:, :-1] ** 2).sum(axis=1) / self.radius**2)
+    @property
+    def _side(self) -> float:
+        return float(np.sign(self.radius))
 
 
 @dataclass(frozen=True)

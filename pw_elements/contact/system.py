@@ -116,11 +116,10 @@ class ContactSystem:
         return sp.coo_matrix((data, (row, column)), total.shape)
 
     def stiffness_scale(self) -> Array:
-        """Mean stiffness diagonal (n,) of the free components of each contact node."""
-        diagonal = self.stiffness.getDiagonal().array_r
-        kept = self._row >= 0
-        values = np.where(kept, diagonal[self._row], 0.0)
-        return values.sum(axis=1) / kept.sum(axis=1)
+        """Mean stiffness diagonal (n,) of the free components of each contact node, or 1."""
+        diagonal = self.at_nodes(self.stiffness.getDiagonal().array_r)
+        count = np.sum(self._row >= 0, axis=1)
+        return np.where(count > 0, diagonal.sum(axis=1) / np.maximum(count, 1), 1.0)
 
     def at_nodes(self, reduced: Array) -> Array:
         """Values (n, dim) of a reduced local array at the contact nodes; 0 where prescribed."""
@@ -133,17 +132,23 @@ class ContactSystem:
         return float(rest.max(initial=0.0))
 
     def solve(
-        self, load: PETSc.Vec, E: Array, C: Array, constraint: Array, totals: Array
+        self,
+        load: PETSc.Vec,
+        E: Array,
+        C: Array,
+        D: Array,
+        constraint: Array,
+        totals: Array,
     ) -> tuple[PETSc.Vec, Array]:
-        """Solves E r + C (a - U) = constraint with r = K a - load at every contact node.
+        """Solves E r + C a - D U = constraint with r = K a - load at every contact node.
 
         Args:
             load: reduced load.
             E: (n, dim, dim), combines a node's forces.
-            C: (n, dim, dim), combines its displacements relative to its surface.
-            constraint: (n, dim).
-            totals: total forces, one per free translation; prescribed translations are
-                part of `constraint`.
+            C: (n, dim, dim), combines its displacements.
+            D: (n, dim, dim), combines the free translations of its surface.
+            constraint: (n, dim), prescribed translations included.
+            totals: total forces, one per free translation.
 
         Returns:
             Reduced displacements, and the free translations on every process.
@@ -152,7 +157,7 @@ class ContactSystem:
             SingularSystem: if there is no unique solution.
         """
         pointers, columns, rows = self._pointers
-        values = self._contact.values(E, C)
+        values = self._contact.values(E, C, D)
         self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
         self.matrix.assemble()
 
