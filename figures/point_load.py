@@ -31,9 +31,8 @@ def draw(results: Results) -> Figure:
         for form, style in (("G", "-"), ("J", "--")):
             exact = results.scalar("7.6/exact", f"{form}_{mode}") / 1e9
             ax.axhline(exact, color="black", linewidth=0.8, linestyle=style)
-            ax.annotate(
-                f"uniform, {form}", (HEIGHTS[-1], exact), fontsize=7, va="bottom", ha="right"
-            )
+            x, side = (2, "left") if mode == 1 else (HEIGHTS[-1], "right")  # clear of the curves
+            ax.annotate(f"uniform load, {form}", (x, exact), fontsize=7, va="bottom", ha=side)
         ax.set(title=f"mode {mode}", xlabel="squares over the height")
         ax.set_xticks([2, *HEIGHTS], [str(n) for n in (2, *HEIGHTS)])
         ax.set_xticks([], minor=True)

@@ -115,6 +115,16 @@ def finest_error(results: Results, case: str) -> float:
     return 100 * max(abs(uniform_errors(results, case, mode)[-1]) for mode in (1, 2))
 
 
+def finest_squares(results: Results, case: str) -> float:
+    """Squares over the beam's height on the finest uniform-load mesh."""
+    return float(uniform_meshes(results, case)[-1][1])
+
+
+def signed_error(results: Results, case: str, mode: int) -> float:
+    """Relative error of a mode on the finest uniform-load mesh with its sign, in per cent."""
+    return 100 * uniform_errors(results, case, mode)[-1]
+
+
 def order(results: Results, case: str, mode: int) -> float:
     """Observed order in the element size between the two finest uniform-load meshes."""
     coarse, fine = uniform_errors(results, case, mode)[-2:]
@@ -175,6 +185,11 @@ def scan_best(results: Results, user_element: str) -> float:
 def scan_count(results: Results) -> float:
     """Number of scanned models."""
     return float(len(scan(results, "pw-T6")))
+
+
+def scan_indefinite(results: Results) -> float:
+    """Number of scanned models whose symmetrised stiffness is indefinite."""
+    return float(np.isnan(scan(results, "pwsym-T6")).any(axis=1).sum())
 
 
 # The T-identity

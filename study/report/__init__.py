@@ -24,6 +24,7 @@ from study.store import (
 )
 
 HERE = Path(__file__).parent
+_GENERAL = re.compile(r"Abstract|Sections? (1|8)\b")  # the paper's frame, part of no section here
 
 
 def build(results: Results, out: Path) -> None:
@@ -49,6 +50,7 @@ def render(results: Results, templates: Path = HERE) -> str:
     cases = [case for section in stored.values() for case in section]
     values = {
         "claims": page.claims,
+        "general": [claim for claim in page.claims if _GENERAL.match(claim["source"])],
         "counts": _counts(page.claims),
         "sections": sections,
         "others": page.others(list(stored)),
@@ -86,6 +88,8 @@ class _Page:
         self.environment.globals |= words | {
             "s": results.scalar,
             "curves": self.curves,
+            "measure": self.measure,
+            "printed": importlib.import_module("study.paper").TABLE_2,
             "figure": self.figure,
             "claims_of": self.claims_of,
             "claims_table": self.claims_table,
@@ -114,6 +118,10 @@ class _Page:
     def curves(self, key: str) -> dict[str, np.ndarray]:
         return self.results.curves(key)
 
+    def measure(self, name: str, /, **args: object) -> float:
+        """Return what a function of `study.measures` makes of the results."""
+        return float(getattr(importlib.import_module("study.measures"), name)(self.results, **args))
+
     def figure(self, name: str) -> Markup:
         """Return a figure with its caption; a remark if it has not been drawn."""
         if name in self.placed:
@@ -127,9 +135,9 @@ class _Page:
         """Return the claims whose source names the section."""
         return [claim for claim in self.claims if _names(claim["source"], section)]
 
-    def claims_table(self, rows: list[dict[str, Any]]) -> Markup:
-        """Return a table of claims."""
-        return self._part("claims.html", rows=rows)
+    def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
+        """Return a table of claims, with or without the reasons of verdicts and tolerances."""
+        return self._part("claims.html", rows=rows, reasons=reasons)
 
     def _rest(self, names: list[str]) -> Markup:
         return Markup().join(self.figure(name) for name in names if name not in self.placed)
