@@ -50,6 +50,11 @@ def reaction_spread(results: Results, element: str) -> float:
 # 7.6
 
 
+def printed(results: Results, element: str, mode: int) -> float:
+    """A critical stress of Table 2 as printed."""
+    return TABLE_2[element][mode - 1]
+
+
 def euler_difference(results: Results, element: str, mode: int) -> float:
     """How far a printed critical stress lies below Euler's printed one, in per cent of it."""
     euler = TABLE_2["Euler"][mode - 1]

@@ -89,7 +89,6 @@ class _Page:
             "s": results.scalar,
             "curves": self.curves,
             "measure": self.measure,
-            "printed": importlib.import_module("study.paper").TABLE_2,
             "figure": self.figure,
             "claims_of": self.claims_of,
             "claims_table": self.claims_table,
