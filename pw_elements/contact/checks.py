@@ -1,14 +1,12 @@
 """Checks of the mesh before anything is solved on it."""
 
-from mpi4py import MPI
-
 import basix
 import numpy as np
 import numpy.typing as npt
 from basix import CellType, ElementFamily, LagrangeVariant
 from dolfinx.mesh import Mesh
 
-from pw_elements.contact.errors import DegenerateMesh
+from pw_elements.contact.errors import DegenerateMesh, listed
 
 # Smallest Jacobian determinant over the product of a cell's edge lengths
 _FLAT = 1e-10
@@ -56,7 +54,10 @@ def _folded(mesh: Mesh) -> npt.NDArray[np.bool_]:
     x = mesh.geometry.x[:, :dim]
     cells = mesh.geometry.dofmap
     layout = mesh.geometry.cmap.create_dof_layout()
-    corner = [layout.entity_dofs(0, v)[0] for v in range(basix_corners(mesh))]
+    corner = [
+        layout.entity_dofs(0, v)[0]
+        for v in range(len(basix.geometry(CellType[topology.cell_name()])))
+    ]
     middle = x[cells[:, corner]].mean(axis=1)
     facets = topology.connectivity(dim - 1, dim)
     offsets = facets.offsets
@@ -80,18 +81,11 @@ def _folded(mesh: Mesh) -> npt.NDArray[np.bool_]:
     return folded
 
 
-def basix_corners(mesh: Mesh) -> int:
-    """Number of vertices of a cell."""
-    return len(basix.geometry(CellType[mesh.topology.cell_name()]))
-
-
 def _refuse(
     mesh: Mesh, x: npt.NDArray[np.float64], wrong: npt.NDArray[np.bool_], what: str
 ) -> None:
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     middles = x[:owned][wrong[:owned]].mean(axis=1)
     places = np.concatenate(mesh.comm.allgather(middles))
-    if mesh.comm.allreduce(len(middles), MPI.SUM):
-        listed = ", ".join(str(tuple(float(f"{c:.4g}") for c in place)) for place in places[:6])
-        more = f" and {len(places) - 6} more" if len(places) > 6 else ""
-        raise DegenerateMesh(f"cells around {listed}{more} {what}")
+    if len(places):
+        raise DegenerateMesh(f"cells around {listed(places)} {what}")

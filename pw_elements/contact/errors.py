@@ -1,4 +1,7 @@
-"""What a contact computation refuses to return."""
+"""What a contact computation says instead of a result."""
+
+import numpy as np
+import numpy.typing as npt
 
 from pw_elements.algebra import SingularSystem
 
@@ -17,3 +20,12 @@ class NotUnique(SingularSystem):
 
 class DegenerateMesh(ValueError):
     """Cells without volume, turned inside out, or folded over their neighbours."""
+
+
+def listed(points: npt.NDArray[np.float64], most: int = 6) -> str:
+    """Positions (m, dim) as words, in order of their coordinates, round-off left out."""
+    points = np.round(points, 12) + 0.0
+    points = points[np.lexsort(np.round(points, 9).T[::-1])]
+    words = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:most]]
+    more = f" and {len(points) - most} more" if len(points) > most else ""
+    return ", ".join(words) + more

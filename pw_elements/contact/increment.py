@@ -312,6 +312,7 @@ class Increment:
             now.full,
             pair_states(self.nodes, now.contact, active.status, now.force, now.translations),
             iterations,
+            len(self.system.orientations) == 1,
             self._residuals(now, active),
         )
         frame = now.contact.frame
@@ -325,13 +326,12 @@ class Increment:
 
         tangential = contact.force[:, 1:]
         friction, slip = np.linalg.norm(tangential, axis=1), np.linalg.norm(contact.slip, axis=1)
-        slipping = (active.status == SLIP) & (friction > 0) & (self.nodes.friction > 0)
-        unit = tangential / np.where(friction > 0, friction, 1.0)[:, None]
-        against = np.linalg.norm(contact.slip + slip[:, None] * unit, axis=1)
+        limit = self.nodes.friction * contact.force[:, 0]
+        against = slip[:, None] * tangential + limit[:, None] * contact.slip
         force = largest(np.linalg.norm(now.force, axis=1)) or 1.0
         moved = now.displacement - self.nodes.shifts(now.translations)
         length = largest(np.linalg.norm(moved, axis=1)) or 1.0
-        pressed, limit = contact.force[:, 0], self.nodes.friction * contact.force[:, 0]
+        pressed = contact.force[:, 0]
         apart = np.where(np.isfinite(contact.gap), contact.gap, 0.0) / length
         balance = np.abs(self.system.totals(now.force) - self.totals)
         return Residuals(
@@ -341,7 +341,9 @@ class Increment:
             complementarity=largest(np.minimum(pressed / force, apart)),
             cone=largest(friction - limit) / force,
             stick=largest(slip[active.status == STICK]) / length,
-            direction=largest(against[slipping]) / length,
+            direction=largest(np.linalg.norm(against, axis=1)[active.status == SLIP])
+            / force
+            / length,
             balance=largest(balance) / force,
         )
 

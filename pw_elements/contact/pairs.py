@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
+from pw_elements.contact.errors import listed
 from pw_elements.contact.surfaces import Surface
 from pw_elements.mechanics import Marker
 
@@ -157,7 +158,7 @@ class ContactNodes:
     def check_supports(self, translations: Array | None) -> None:
         """Raises ValueError if a node that a surface faces cannot move along its normal."""
         normal, faced = self.normals(translations), np.isfinite(self.gaps(translations))
-        self.refuse(~np.isfinite(normal).all(axis=1), "see a surface without a finite normal")
+        self.refuse(np.any(~np.isfinite(normal), axis=1), "see a surface without a finite normal")
         held = np.abs(np.where(self.column < 0, normal, 0.0)).max(axis=1, initial=0) > _TANGENTIAL
         self.refuse(
             held & faced, "have a prescribed normal displacement: they cannot be in contact"
@@ -167,9 +168,7 @@ class ContactNodes:
         """Raises a ValueError that names the positions of nodes, if there are any."""
         places = self.gathered(self.position[wrong])
         if len(places):
-            listed = ", ".join(str(tuple(float(f"{c:.6g}") for c in place)) for place in places[:6])
-            more = f" and {len(places) - 6} more" if len(places) > 6 else ""
-            raise ValueError(f"contact nodes at {listed}{more} {what}")
+            raise ValueError(f"contact nodes at {listed(places)} {what}")
 
     def gathered(self, values: npt.NDArray) -> npt.NDArray:
         """Rows of all processes, on each of them."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from pw_elements.contact.errors import listed
 from pw_elements.contact.pairs import free_columns
 from pw_elements.contact.system import ContactSystem
 
@@ -36,7 +37,7 @@ class RigidMotions:
         modes = self._modes(x)
         contact = system.nodes
         self._at_nodes = self._modes(contact.position)  # (n, dim, modes)
-        self._stiffness_gram = self._gram_of_stiffness(modes.reshape(owned * dim, -1))
+        self._held = self._gram_of_supports(modes.reshape(owned * dim, -1))
 
     def free(self, constraints: Array) -> list[str]:
         """Names of the motions against which neither stiffness nor constraints act.
@@ -54,7 +55,7 @@ class RigidMotions:
         rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(n * dim, -1)
         gram = np.ascontiguousarray(rows.T @ rows)
         system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
-        gram[:bodies, :bodies] += self._stiffness_gram
+        gram[:bodies, :bodies] += self._held
         values, vectors = np.linalg.eigh(gram)
         return [self._name(vector) for vector in vectors[:, values < _FREE * len(gram)].T]
 
@@ -69,8 +70,12 @@ class RigidMotions:
             modes[:, j, dim + k] = s[:, i]
         return modes
 
-    def _gram_of_stiffness(self, modes: Array) -> Array:
-        """(K m_i)·(K m_j) over the squares of the stiffness' size."""
+    def _gram_of_supports(self, modes: Array) -> Array:
+        """Squares of what modes do at prescribed displacements, and of their forces K m.
+
+        Forces count over the stiffness; they are there in axisymmetry, say, where only a
+        translation along the axis is without strain.
+        """
         system = self._system
         column = free_columns(system.reduction.right)
         first = system.stiffness.getOwnershipRange()[0]
@@ -84,11 +89,11 @@ class RigidMotions:
             image = system.stiffness.createVecLeft()
             system.stiffness.mult(vector, image)
             images.append(image.array_r.copy())
-        array = np.array(images)
-        gram = np.ascontiguousarray(array @ array.T)
-        system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
         largest = system.comm.allreduce(system.stiffness_scale().max(initial=0.0), MPI.MAX)
-        return gram / largest**2
+        forces, prescribed = np.array(images) / largest, modes[column == -1]
+        gram = np.ascontiguousarray(forces @ forces.T + prescribed.T @ prescribed)
+        system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
+        return gram
 
     def _name(self, vector: Array) -> str:
         dim, bodies = len(self._centre), self._at_nodes.shape[2]
@@ -108,4 +113,4 @@ class RigidMotions:
         """The point of the plane at rest: u = t + w (x - centre) turned by a quarter."""
         t, w = vector[:2], vector[2] / self._length
         pole = self._centre + np.array([-t[1], t[0]]) / w
-        return f"({pole[0]:.4g}, {pole[1]:.4g})"
+        return listed(np.array([pole]))

@@ -57,8 +57,7 @@ class Residuals:
         complementarity: smaller of r_n and g.
         cone: |r_t| - mu r_n where it is positive.
         stick: slip of nodes whose friction is not used up.
-        direction: sine of the angle between slip and -r_t, and 1 for slip along r_t, times
-            the slip.
+        direction: |v| r_t + mu r_n v of slipping nodes.
         balance: total force against the one prescribed for free translations.
     """
 
@@ -84,12 +83,16 @@ class ContactState:
         displacement: full vector (n,) in the trial space's numbering.
         pairs: one state per contact pair.
         iterations: linear systems solved.
+        unique: False if the determinants of the tangents met so far have different signs.
+            Then the friction is so large that several states can be in equilibrium with the
+            same loads; another start or smaller increments may lead to another one.
         residuals: of all conditions.
     """
 
     displacement: PETSc.Vec
     pairs: tuple[PairState, ...]
     iterations: int
+    unique: bool
     residuals: Residuals
 
 
@@ -110,7 +113,7 @@ def pair_states(
         mine = nodes.pair == k
         position = nodes.gathered(nodes.position[mine])
         # round-off of mid-side positions depends on the partition; the order shall not
-        digits = np.round(position / np.ptp(position, axis=0).max(initial=1e-300), 9)
+        digits = np.round(position / (np.ptp(position, axis=0).max() or 1.0), 9)
         order = np.lexsort(digits.T[::-1])
         columns = (normal, contact.force[:, 0], friction, contact.gap, slip)
         n, r_n, r_t, gap, v = (nodes.gathered(values[mine])[order] for values in columns)

@@ -1,0 +1,55 @@
+"""Prints contact results that must not depend on the number of processes, as JSON.
+
+Started by test_contact_parallel.py with `mpirun -n 1` and more.
+"""
+
+import json
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import Body, Material, Reduction, Spaces, State, assemble_matrix, support
+from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
+from tests.contact_cases import Block, Punch, at
+
+comm = MPI.COMM_WORLD
+numbers = {}
+
+
+def noted(name, states, space):
+    owners = comm.allgather(len(space.tabulate_dof_coordinates()))
+    assert len(owners) == comm.size
+    for k, state in enumerate(states):
+        (pair,) = state.pairs
+        for field in ("position", "force_normal", "force_tangential", "status", "gap", "slip"):
+            numbers[f"{name} {k} {field}"] = getattr(pair, field)
+        numbers[f"{name} {k} translation"] = pair.translation
+        numbers[f"{name} {k} force"] = pair.force
+        numbers[f"{name} {k} displacement"] = state.displacement.norm()
+        numbers[f"{name} {k} iterations"] = state.iterations
+
+
+def drag():
+    mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (5, 5, 3), CellType.tetrahedron)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), State.SOLID)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    foot = Reduction.dirichlet(U, [support(U, i, at(2, 0.0)) for i in range(3)])
+    motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
+    ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
+    loads = [K.createVecLeft()] * 2
+    return solve_contact(K, loads, foot, [ball], U), U
+
+
+block = Block(20, comm=comm)
+noted("block", block.solve(0.3, 60.0, increments=2), block.space)
+cut = [len(part) for part in comm.allgather(np.flatnonzero(np.isclose(block.owned()[:, 1], 0.0)))]
+assert comm.size == 1 or sum(count > 0 for count in cut) > 1, "the partition spares the contact"
+punch = Punch(comm=comm)
+motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))]
+noted("punch", punch.solve(0.6, motions), punch.space)
+noted("drag", *drag())
+if comm.rank == 0:
+    print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

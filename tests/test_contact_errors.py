@@ -1,0 +1,270 @@
+from dataclasses import replace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    nodal_load,
+    support,
+)
+from pw_elements.contact import (
+    ContactNotConverged,
+    ContactPair,
+    DegenerateMesh,
+    FreeBody,
+    Motion,
+    NotUnique,
+    Plane,
+    Sphere,
+    solve_contact,
+)
+from pw_elements.contact.checks import check_mesh
+from pw_elements.contact.history import History
+from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact
+from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from tests.contact_cases import Block, Greco, at
+
+BLOCK = Block(4)
+FLOOR = Plane((0, 0), (0, 1))
+
+
+def solved(pair, load=None, reduction=BLOCK.free, **options):
+    load = BLOCK.pressure if load is None else load
+    return solve_contact(BLOCK.K, load, reduction, [pair], BLOCK.space, **options)
+
+
+def floor(mu=0.3, **options):
+    return ContactPair(at(1, 0.0), FLOOR, mu, **options)
+
+
+@pytest.mark.parametrize("mu", [-0.1, np.nan, np.inf])
+def test_impossible_friction_names_nodes(mu):
+    with pytest.raises(ValueError, match=r"nodes at \(2, 0\) have a friction"):
+        solved(floor(lambda x: np.where(np.isclose(x[0], 2.0), mu, 0.3)))
+
+
+def test_prescribed_normal_displacement_names_nodes():
+    held = Reduction.dirichlet(
+        BLOCK.space, [support(BLOCK.space, 1, lambda x: np.isclose(x[0], 0))]
+    )
+    with pytest.raises(ValueError, match=r"at \(0, 0\) have a prescribed normal"):
+        solved(floor(), reduction=held)
+
+
+def test_prescribed_tangential_displacement_is_allowed():
+    held = Reduction.dirichlet(
+        BLOCK.space, [support(BLOCK.space, 0, lambda x: np.isclose(x[0], 0))]
+    )
+    (state,) = solved(floor(), reduction=held)
+    assert state.residuals.largest() < 1e-12
+
+
+def test_surface_through_the_body_names_nodes():
+    high = ContactPair(at(1, 0.0), Plane((0, 0.1), (0, 1)), 0.3)
+    with pytest.raises(ValueError, match=r"\(0, 0\)(, .*){5} and 3 more lie inside the rigid"):
+        solved(high)
+    pressed = ContactPair(at(1, 0.0), FLOOR, 0.3, [Motion((0, 0.1))])
+    (state,) = solved(pressed)
+    assert state.pairs[0].force[1] == pytest.approx(800)
+
+
+def test_no_nodes_and_nodes_of_two_pairs():
+    with pytest.raises(ValueError, match="pair 0 has no nodes"):
+        solved(ContactPair(at(1, -1.0), FLOOR))
+    with pytest.raises(ValueError, match="belong to two contact pairs"):
+        solve_contact(BLOCK.K, BLOCK.pressure, BLOCK.free, [floor(), floor()], BLOCK.space)
+    with pytest.raises(ValueError, match="no contact pair"):
+        solve_contact(BLOCK.K, BLOCK.pressure, BLOCK.free, [], BLOCK.space)
+
+
+def test_loads_and_motions_have_to_make_sense():
+    f = BLOCK.pressure.copy()
+    f.setValue(0, np.nan)
+    f.assemble()
+    with pytest.raises(ValueError, match="load of increment 1 is not finite"):
+        solved(floor(), [BLOCK.pressure, f])
+    with pytest.raises(ValueError, match="2 motions for 1 increments"):
+        solved(floor(motions=[Motion((0, 0))] * 2))
+    with pytest.raises(ValueError, match="are not 2-D"):
+        solved(floor(motions=[Motion((0, 0, 0))]))
+    with pytest.raises(ValueError, match="no load increment"):
+        solved(floor(), [])
+    with pytest.raises(ValueError, match="not finite"):
+        Motion((0, np.inf))
+    with pytest.raises(ValueError, match="a translation and a force"):
+        Motion((0, 0), (1.0, 0))
+
+
+def test_combined_displacements_are_refused():
+    pressed = Reduction.dirichlet(BLOCK.space, [])
+    twice = pressed.right.copy()
+    twice.scale(2.0)
+    with pytest.raises(ValueError, match="combines the displacements"):
+        solved(floor(), reduction=Reduction(twice, twice, pressed.offset))
+
+
+def test_lifted_body():
+    up = BLOCK.pressure.copy()
+    up.scale(-1.0)
+    with pytest.raises(FreeBody, match="lift or drag the body off"):
+        solved(floor(), up)
+
+
+def test_dragged_body():
+    with pytest.raises(FreeBody, match="translation x: the loads lift or drag"):
+        BLOCK.solve(0.3, 0.7 * 200, smooth=0.0)
+
+
+def test_overturned_body():
+    high = boundary_measure(BLOCK.body.spaces.mesh, lambda x: np.isclose(x[0], 4.0) & (x[1] > 0.9))
+    f = BLOCK.pressure.copy()
+    f.axpy(1.0, assemble_vector(BLOCK.body.surface_load((1800.0, 0.0), high)))
+    with pytest.raises(FreeBody, match=r"rotation about \(4, 0\)"):
+        solved(floor(10.0), f)
+
+
+def test_body_on_ice_is_held_by_nothing():
+    with pytest.raises(FreeBody, match="translation x: held neither by supports nor by contact"):
+        solved(floor(0.0))
+    ball = ContactPair(at(1, 0.0), Sphere((2, -3), 3.0))
+    side = Reduction.dirichlet(
+        BLOCK.space,
+        [support(BLOCK.space, 0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0))],
+    )
+    solved(ball, reduction=side)  # a circle's normals hold the rotation
+
+
+def test_free_surface_is_named():
+    foot = [support(BLOCK.space, i, at(1, 2.0)) for i in range(2)]
+    free = floor(0.0, motions=[Motion((None, None), (0, 100.0))])
+    with pytest.raises(FreeBody, match="translation x of the surface of pair 0"):
+        solved(free, reduction=Reduction.dirichlet(BLOCK.space, foot))
+    pulled = floor(0.3, motions=[Motion((0, None), (0, -100.0))])
+    with pytest.raises(FreeBody, match="translation y of the surface of pair 0: the loads lift"):
+        solved(pulled, reduction=Reduction.dirichlet(BLOCK.space, foot))
+
+
+def test_meshes_that_are_none():
+    square = ((0.0, 0.0), (1.0, 1.0), (3, 3))
+
+    def flat(x):
+        return np.where(x > 0.9, 2 / 3, x)
+
+    def folded(x):
+        inner = np.all(np.isclose(x[:, :2], 1 / 3), axis=1)
+        return np.where(inner[:, None], [1.2, 0.9, 0.0], x)
+
+    for build in (triangles, quadrilaterals):
+        check_mesh(build(MPI.COMM_SELF, *square))
+        with pytest.raises(DegenerateMesh, match="no volume"):
+            check_mesh(mapped(build(MPI.COMM_SELF, *square), flat))
+    with pytest.raises(DegenerateMesh, match=r"cells around .* same side of a facet"):
+        check_mesh(mapped(triangles(MPI.COMM_SELF, *square), folded))
+    with pytest.raises(DegenerateMesh, match="inside out"):
+        check_mesh(mapped(quadrilaterals(MPI.COMM_SELF, *square), folded))
+    bent = curved(
+        triangles(MPI.COMM_SELF, *square), lambda x: x + 0.4 * np.sin(9 * x[:, [1, 0, 2]])
+    )
+    with pytest.raises(DegenerateMesh):
+        check_mesh(bent)
+
+
+def test_cycles_and_exhausted_iterations_are_errors():
+    greco = Greco(16)
+    with pytest.raises(ContactNotConverged, match="runs through the same"):
+        greco.solve(10.0)
+    with pytest.raises(ContactNotConverged, match="after 3 iterations"):
+        greco.solve(1.0, max_iterations=3)
+
+
+def test_cycling_nodes_change_one_at_a_time():
+    """Two nodes that swap their states: the remedy lets the worse one go first."""
+    history = History(MPI.COMM_SELF)
+    one, two = (
+        ActiveSet(np.array(s, dtype=np.int8), np.zeros((2, 1)), np.zeros(2))
+        for s in ([OPEN, STICK], [STICK, OPEN])
+    )
+    frame = np.tile(np.eye(2), (2, 1, 1))
+    force = np.array([[2.0, 0.0], [-1.0, 0.0]])  # of the first set: one closes, one opens
+    contact = Contact(frame, np.zeros(2), np.zeros((2, 1)), force, np.full(2, 0.3), np.ones(2))
+    still = np.zeros((1, 2))
+    assert not history.repeats(one, still)
+    assert history.slowed(one, contact).status.tolist() == [STICK, OPEN]
+    assert not history.repeats(two, still)
+    assert history.repeats(one, still)
+    assert history.slowed(one, contact).status.tolist() == [OPEN, OPEN]
+    assert not history.repeats(one, still)
+    assert not history.repeats(two, still)
+    with pytest.raises(ContactNotConverged, match="2 active sets"):
+        history.repeats(one, still)
+
+
+class OneNode:
+    """A body all fixed but for one contact node, which a force pulls along the floor."""
+
+    def __init__(self):
+        mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))
+        body = Body(Spaces.petrov_galerkin(mesh), Material(10.0, 0.3), State.PLANE_STRESS)
+        self.space = body.spaces.trial
+        self.K = assemble_matrix(body.stiffness())
+
+        def corner(x):
+            return np.isclose(x[0], 1.0) & np.isclose(x[1], 0.0)
+
+        rest = [support(self.space, i, lambda x: ~corner(x)) for i in range(2)]
+        self.reduction = Reduction.dirichlet(self.space, rest)
+        self.corner = corner
+        self.stiffness = self.reduction.matrix(self.K)[:, :]
+
+    def solve(self, mu, force, start=()):
+        load = nodal_load(self.space, self.corner, force)
+        pair = ContactPair(self.corner, FLOOR, mu)
+        return solve_contact(self.K, load, self.reduction, [pair], self.space, start)
+
+
+def test_large_friction_has_several_answers_and_says_so():
+    node = OneNode()
+    (tt, _), (nt, _) = node.stiffness
+    side = np.sign(nt)
+    critical = abs(tt / nt)
+
+    (below,) = node.solve(0.5 * critical, (-side * 2 * critical, -1.0))
+    assert below.unique
+    assert below.pairs[0].status.tolist() == [SLIP]
+
+    with pytest.raises(NotUnique, match="too large for a unique answer"):
+        node.solve(critical, (-side * 2 * critical, -1.0))
+
+    # the node may stick, or slip and thereby relieve itself
+    load = (-side * 1.5 * critical, -1.0)
+    (stick,) = node.solve(3 * critical, load)
+    assert stick.pairs[0].status.tolist() == [STICK]
+    pair = replace(
+        stick.pairs[0],
+        status=np.array([SLIP], dtype=np.int8),
+        force_tangential=np.array([[side, 0.0]]),
+    )
+    (slip,) = node.solve(3 * critical, load, [replace(stick, pairs=(pair,))])
+    assert slip.pairs[0].status.tolist() == [SLIP]
+    assert slip.pairs[0].force_normal < 0.9 * stick.pairs[0].force_normal
+    assert max(state.residuals.largest() for state in (stick, slip)) < 1e-12
+
+    assert Greco(16).solve(1.0).unique
+    assert not Greco(16).solve(50.0).unique
+
+
+def test_prescribed_values_have_to_be_tangential_for_every_pair():
+    left = support(BLOCK.space, 0, at(0, 0.0))
+    wall = ContactPair(at(0, 0.0), Plane((0, 0), (1, 0)))
+    with pytest.raises(ValueError, match="prescribed normal displacement"):
+        solved(wall, reduction=Reduction.dirichlet(BLOCK.space, [left]))

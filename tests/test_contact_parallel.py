@@ -1,0 +1,29 @@
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PROJECT = Path(__file__).parents[1]
+
+
+def numbers(processes):
+    command = ["mpirun", "-n", str(processes), sys.executable, "-m", "tests.contact_numbers"]
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout)
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+def test_same_contact_on_one_two_and_three_processes():
+    serial = numbers(1)
+    for processes in (2, 3):
+        parallel = numbers(processes)
+        assert parallel.keys() == serial.keys()
+        for name, value in serial.items():
+            # displacements are of this size in all cases, gaps and slips may all be zero
+            scale = 0.1 if name.endswith(("gap", "slip")) else np.abs(value).max()
+            assert np.abs(np.subtract(parallel[name], value)).max() <= 1e-10 * scale, name
