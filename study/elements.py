@@ -1,8 +1,24 @@
 """The elements that the study compares, by the names of its result files."""
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Spaces
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+)
+from pw_elements.mechanics import Marker, Scalar, Vector
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
 _SPACES = {
@@ -11,6 +27,48 @@ _SPACES = {
     "pwsym-T6": Spaces.petrov_galerkin,
     "galerkin-Q8": Spaces.serendipity,
 }
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """An elastic body on one of the study's elements.
+
+    Args:
+        element: its name.
+        body: displacement spaces, material, state.
+        K: stiffness, free.
+    """
+
+    element: str
+    body: Body
+    K: PETSc.Mat
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """Trial space of the displacements."""
+        return self.body.spaces.trial
+
+    def surface_load(self, traction: Vector, where: Marker) -> PETSc.Vec:
+        """Load vector of a traction on the part of the boundary that a marker holds on."""
+        surface = boundary_measure(self.body.spaces.mesh, where)
+        return assemble_vector(self.body.surface_load(traction, surface))
+
+    def supports(self, conditions: Sequence[fem.DirichletBC]) -> Reduction:
+        """Dirichlet conditions, and what the element condenses."""
+        return Reduction.dirichlet(self.space, conditions)
+
+
+def discretise(
+    element: str,
+    build: Callable[[str], Mesh],
+    material: Material,
+    state: State,
+    thickness: Scalar = 1.0,
+) -> Discretisation:
+    """A body on an element; `build` makes a mesh of "triangle" or "quadrilateral" cells."""
+    mesh = build("quadrilateral" if is_quadrilateral(element) else "triangle")
+    body = Body(spaces(element, mesh), material, state, thickness)
+    return Discretisation(element, body, assemble_matrix(body.stiffness()))
 
 
 def spaces(element: str, mesh: Mesh) -> Spaces:
