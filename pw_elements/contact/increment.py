@@ -93,7 +93,8 @@ class Increment:
         max_iterations: int,
     ) -> None:
         self.system, self.rigid, self.nodes = system, rigid, system.nodes
-        self.load = system.reduction.load(K, load)
+        self.reduction = system.reduction.under(K, load)
+        self.load = self.reduction.load(K, load)
         self.prescribed, self.totals, self.past = prescribed, totals, past
         self.max_iterations = max_iterations
         self.scale = system.stiffness_scale()
@@ -234,7 +235,7 @@ class Increment:
     def _seen(self, reduced: PETSc.Vec, translations: Array) -> Iterate:
         """Gaps, slips and forces at the contact nodes."""
         nodes, system = self.nodes, self.system
-        full = system.reduction.expand(reduced)
+        full = self.reduction.expand(reduced)
         dim = nodes.position.shape[1]
         displacement = full.array_r.reshape(-1, dim)[nodes.node]
         forces = self.load.duplicate()
@@ -312,7 +313,7 @@ class Increment:
             now.full,
             pair_states(self.nodes, now.contact, active.status, now.force, now.translations),
             iterations,
-            len(self.system.orientations) == 1,
+            self.system.unique,
             self._residuals(now, active),
         )
         frame = now.contact.frame

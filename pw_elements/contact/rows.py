@@ -38,9 +38,7 @@ class ContactRows:
         self._translation = np.where(
             translations >= 0, np.searchsorted(keys, self._key(node, translations)), -1
         )
-        self._block = np.stack(
-            [self._values_of(K, row[self._node, axis]) for axis in range(dim)], axis=1
-        )
+        self._block = np.stack([self._values_of(K, row[:, axis]) for axis in range(dim)], axis=1)
 
         # entries of all rows, row by row
         entry, axis = np.nonzero(row[self._node] >= 0)
@@ -73,20 +71,24 @@ class ContactRows:
     def _pattern(self, K: sp.csr_matrix, row: Indices, more: Sequence[Indices]) -> sp.csr_matrix:
         """Columns (n, columns) that any row of a node has, and those of its displacements."""
         n = len(row)
-        ones = sp.csr_matrix((np.ones_like(K.data), K.indices, K.indptr), shape=K.shape)
-        pattern = _ones(row, K.shape[0]) @ ones
+        pattern = sp.csr_matrix((n, self._columns))
+        for axis in range(row.shape[1]):
+            rows = K[np.maximum(row[:, axis], 0)]
+            rows.data = np.repeat((row[:, axis] >= 0).astype(float), np.diff(rows.indptr))
+            pattern = pattern + rows
         for columns in more:
             pattern = pattern + _ones(columns, self._columns)
-        pattern = sp.csr_matrix(pattern, shape=(n, self._columns))
         pattern.sort_indices()
         return pattern
 
     def _values_of(self, K: sp.csr_matrix, row: Indices) -> Array:
-        """Stiffness at (row, entry's column), zero where K has no such entry."""
-        keys = self._key(np.repeat(np.arange(K.shape[0]), np.diff(K.indptr)), K.indices)
-        wanted = self._key(row, self._column)
+        """Stiffness (entries,) in a row (n,) of each node, zero where K has no such entry."""
+        rows = K[np.maximum(row, 0)]
+        keys = self._key(np.repeat(np.arange(len(row)), np.diff(rows.indptr)), rows.indices)
+        wanted = self._key(self._node, self._column)
         at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-        return np.where((row >= 0) & (keys[at] == wanted), K.data[at], 0.0)
+        there = (row[self._node] >= 0) & (keys[at] == wanted)
+        return np.where(there, rows.data[at], 0.0)
 
     def _key(self, row: npt.NDArray, column: npt.NDArray) -> Indices:
         return np.int64(self._columns) * row + column

@@ -83,7 +83,7 @@ class ContactState:
         displacement: full vector (n,) in the trial space's numbering.
         pairs: one state per contact pair.
         iterations: linear systems solved.
-        unique: False if the determinants of the tangents met so far have different signs.
+        unique: False if determinants of tangents factorised so far have different signs.
             Then the friction is so large that several states can be in equilibrium with the
             same loads; another start or smaller increments may lead to another one.
         residuals: of all conditions.

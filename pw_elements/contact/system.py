@@ -14,14 +14,15 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.algebra import Reduction, SingularSystem
+from pw_elements.algebra import Reduction
 from pw_elements.contact.pairs import ContactNodes
 from pw_elements.contact.rows import ContactRows
+from pw_elements.contact.tangent import TangentSolver
 
 Array = npt.NDArray[np.float64]
 
-# Relative error with which a known solution may come back (as in algebra.factorise)
-_LOST = 1e-4
+# What does not count as different
+_SAME = 1e-12
 
 
 class ContactSystem:
@@ -39,7 +40,6 @@ class ContactSystem:
     Attributes:
         stiffness: L^T K R.
         matrix: of the last active set.
-        orientations: signs of the determinants of all active sets so far.
     """
 
     def __init__(
@@ -63,8 +63,13 @@ class ContactSystem:
         self._contact = ContactRows(local, self._row, nodes.column, self._translation_columns())
         self._pointers = self._contact.compressed(first)
         self.matrix = self._assembled(local)
-        self._solver: PETSc.KSP | None = None
-        self.orientations: set[float] = set()
+        self._tangent = TangentSolver(self.matrix)
+        self._factorised: Array | None = None  # combinations (n, 3, dim, dim) at that time
+
+    @property
+    def unique(self) -> bool:
+        """Whether all tangents factorised so far have determinants of one sign."""
+        return len(self._tangent.orientations) <= 1
 
     def _rows_of_stiffness(self) -> sp.csr_matrix:
         """Owned rows, with empty columns for the free translations."""
@@ -83,29 +88,27 @@ class ContactSystem:
 
     def _assembled(self, K: sp.csr_matrix) -> PETSc.Mat:
         """The matrix with its final pattern; values of the contact rows are set later."""
-        contact = self._contact
-        rest = K.tocoo()
-        keep = np.ones(self._own, dtype=bool)
-        keep[contact.row] = False
-        keep = keep[rest.row]
         border = self._balance(K)
-        parts = [
-            (rest.row[keep], rest.col[keep], rest.data[keep]),
-            (contact.row, contact.column, np.zeros(len(contact.row))),
-            (self._own + border.row, border.col, border.data),
-        ]
-        row, column, data = (np.concatenate([part[j] for part in parts]) for j in range(3))
-        size = self._own + (len(self.free) if self._holds_border else 0)
-        rows = sp.csr_matrix((data, (row, column)), shape=(size, K.shape[1]))
-        rows.sort_indices()
-        indices = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType))
-        sizes = (size, K.shape[1])
-        return PETSc.Mat().createAIJ((sizes, sizes), csr=(*indices, rows.data), comm=self.comm)
+        contact = np.zeros(self._own, dtype=bool)
+        contact[self._contact.row] = True
+        counts = np.diff(K.indptr)
+        counts[contact] = np.bincount(self._contact.row, minlength=self._own)[contact]
+        counts = np.concatenate([counts, np.diff(border.indptr)])
+        fixed = np.repeat(np.concatenate([~contact, np.ones(border.shape[0], bool)]), counts)
+        kept = np.repeat(~contact, np.diff(K.indptr))
 
-    def _balance(self, K: sp.csr_matrix) -> sp.coo_matrix:
+        indptr = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
+        indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
+        indices[fixed] = np.concatenate([K.indices[kept], border.indices])
+        indices[~fixed] = self._contact.column
+        data[fixed] = np.concatenate([K.data[kept], border.data])
+        sizes = (len(counts), K.shape[1])
+        return PETSc.Mat().createAIJ((sizes, sizes), csr=(indptr, indices, data), comm=self.comm)
+
+    def _balance(self, K: sp.csr_matrix) -> sp.csr_matrix:
         """Equations of the free translations: sums of a pair's rows, and a diagonal of zeros.
 
-        They are empty on all processes but the last.
+        There are none on all processes but the last.
         """
         select = sp.lil_matrix((len(self.free), self._own))
         for k, (pair, axis) in enumerate(self.free):
@@ -113,13 +116,15 @@ class ContactSystem:
             select[k, row[row >= 0]] = 1.0
         parts = self.comm.gather(sp.csr_matrix(select) @ K, root=self.comm.size - 1)
         if parts is None:
-            return sp.coo_matrix((len(self.free), K.shape[1]))
-        total = sp.coo_matrix(sum(parts[1:], start=parts[0]))
+            return sp.csr_matrix((0, K.shape[1]))
+        total = sum(parts[1:], start=parts[0]).tocoo()
         own = np.arange(len(self.free))
         row = np.concatenate([total.row, own])
         column = np.concatenate([total.col, K.shape[1] - len(own) + own])
         data = np.append(total.data, np.zeros(len(own)))
-        return sp.coo_matrix((data, (row, column)), total.shape)
+        balance = sp.csr_matrix((data, (row, column)), total.shape)
+        balance.sort_indices()
+        return balance
 
     def stiffness_scale(self) -> Array:
         """Mean stiffness diagonal (n,) of the free components of each contact node, or 1."""
@@ -178,7 +183,7 @@ class ContactSystem:
         if self._holds_border:
             local[len(f) :] = totals + loads
         del local
-        solution = self._solution(right)
+        solution = self._solution(right, np.stack([E, C, D], axis=1))
         free = self.comm.bcast(
             solution.array_r[len(f) :] if self._holds_border else None, root=self.comm.size - 1
         )
@@ -193,44 +198,18 @@ class ContactSystem:
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
-    def _solution(self, right: PETSc.Vec) -> PETSc.Vec:
-        if self._solver is None:
-            self._solver = _mumps(self.matrix)
-        solution = right.duplicate()
-        self._solver.solve(right, solution)  # factorises anew when the matrix has changed
-        factor = self._solver.getPC().getFactorMatrix()
-        null_pivots, error = factor.getMumpsInfog(28), self._error_of_known_solution(self._solver)
-        if null_pivots > 0 or not error <= _LOST:
-            self._solver.destroy()
-            self._solver = None
-            raise SingularSystem(
-                f"the tangent of the contact problem is singular ({null_pivots} zero pivots, a "
-                f"known solution came back with the relative error {error:.1e})"
-            )
-        self.orientations.add(float(np.sign(factor.getMumpsRinfog(12))))
+    def _solution(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec:
+        """Solution for the nodes' combinations (n, 3, dim, dim) that are in the matrix.
+
+        A few rows that differ from those of the last factorisation are cheaper to correct.
+        """
+        if self._factorised is not None:  # no process differs in this
+            size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
+            change = np.abs(combinations - self._factorised) > _SAME * size
+            rows = self.comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
+            solution = self._tangent.solve_as_changed(right, rows)
+            if solution is not None:
+                return solution
+        solution = self._tangent.solve(right)
+        self._factorised = combinations
         return solution
-
-    def _error_of_known_solution(self, solver: PETSc.KSP) -> float:
-        known = self.matrix.createVecRight()
-        first, last = known.getOwnershipRange()
-        known.setArray(np.cos(np.arange(first, last, dtype=float)))
-        image, back = known.duplicate(), known.duplicate()
-        self.matrix.mult(known, image)
-        solver.solve(image, back)
-        back.axpy(-1.0, known)
-        return back.norm() / known.norm()
-
-
-def _mumps(matrix: PETSc.Mat) -> PETSc.KSP:
-    """Direct solver that analyses the pattern once and tells the determinant's sign."""
-    solver = PETSc.KSP().create(matrix.comm)
-    solver.setOperators(matrix)
-    solver.setType("preonly")
-    preconditioner = solver.getPC()
-    preconditioner.setType("lu")
-    preconditioner.setFactorSolverType("mumps")
-    preconditioner.setFactorSetUpSolverType()
-    factor = preconditioner.getFactorMatrix()
-    factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
-    factor.setMumpsIcntl(33, 1)  # determinant
-    return solver
