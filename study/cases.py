@@ -16,6 +16,9 @@ from study.store import Result, StudyError
 SECTIONS = {
     "3": "study.sec3",
     "7.1": "study.ex71",
+    "7.2": "study.ex72",
+    "7.3": "study.ex73",
+    "7.4": "study.ex74",
     "7.6": "study.ex76",
     "T": "study.verification.t_identity",
 }

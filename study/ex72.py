@@ -1,0 +1,123 @@
+"""7.2 Elastic block on a rigid surface, pressed from above and pulled to the right (Figs 6-8)."""
+
+from functools import partial
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx.mesh import Mesh
+
+from pw_elements import Material, State
+from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
+from pw_elements.meshes import quadrilaterals, triangles
+from study.cases import Case
+from study.contact_result import contact_result
+from study.elements import Discretisation, discretise
+from study.store import Result
+
+TITLE = "Elastic block on a rigid surface"
+
+# Printed: E, nu, mu, 400 triangles or 200 quadrilaterals, the first and last contact element
+# frictionless. Reconstructed: 4 x 2 with 20 x 10 squares, pressure 200, traction 60.
+YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
+LENGTH, HEIGHT = 4.0, 2.0
+PRESSURE = 200.0
+FRICTION, PULL = 0.3, 0.3  # pull: tangential traction over pressure
+DIVISIONS = (20, 10)
+SMOOTH = 0.2  # length of the frictionless element at either end
+INCREMENTS = 10  # of the pull, after the pressure
+
+
+def block(
+    element: str,
+    friction: float = FRICTION,
+    pull: float = PULL,
+    divisions: tuple[int, int] = DIVISIONS,
+    shared_is_rough: bool = True,
+    state: str = "plane stress",
+) -> Result:
+    """Contact forces below the block after the last increment.
+
+    Each mesh starts from the active sets of the next coarser one, down to that of the paper.
+    """
+    levels = [(divisions[0], divisions[1])]
+    while levels[0][0] > DIVISIONS[0]:
+        levels.insert(0, (levels[0][0] // 2, levels[0][1] // 2))
+    states: list[ContactState] = []
+    for level in levels:
+        body = discretise(
+            element,
+            partial(_mesh, level),
+            Material(YOUNGS_MODULUS, POISSONS_RATIO),
+            State(state),
+        )
+        loads = _press_and_pull(body, pull)
+        states = _on_foundation(body, loads, friction, shared_is_rough, states)
+    return contact_result(body, states, loads[-1], _lower_side, PRESSURE)
+
+
+def _press_and_pull(body: Discretisation, pull: float) -> list[PETSc.Vec]:
+    """Loads at the end of each increment: the pressure, then the pull in equal steps."""
+    pressure = body.surface_load((0.0, -PRESSURE), _upper_side)
+    traction = body.surface_load((pull * PRESSURE, 0.0), _right_side)
+    return [pressure + traction * (k / INCREMENTS) for k in range(INCREMENTS + 1)]
+
+
+def _on_foundation(
+    body: Discretisation,
+    loads: list[PETSc.Vec],
+    friction: float,
+    shared_is_rough: bool,
+    start: list[ContactState],
+) -> list[ContactState]:
+    edge = SMOOTH - 1e-9 if shared_is_rough else SMOOTH + 1e-9
+
+    def per_node(x: np.ndarray) -> np.ndarray:
+        return np.where((x[0] > edge) & (x[0] < LENGTH - edge), friction, 0.0)
+
+    foundation = ContactPair(_lower_side, Plane((0.0, 0.0), (0.0, 1.0)), per_node)
+    return solve_contact(body.K, loads, body.supports([]), [foundation], body.space, start)
+
+
+def _mesh(divisions: tuple[int, int], cell: str) -> Mesh:
+    build = triangles if cell == "triangle" else quadrilaterals
+    return build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
+
+
+def _lower_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], 0.0)
+
+
+def _upper_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], HEIGHT)
+
+
+def _right_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[0], LENGTH)
+
+
+ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8")
+VARIANTS: dict[str, dict[str, object]] = {
+    "-pull0.15": {"pull": 0.15},
+    "-pull0.40": {"pull": 0.4},
+    "-mu0.5-pull0.50": {"friction": 0.5, "pull": 0.5},
+}
+CASES = [Case("7.2", element, block, {"element": element}) for element in ELEMENTS]
+CASES += [
+    Case("7.2", f"{element}{name}", block, {"element": element, **variant})
+    for element in ("galerkin-T6", "pw-T6")
+    for name, variant in VARIANTS.items()
+]
+CASES += [
+    Case("7.2", f"pw-T6{name}-80x40", block, {"element": "pw-T6", "divisions": (80, 40), **variant})
+    for name, variant in ({"": {}} | VARIANTS).items()
+]
+CASES += [
+    Case("7.2", f"{element}-smooth", block, {"element": element, "shared_is_rough": False})
+    for element in ("galerkin-T6", "pw-T6")
+]
+CASES += [
+    Case("7.2", f"{element}-strain", block, {"element": element, "state": "plane strain"})
+    for element in ("galerkin-T6", "pw-T6")
+]

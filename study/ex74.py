@@ -1,0 +1,104 @@
+"""7.4 Rigid plate acting on an elastic body (Figs 11-14)."""
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx.mesh import Mesh
+
+from pw_elements import Material, State, support
+from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
+from pw_elements.meshes import mapped, quadrilaterals, triangles
+from study.cases import Case
+from study.contact_result import contact_result
+from study.elements import discretise
+from study.store import Result
+
+TITLE = "Rigid plate acting on an elastic body"
+
+# Printed: E, nu, friction angle, force, sides and base held, smallest elements under the plate.
+# Reconstructed: plate 2 wide, body 40 x 10, elements growing by 1.4 away from the plate.
+YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_ANGLE = 1.2e8, 0.25, 20.0
+FORCE = 40.0
+HALF_PLATE, HALF_WIDTH, DEPTH = 1.0, 20.0, 10.0
+ELEMENTS_UNDER_HALF, GROWTH = 8, 1.4
+INCREMENTS = 5
+
+
+def plate(
+    element: str,
+    friction_angle: float = FRICTION_ANGLE,
+    state: str = "plane stress",
+    under_half: int = ELEMENTS_UNDER_HALF,
+    half_width: float = HALF_WIDTH,
+    depth: float = DEPTH,
+) -> Result:
+    """Contact forces below the plate, pressed by its force; `translation` is its settlement."""
+    build = partial(_mesh, under_half, half_width, depth)
+    material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
+    body = discretise(element, build, material, State(state))
+    held = [support(body.space, i, partial(_sides_and_base, half_width, depth)) for i in (0, 1)]
+    steps = np.arange(1, INCREMENTS + 1) / INCREMENTS
+    motions = [Motion((0.0, None), (0.0, -FORCE * s)) for s in steps]
+    friction = float(np.tan(np.deg2rad(friction_angle)))
+    pair = ContactPair(_below, FlatPunch((0.0, 0.0), (0.0, -1.0), HALF_PLATE), friction, motions)
+    nothing = [body.K.createVecLeft()] * INCREMENTS
+    states = solve_contact(body.K, nothing, body.supports(held), [pair], body.space)
+    return contact_result(
+        body,
+        states,
+        nothing[-1],
+        _below,
+        FORCE / (2 * HALF_PLATE),
+        translation=-states[-1].pairs[0].translation[1],
+    )
+
+
+def _mesh(under_half: int, half_width: float, depth: float, cell: str) -> Mesh:
+    smallest = HALF_PLATE / under_half
+    beside = HALF_PLATE + _growing(smallest, half_width - HALF_PLATE)
+    right = np.concatenate([np.linspace(0, HALF_PLATE, under_half + 1), beside[1:]])
+    x_lines = np.concatenate([-right[:0:-1], right])
+    y_lines = -_growing(smallest, depth)[::-1]
+    divisions = (len(x_lines) - 1, len(y_lines) - 1)
+
+    def placed(x: np.ndarray) -> np.ndarray:
+        moved = x.copy()
+        for axis, lines in enumerate((x_lines, y_lines)):
+            moved[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
+        return moved
+
+    build = triangles if cell == "triangle" else quadrilaterals
+    return mapped(build(MPI.COMM_SELF, (0.0, 0.0), divisions, divisions), placed)
+
+
+def _growing(smallest: float, length: float) -> np.ndarray:
+    """Mesh lines from 0 to the length, elements growing by GROWTH from about the smallest."""
+    count = int(np.ceil(np.log1p(length / smallest * (GROWTH - 1)) / np.log(GROWTH)))
+    lines = np.concatenate([[0.0], np.cumsum(GROWTH ** np.arange(count))])
+    return length * lines / lines[-1]
+
+
+def _below(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < HALF_PLATE + 1e-9)
+
+
+def _sides_and_base(half_width: float, depth: float, x: np.ndarray) -> np.ndarray:
+    return np.isclose(np.abs(x[0]), half_width) | np.isclose(x[1], -depth)
+
+
+ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8")
+CASES = [Case("7.4", element, plate, {"element": element}) for element in ELEMENTS]
+CASES += [
+    Case("7.4", f"{element}{name}", plate, {"element": element, **variant})
+    for element in ELEMENTS
+    for name, variant in {
+        "-mu0": {"friction_angle": 0.0},
+        "-strain": {"state": "plane strain"},
+    }.items()
+]
+CASES += [
+    Case("7.4", "pw-T6-deep", plate, {"element": "pw-T6", "half_width": 40.0, "depth": 20.0}),
+    Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 32}),
+]
