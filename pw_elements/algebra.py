@@ -12,12 +12,13 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
@@ -28,6 +29,8 @@ from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 _LOST = 1e-4
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
+# Entries of a matrix below this, over its largest, are zeros
+_ROUND_OFF = 1e-13
 
 
 class SingularSystem(RuntimeError):
@@ -59,15 +62,26 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
 class Reduction:
     """K_r = L^T K R, f_r = L^T (f - K a_0), a = R a_r + a_0.
 
+    Static condensation is one, too. For unsymmetric K, kept (e) and inner (i) unknowns,
+
+        L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
+
+    What a load does to inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], adds to the offset:
+    `under` gives the reduction for one load. Reduced loads do not need it, for L^T K Q = 0.
+    Guyan's reduction is `matrix` of a mass matrix; with R for L (`dataclasses.replace`), the
+    symmetric recipe, K_r is the same, since K R vanishes in the inner rows.
+
     Args:
         left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
-        right: R, (n, n_r).
+        right: R, (n, n_r); kept unknowns have rows of the identity.
         offset: a_0, (n,): prescribed values.
+        inner: Q, (n, n), of a condensation.
     """
 
     left: PETSc.Mat
     right: PETSc.Mat
     offset: PETSc.Vec
+    inner: PETSc.Mat | None = None
 
     @classmethod
     def dirichlet(
@@ -78,23 +92,58 @@ class Reduction:
         Raises:
             ValueError: if they leave nothing free, or a prescribed value is not finite.
         """
-        index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-        owned = index_map.size_local * block
-        values = np.zeros(owned + index_map.num_ghosts * block)
-        free = np.ones(owned, dtype=bool)
-        for condition in conditions:
-            dofs, first_ghost = condition.dof_indices()
-            free[dofs[:first_ghost]] = False
-            condition.set(values)
-        comm = space.mesh.comm
-        if not comm.allreduce(int(np.isfinite(values[:owned]).all()), MPI.MIN):
-            raise ValueError("a prescribed value is not a finite number")
-        if comm.allreduce(int(free.sum()), MPI.SUM) == 0:
-            raise ValueError("the Dirichlet conditions leave no degree of freedom free")
-        offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
-        offset.setArray(values[:owned])
+        free, offset = _prescribed(space, conditions)
+        _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
         selection = _selection(free, offset)
         return cls(selection, selection, offset)
+
+    @classmethod
+    def condensation(
+        cls,
+        K: PETSc.Mat,
+        space: fem.FunctionSpace,
+        nodes: npt.NDArray[np.int32],
+        conditions: Sequence[fem.DirichletBC] = (),
+    ) -> "Reduction":
+        """Condenses inner nodes statically, and drops prescribed degrees of freedom.
+
+        Args:
+            K: stiffness (n, n), free; it may be unsymmetric.
+            space: trial space.
+            nodes: local numbers of the inner nodes (ghosts are passed over), no two of which
+                share a cell: K_ii is inverted node by node.
+            conditions: Dirichlet conditions on the other nodes.
+
+        Raises:
+            ValueError: if K couples inner nodes, a condition holds on one, nothing is left
+                free, or a prescribed value is not finite.
+            SingularSystem: if an inner node has no stiffness.
+        """
+        free, offset = _prescribed(space, conditions)
+        block = space.dofmap.index_map_bs
+        inner = np.zeros(len(free), dtype=bool)
+        inner.reshape(-1, block)[nodes[nodes < space.dofmap.index_map.size_local]] = True
+        comm = space.mesh.comm
+        if comm.allreduce(int(np.any(inner & ~free)), MPI.MAX):
+            raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
+        _check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
+        Q = _inner_flexibility(K, inner, block)
+        kept = _selection(free & ~inner, offset)
+        right, left = kept.copy(), kept.copy()
+        different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
+        left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
+        return cls(left, right, offset, Q)
+
+    def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
+        """This reduction for a load f (n,) that acts on inner nodes, too."""
+        if self.inner is None:
+            return self
+        unbalanced = reactions(K, self.offset, f)
+        unbalanced.scale(-1.0)
+        offset = self.offset.duplicate()
+        self.inner.multAdd(unbalanced, self.offset, offset)
+        return replace(self, offset=offset)
 
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """L^T K R."""
@@ -125,10 +174,18 @@ class Reduction:
 
     def then(self, inner: "Reduction") -> "Reduction":
         """This reduction followed by another one of the reduced system."""
+        Q = self.inner
+        if inner.inner is not None:
+            lifted = self.right.matMult(inner.inner)
+            lifted = lifted.matMult(self.left.transpose(PETSc.Mat()))
+            if Q is not None:
+                lifted.axpy(1.0, Q, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            Q = lifted
         return Reduction(
             self.left.matMult(inner.left),
             self.right.matMult(inner.right),
             self.expand(inner.offset),
+            Q,
         )
 
 
@@ -139,6 +196,7 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction) -> PETSc.Vec:
         SingularSystem: if the reduced system has no unique solution.
         ValueError: if the load is not finite.
     """
+    reduction = reduction.under(K, f)
     load = reduction.load(K, f)
     if not np.isfinite(load.norm(PETSc.NormType.INFINITY)):
         raise ValueError("the load vector or a prescribed value is not finite")
@@ -219,6 +277,69 @@ def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> 
             f"{residual.norm(PETSc.NormType.INFINITY) / scale:.1e}: the matrix is too badly "
             "conditioned; check supports and units"
         )
+
+
+def _prescribed(
+    space: fem.FunctionSpace, conditions: Sequence[fem.DirichletBC]
+) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
+    """Which owned degrees of freedom are free, and the prescribed values (zero where free).
+
+    Raises:
+        ValueError: if a prescribed value is not finite.
+    """
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    owned = index_map.size_local * block
+    values = np.zeros(owned + index_map.num_ghosts * block)
+    free = np.ones(owned, dtype=bool)
+    for condition in conditions:
+        dofs, first_ghost = condition.dof_indices()
+        free[dofs[:first_ghost]] = False
+        condition.set(values)
+    comm = space.mesh.comm
+    if not comm.allreduce(int(np.isfinite(values[:owned]).all()), MPI.MIN):
+        raise ValueError("a prescribed value is not a finite number")
+    offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
+    offset.setArray(values[:owned])
+    return free, offset
+
+
+def _check_any(chosen: npt.NDArray[np.bool_], space: fem.FunctionSpace, otherwise: str) -> None:
+    if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
+        raise ValueError(otherwise)
+
+
+def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -> PETSc.Mat:
+    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros.
+
+    Raises:
+        ValueError: if K couples inner nodes.
+        SingularSystem: if a block is singular.
+    """
+    comm: MPI.Comm = K.comm.tompi4py()
+    chosen = _selection(inner, K.createVecLeft())
+    K_ii = chosen.transposeMatMult(K.matMult(chosen))
+    first, last = K_ii.getOwnershipRange()
+    indptr, column, value = K_ii.getValuesCSR()
+    row = np.repeat(np.arange(first, last), np.diff(indptr))
+    own = row // block == column // block
+    blocks = np.zeros(((last - first) // block, block, block))
+    blocks[(row[own] - first) // block, row[own] % block, column[own] % block] = value[own]
+    size = np.abs(blocks).max(initial=0.0)
+    coupling = np.abs(value[~own]).max(initial=0.0)
+    if comm.allreduce(coupling, MPI.MAX) > _ROUND_OFF * comm.allreduce(size, MPI.MAX):
+        raise ValueError(
+            "the stiffness couples nodes that are to be condensed: no two of them may share a cell"
+        )
+    singular = bool(len(blocks)) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF)
+    if comm.allreduce(int(singular), MPI.MAX):
+        raise SingularSystem("a node that is to be condensed has no stiffness")
+    inverse = np.linalg.inv(blocks)
+
+    width = np.where(inner, block, 0)
+    indptr = np.concatenate(([0], np.cumsum(width))).astype(PETSc.IntType)
+    dofs = np.flatnonzero(inner).reshape(-1, block) + K.getOwnershipRange()[0]
+    indices = np.repeat(dofs, block, axis=0).ravel().astype(PETSc.IntType)
+    return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
 
 
 def _selection(free: np.ndarray, rows: PETSc.Vec) -> PETSc.Mat:

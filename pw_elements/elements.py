@@ -95,6 +95,46 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     return _blocked(element, shape)
 
 
+def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Composite triangle: four linear triangles with one linear gradient over all of them.
+
+    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets
+    the L2 projection of the piecewise constant one onto linear functions of the macro
+    triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko,
+    E. A. Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47
+    (2000), for small strains. Projecting on the reference triangle is right for straight sides.
+    """
+    return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)
+
+
+class _AssumedGradientElement(basix.ufl._BasixElement):
+    """Macro triangle that tabulates projected gradients; FFCx tabulates through it."""
+
+    def __init__(self, element: basix.finite_element.FiniteElement) -> None:
+        super().__init__(element)
+        triangle, macro = CellType.triangle, PolysetType.macroedge
+        # an orthonormal basis of linear functions makes the projection a sum of integrals
+        points, weights = basix.make_quadrature(triangle, 2, polyset_type=macro)
+        slopes = element.tabulate(1, points)[1:, :, :, 0]
+        linear = tabulate_polynomial_set(triangle, PolysetType.standard, 1, 0, points)[0]
+        self._moments = np.einsum("dpn,kp,p->dkn", slopes, linear, weights)
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()}, assumed gradient"
+
+    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values and projected first derivatives at points (n, 2): (derivatives, n, nodes)."""
+        if nderivs > 1:
+            raise NotImplementedError("the composite triangle has first derivatives only")
+        values = super().tabulate(0, points)
+        if nderivs == 0:
+            return values
+        linear = tabulate_polynomial_set(
+            CellType.triangle, PolysetType.standard, 1, 0, np.ascontiguousarray(points)
+        )[0]
+        return np.concatenate([values, np.einsum("dkn,kp->dpn", self._moments, linear)])
+
+
 class _HalvedTensorElement(basix.ufl._BasixElement):
     """Macro element on an interval, quadrilateral or hexahedron, tabulated sub-cell by sub-cell.
 

@@ -8,7 +8,12 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements.elements import macro_element, quadratic_element, serendipity_element
+from pw_elements.elements import (
+    composite_element,
+    macro_element,
+    quadratic_element,
+    serendipity_element,
+)
 
 
 class NumberingError(RuntimeError):
@@ -50,6 +55,12 @@ class Spaces:
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Nodal 8-node quadrilaterals for both: the standard element CPS8."""
         trial = fem.functionspace(mesh, serendipity_element(_shape(mesh, components)))
+        return cls(trial, trial)
+
+    @classmethod
+    def composite(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
+        """Composite triangles, piecewise linear with assumed gradients, for both."""
+        trial = fem.functionspace(mesh, composite_element(_shape(mesh, components)))
         return cls(trial, trial)
 
     @property

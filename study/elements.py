@@ -18,6 +18,7 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
 )
+from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
 from pw_elements.mechanics import Marker, Scalar, Vector
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
@@ -26,12 +27,21 @@ _SPACES = {
     "pw-T6": Spaces.petrov_galerkin,
     "pwsym-T6": Spaces.petrov_galerkin,
     "galerkin-Q8": Spaces.serendipity,
+    "pw-Q8": Spaces.petrov_galerkin,
+    "pw-Q9": Spaces.petrov_galerkin,
+    "composite-T6": Spaces.composite,
 }
+
+# The quadrilaterals with piecewise-linear weights have an inner node more than the standard one:
+# that of two triangles (the paper's section 5), or the centre of four sub-quadrilaterals
+_INNER_NODES = {"pw-Q8": mid_diagonal_nodes, "pw-Q9": centre_nodes}
 
 
 @dataclass(frozen=True)
 class Discretisation:
     """An elastic body on one of the study's elements.
+
+    Its stiffness and loads are those of all nodes, inner ones too: `supports` condenses them.
 
     Args:
         element: its name.
@@ -55,7 +65,10 @@ class Discretisation:
 
     def supports(self, conditions: Sequence[fem.DirichletBC]) -> Reduction:
         """Dirichlet conditions, and what the element condenses."""
-        return Reduction.dirichlet(self.space, conditions)
+        if self.element not in _INNER_NODES:
+            return Reduction.dirichlet(self.space, conditions)
+        inner = _INNER_NODES[self.element](self.space)
+        return Reduction.condensation(self.K, self.space, inner, conditions)
 
 
 def discretise(
@@ -77,8 +90,8 @@ def spaces(element: str, mesh: Mesh) -> Spaces:
 
 
 def is_quadrilateral(element: str) -> bool:
-    """Whether the element's mesh is one of quadrilaterals."""
-    return element.rpartition("-")[2].startswith("Q")
+    """Whether the element's mesh is one of quadrilaterals; pw-Q8 has pairs of triangles."""
+    return element in ("galerkin-Q8", "pw-Q9")
 
 
 def is_symmetrised(element: str) -> bool:
