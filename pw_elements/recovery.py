@@ -1,6 +1,18 @@
-"""Nodal forces: their redistribution matrix T and their reading at nodes."""
+"""Nodal forces: their redistribution matrix T, their reading at nodes, pressures, sawtooth.
 
-from dataclasses import dataclass
+Three measures of contact pressure (and shear) are in use, and they must never be mixed:
+
+1. the nodal force itself;
+2. the nodal force over the integral of the node's own test function over the surface;
+3. the nodal force over the geometric tributary area of the node: of the surface's once halved
+   cells, each node gets equal parts of those around it.
+
+Under even pressure the standard quadratic element shows a sawtooth in 1 and 3 and none in 2; on
+the faces of 10-node tetrahedra its corners have no weight, and 2 does not exist there. With
+piecewise-linear test functions 2 and 3 are the same on straight sides.
+"""
+
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -8,8 +20,14 @@ import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
+from scipy.spatial import cKDTree
 
-from pw_elements.mechanics import Marker
+from pw_elements.algebra import assemble_vector
+from pw_elements.mechanics import Body, Marker, boundary_measure
+from pw_elements.spaces import Spaces
+
+Array = npt.NDArray[np.float64]
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS, _GOES = 3 / 4, 1 / 8
@@ -81,3 +99,161 @@ def forces_along(
     position, force = np.concatenate(position), np.concatenate(force)
     order = np.argsort(position[:, axis])
     return BoundaryForces(position[order], force[order])
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Nodes of a part of the boundary, in the order of `by_position`, on every process.
+
+    Areas are lengths times thickness in the plane, and of the whole circumference in
+    axisymmetry.
+
+    Args:
+        position: (m, dim).
+        own_area: (m,), integral of each node's test function.
+        tributary_area: (m,), integral of the piecewise-linear function of each node.
+        edges: (e, 3), mid-side node and both corners of each edge of the surface.
+        rim: (m,), nodes at the ends of the line or on the edge of the face.
+    """
+
+    position: Array
+    own_area: Array
+    tributary_area: Array
+    edges: npt.NDArray[np.intp]
+    rim: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, body: Body, where: Marker) -> "ContactSurface":
+        """The exterior facets on which a marker holds at every vertex.
+
+        Raises:
+            ValueError: if there are none.
+        """
+        position, own = _areas(body, where)
+        pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
+        other, tributary = _areas(pw, where)
+        tree = cKDTree(other)
+        edges, rim_nodes = _edges(body.spaces.trial, where, cKDTree(position))
+        rim = np.zeros(len(position), dtype=bool)
+        rim[rim_nodes] = True
+        return cls(position, own, tributary[tree.query(position)[1]], edges, rim)
+
+    def pressure(self, force: Array) -> Array:
+        """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight."""
+        weightless = self.own_area < 1e-9 * self.tributary_area
+        area = np.where(weightless, np.nan, self.own_area)
+        return (force.T / area).T
+
+    def tributary_pressure(self, force: Array) -> Array:
+        """Measure 3 of forces (m,) or (m, components)."""
+        return (force.T / self.tributary_area).T
+
+    def sawtooth(self, force: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
+        """Median ratio of mid-side nodes' forces to the mean of both corners'.
+
+        2 in the plane for the standard element under even pressure, 1 for even forces; NaN
+        without an edge to judge by.
+
+        Args:
+            force: (m,), raw normal nodal forces, measure 1.
+            closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
+        """
+        middle, mean = self._inner(force, closed)
+        with np.errstate(divide="ignore"):  # corners of 10-node tetrahedra
+            return float(np.median(middle / mean)) if len(middle) else np.nan
+
+    def unevenness(self, values: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
+        """Median size of mid-side value less the mean of both corners', over the median value.
+
+        A second difference: zero for values (m,) (forces or pressures) that vary linearly.
+        """
+        middle, mean = self._inner(values, closed)
+        if not len(middle):
+            return np.nan
+        return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
+
+    def _inner(self, values: Array, closed: npt.NDArray[np.bool_] | None) -> tuple[Array, Array]:
+        """Mid-side values, and means of both corners', of edges that count."""
+        counts = ~self.rim if closed is None else closed & ~self.rim
+        edges = self.edges[counts[self.edges].all(axis=1)]
+        return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
+
+
+def by_position(position: Array) -> npt.NDArray[np.intp]:
+    """Order of nodes (m, dim) by their first coordinate, then the next.
+
+    Round-off of mid-side positions depends on the partition; the order does not.
+    """
+    size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
+    digits = np.round(position / (size or 1.0), 9)
+    return np.lexsort(digits.T[::-1])
+
+
+def _areas(body: Body, where: Marker) -> tuple[Array, Array]:
+    """Positions (m, dim) of the nodes of a surface and integrals (m,) of their functions."""
+    space, mesh = body.spaces.trial, body.spaces.mesh
+    dim = mesh.geometry.dim
+    surface = boundary_measure(mesh, where)
+    area = assemble_vector(body.surface_load(np.eye(dim)[-1], surface))
+    facets = _facets(space, where)
+    nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
+    nodes = nodes[nodes < space.dofmap.index_map.size_local]
+    comm = mesh.comm
+    position = np.concatenate(comm.allgather(space.tabulate_dof_coordinates()[nodes, :dim]))
+    areas = np.concatenate(comm.allgather(area.array_r.reshape(-1, dim)[nodes, -1]))
+    order = by_position(position)
+    return position[order], areas[order]
+
+
+def _facets(space: fem.FunctionSpace, where: Marker) -> npt.NDArray[np.int32]:
+    """Exterior facets of owned cells on which the marker holds."""
+    mesh = space.mesh
+    dim = mesh.topology.dim
+    mesh.topology.create_connectivity(dim - 1, dim)
+    marked = locate_entities_boundary(mesh, dim - 1, where)
+    return np.intersect1d(marked, exterior_facet_indices(mesh.topology)).astype(np.int32)
+
+
+def _edges(
+    space: fem.FunctionSpace, where: Marker, nodes: cKDTree
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Edges (e, 3) of a surface as numbers of its nodes, and its rim's nodes.
+
+    The rim consists of the ends of facets (vertices in 2-D, edges in 3-D) that no other facet
+    of the surface shares.
+    """
+    mesh, layout = space.mesh, space.dofmap.dof_layout
+    topology, dim = mesh.topology, mesh.topology.dim
+    topology.create_connectivity(dim, dim - 1)
+    cell_facets, facet_cells = (
+        topology.connectivity(dim, dim - 1),
+        topology.connectivity(dim - 1, dim),
+    )
+    sub = basix.topology(space.element.basix_element.cell_type)
+
+    def of_facet(local: int, d: int) -> list[int]:
+        """Sub-entities of dimension d of a cell's facet."""
+        corners = set(sub[dim - 1][local])
+        return [e for e, vertices in enumerate(sub[d]) if set(vertices) <= corners]
+
+    edges, ends = [], []
+    for facet in _facets(space, where):
+        cell = facet_cells.links(facet)[0]
+        local = int(np.flatnonzero(cell_facets.links(cell) == facet)[0])
+        dofs = space.dofmap.cell_dofs(cell)
+        for e in of_facet(local, 1):
+            corners = [layout.entity_dofs(0, v)[0] for v in sub[1][e]]
+            edges.append(dofs[[layout.entity_dofs(1, e)[0], *corners]])
+        ends += [dofs[layout.entity_closure_dofs(dim - 2, e)] for e in of_facet(local, dim - 2)]
+
+    x = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim]
+
+    def numbered(dofs: list[npt.NDArray[np.int32]]) -> npt.NDArray[np.intp]:
+        """Rows of all processes, in numbers of the surface's nodes."""
+        parts = mesh.comm.allgather(x[np.array(dofs)] if dofs else None)
+        return nodes.query(np.concatenate([part for part in parts if part is not None]))[1]
+
+    ordered = numbered(edges)
+    ordered[:, 1:].sort(axis=1)
+    rim, count = np.unique(np.sort(numbered(ends), axis=1), axis=0, return_counts=True)
+    return np.unique(ordered, axis=0), np.unique(rim[count == 1])

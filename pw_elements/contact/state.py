@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.law import OPEN, Contact
 from pw_elements.contact.pairs import ContactNodes
+from pw_elements.recovery import by_position
 
 Array = npt.NDArray[np.float64]
 
@@ -112,9 +113,7 @@ def pair_states(
     for k in range(len(nodes.pairs)):
         mine = nodes.pair == k
         position = nodes.gathered(nodes.position[mine])
-        # round-off of mid-side positions depends on the partition; the order shall not
-        digits = np.round(position / (np.ptp(position, axis=0).max() or 1.0), 9)
-        order = np.lexsort(digits.T[::-1])
+        order = by_position(position)
         columns = (normal, contact.force[:, 0], friction, contact.gap, slip)
         n, r_n, r_t, gap, v = (nodes.gathered(values[mine])[order] for values in columns)
         states.append(
