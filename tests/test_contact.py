@@ -1,6 +1,7 @@
 import functools
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from pw_elements import (
     boundary_measure,
     support,
 )
-from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, solve_contact
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, at
 
@@ -162,3 +163,90 @@ def test_node_between_smooth_and_rough_matters():
     ]
     u = [a.array_r.reshape(-1, 2)[:, 0].mean() for a in pulled]
     assert 1.03 < u[1] / u[0] < 1.15
+
+
+def test_start_from_a_coarser_mesh():
+    """Same answer, in as many iterations as it takes to correct the ends of the zones."""
+    coarse = block(40).solve(0.3, 60.0, increments=3)
+    warm = block(80).solve(0.3, 60.0, increments=3, start=coarse)
+    cold = block(80).solve(0.3, 60.0, increments=3)
+    for a, b in zip(warm, cold, strict=True):
+        assert a.displacement.array_r == pytest.approx(b.displacement.array_r, abs=1e-9)
+        assert a.pairs[0].status.tolist() == b.pairs[0].status.tolist()
+        assert a.iterations <= 3
+        assert a.iterations <= b.iterations
+    again = block(80).solve(0.3, 60.0, increments=3, start=cold)
+    assert [state.iterations for state in again] == [1, 1, 1, 1]
+
+
+def test_stick_remembers_its_slip():
+    """Pulled and let go, the block does not come back to where it was pressed."""
+    loads = block(20).pulled(60.0, 4)
+    path = [*loads, *loads[-2::-1]]
+    states = solve_contact(
+        block(20).K, path, block(20).free, [block(20).pair(0.3)], block(20).space
+    )
+    pressed, back = states[0], states[-1]
+    assert back.pairs[0].force == pytest.approx((0, 800), abs=1e-9)
+    slipped = sum(state.pairs[0].slip for state in states)
+    assert np.abs(slipped[:, 0]).max() > 1e-3
+    difference = back.displacement - pressed.displacement
+    assert difference.norm(PETSc.NormType.INFINITY) > 1e-3
+    x = block(20).owned()
+    foot = np.flatnonzero(np.isclose(x[:, 1], 0.0))
+    foot = foot[np.argsort(x[foot, 0])]
+    moved = difference.array_r.reshape(-1, 2)[foot]
+    total = slipped - pressed.pairs[0].slip  # open or not, contact nodes move as they slip
+    assert moved[:, 0] == pytest.approx(total[:, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
+def test_block_between_two_surfaces(method):
+    """Two pairs: the floor, and a smooth plate on top that goes down and carries a force."""
+    b = Block(10, method)
+    nothing = b.K.createVecLeft()
+    floor = b.pair(0.3, smooth=0.0)
+    plate = Plane((0, 2.5), (0, -1))
+    down = ContactPair(at(1, 2.0), plate, 0.0, [Motion((0, -0.8))])
+    (state,) = solve_contact(b.K, nothing, b.free, [floor, down], b.space)
+    below, above = state.pairs
+    assert below.force[1] == pytest.approx(-above.force[1])
+    assert above.gap == pytest.approx(0, abs=1e-12)
+    assert state.residuals.largest() < 1e-11
+    force = ContactPair(at(1, 2.0), plate, 0.0, [Motion((0, None), (0, above.force[1]))])
+    (other,) = solve_contact(b.K, nothing, b.free, [floor, force], b.space)
+    assert other.pairs[1].translation == pytest.approx((0, -0.8))
+    assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-9)
+
+
+def test_tilted_world_gives_the_same_contact():
+    """Nothing depends on the axes: the block, floor and loads turned by 30 degrees."""
+    turn = np.array([[np.sqrt(3), -1.0], [1.0, np.sqrt(3)]]) / 2
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (20, 10))
+
+    def below(x):
+        return np.isclose(turn.T[1] @ x[:2], 0.0)
+
+    mapped(mesh, lambda x: np.column_stack([x[:, :2] @ turn.T, x[:, 2]]))
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), State.PLANE_STRESS)
+    U = body.spaces.trial
+
+    def load(traction, where):
+        return assemble_vector(body.surface_load(turn @ traction, boundary_measure(mesh, where)))
+
+    pressure = load((0.0, -200.0), lambda x: np.isclose(turn.T[1] @ x[:2], 2.0))
+    pulled = pressure + load((60.0, 0.0), lambda x: np.isclose(turn.T[0] @ x[:2], 4.0))
+
+    def friction(x):
+        along = turn.T[0] @ x[:2]
+        return np.where((along > 0.2 - 1e-9) & (along < 3.8 + 1e-9), 0.3, 0.0)
+
+    floor = ContactPair(below, Plane((0, 0), turn[:, 1]), friction)
+    K = assemble_matrix(body.stiffness())
+    turned = solve_contact(K, [pressure, pulled], Reduction.dirichlet(U, []), [floor], U)
+    straight = block(20).solve(0.3, 60.0, increments=1)
+    for a, b in zip(turned, straight, strict=True):
+        assert a.pairs[0].force_normal == pytest.approx(b.pairs[0].force_normal, abs=1e-9)
+        tangential = b.pairs[0].force_tangential @ turn.T
+        assert a.pairs[0].force_tangential == pytest.approx(tangential, abs=1e-9)
+        assert a.pairs[0].status.tolist() == b.pairs[0].status.tolist()

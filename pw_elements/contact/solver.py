@@ -111,3 +111,5 @@ def _check_increments(
             raise ValueError(f"the motions of contact pair {k} are not {dim}-D")
     if start and len(start) != len(loads):
         raise ValueError(f"{len(start)} states to start from for {len(loads)} increments")
+    if any(len(state.pairs) != len(pairs) for state in start):
+        raise ValueError("a state to start from has another number of contact pairs")

@@ -212,7 +212,7 @@ class Polyline:
         line = self._inset()
         span = np.diff(line, axis=0)
         normals = _left(span)
-        turns_right = np.cross(span[:-1], span[1:]) < 0
+        turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0
         s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)
         low, high = np.zeros(len(span)), np.ones(len(span))
         low[0], high[-1] = -np.inf, np.inf
