@@ -15,6 +15,7 @@ from study.store import Result, StudyError
 
 SECTIONS = {
     "3": "study.sec3",
+    "5": "study.sec5",
     "7.1": "study.ex71",
     "7.2": "study.ex72",
     "7.3": "study.ex73",

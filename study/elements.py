@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
+import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
@@ -67,8 +69,13 @@ class Discretisation:
         """Dirichlet conditions, and what the element condenses."""
         if self.element not in _INNER_NODES:
             return Reduction.dirichlet(self.space, conditions)
-        inner = _INNER_NODES[self.element](self.space)
-        return Reduction.condensation(self.K, self.space, inner, conditions)
+        return Reduction.condensation(self.K, self.space, self.inner_nodes(), conditions)
+
+    def inner_nodes(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the nodes that the element condenses."""
+        if self.element not in _INNER_NODES:
+            return np.empty(0, dtype=np.int32)
+        return _INNER_NODES[self.element](self.space)
 
 
 def discretise(

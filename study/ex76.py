@@ -243,7 +243,7 @@ def _mid_centre(x: np.ndarray) -> np.ndarray:
     return _mid_section(x) & np.isclose(x[1], 0.0)
 
 
-ELEMENTS = ("galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8")
+ELEMENTS = ("galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "composite-T6")
 UNIFORM_MESHES = ((4, 1), (8, 2), (16, 4), (32, 8), (64, 16))
 POINT_MESHES = ((10, 4), (20, 8), (40, 16), (80, 32))
 
