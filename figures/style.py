@@ -24,6 +24,7 @@ LOOK: dict[str, dict[str, Any]] = {
     "pwsym-T6": {"color": "#56B4E9", "marker": "d", "label": "symmetrised, 6 nodes"},
     "galerkin-Q8": {"color": "#B87A00", "marker": "s", "label": "standard, 8 nodes"},
     "pw-Q8": {"color": "#007A5A", "marker": "D", "label": "piecewise linear, 8 nodes"},
+    "pw-Q9": {"color": "#6A4C93", "marker": "P", "label": "piecewise linear, native quadrilateral"},
     "composite-T6": {"color": "#B0568C", "marker": "v", "label": "composite, 6 nodes"},
     "exact": {"color": "#000000", "marker": "", "label": "exact"},
 }

@@ -97,7 +97,7 @@ def _right_side(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[0], LENGTH)
 
 
-ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8")
+ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 VARIANTS: dict[str, dict[str, object]] = {
     "-pull0.15": {"pull": 0.15},
     "-pull0.40": {"pull": 0.4},

@@ -25,7 +25,7 @@ DEPTH, TANGENTIAL_SHARE = 0.25, 0.1
 WIDTH, HEIGHT, RADIUS = 8.0, 4.0, 8.0
 DIVISIONS = (19, 4)
 GRADING = 1.5  # largest element over the central one, about
-INCREMENTS = 5  # of the indentation, and of the tangential force
+INCREMENTS = 20  # of the indentation, and of the tangential force
 
 
 def punch(
@@ -92,7 +92,7 @@ def _base(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[1], 0.0)
 
 
-ELEMENTS = ("galerkin-Q8", "galerkin-T6", "pw-T6")
+ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 GEOMETRIES: dict[str, dict[str, float]] = {
     "-4x2-R2": {"width": 4.0, "height": 2.0, "radius": 2.0},
     "-16x4-R8": {"width": 16.0, "height": 4.0, "radius": 8.0},

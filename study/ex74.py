@@ -88,7 +88,7 @@ def _sides_and_base(half_width: float, depth: float, x: np.ndarray) -> np.ndarra
     return np.isclose(np.abs(x[0]), half_width) | np.isclose(x[1], -depth)
 
 
-ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8")
+ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 CASES = [Case("7.4", element, plate, {"element": element}) for element in ELEMENTS]
 CASES += [
     Case("7.4", f"{element}-mu0", plate, {"element": element, "friction_angle": 0.0})

@@ -1,0 +1,96 @@
+"""What the figures of contact examples share: stress curves, zones, deformed shapes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Patch
+
+from figures.style import LOOK
+from study.store import Results
+
+# Contact status as the library numbers it
+ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
+SMOOTH = ("frictionless", "#C9C9C9")
+
+Curves = dict[str, np.ndarray]
+
+
+def reported(curves: Curves, quantity: str) -> np.ndarray:
+    """Pressure or shear as a node-to-surface code reports it: force over tributary length."""
+    return curves[f"{quantity}_tributary"]
+
+
+def compare(
+    ax: Axes, results: Results, keys: Sequence[str], quantity: str, scale: float = 1.0
+) -> None:
+    """Draws a reported stress of several elements, times a scale, over x."""
+    for key in keys:
+        curves = results.curves(key)
+        look = LOOK[key.partition("/")[2]]
+        if "composite" in key:  # nearly coincides with the new element
+            look = {**look, "markerfacecolor": "none", "markersize": 7, "linewidth": 0.6}
+        ax.plot(curves["x"], scale * reported(curves, quantity), **look)
+
+
+def zone_strip(ax: Axes, curves: Curves, bottom: float = -0.16, height: float = 0.035) -> None:
+    """Contact zones as a coloured strip below the axes; bottom and height are axes fractions."""
+    x = curves["x"]
+    borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
+    smooth = (curves["friction"] == 0) & (curves["status"] == 2)
+    for left, right, status, free in zip(
+        borders, borders[1:], curves["status"], smooth, strict=False
+    ):
+        colour = SMOOTH[1] if free else ZONES[int(status)][1]
+        ax.axvspan(left, right, bottom, bottom + height, color=colour, clip_on=False, lw=0)
+
+
+def zone_legend(curves: Curves) -> list[Patch]:
+    """Handles of the zones that occur."""
+    smooth = (curves["friction"] == 0) & (curves["status"] == 2)
+    entries = [ZONES[int(s)] for s in np.unique(curves["status"][~smooth])]
+    entries += [SMOOTH] if smooth.any() else []
+    return [Patch(facecolor=c, edgecolor="#777777", lw=0.5, label=name) for name, c in entries]
+
+
+def outline(cells: np.ndarray) -> np.ndarray:
+    """Nodes of each cell (m, 6, 8 or 9), going round (m, 6 or 8)."""
+    around = [0, 5, 1, 3, 2, 4] if cells.shape[1] == 6 else [0, 4, 1, 6, 3, 7, 2, 5]
+    return cells[:, around]
+
+
+def deformed(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray:
+    """Draws the deformed mesh; returns its nodes."""
+    moved = curves["nodes"] + scale * curves["displacement"]
+    cells = PolyCollection(
+        moved[outline(curves["cells"])], facecolor="#EEF3F7", edgecolor="#8A97A3", lw=0.4
+    )
+    ax.add_collection(cells)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.grid(visible=False)
+    ax.set_title(LOOK[element]["label"], loc="left")
+    return moved
+
+
+def force_arrows(
+    ax: Axes, curves: Curves, moved: np.ndarray, side: float, length: float, element: str
+) -> None:
+    """Draws nodal contact forces on the body; `side` is -1 for a surface below, 1 above.
+
+    The largest normal force is drawn with the given length.
+    """
+    y = curves["nodes"][:, 1]
+    line = np.isclose(y, y.min() if side < 0 else y.max())
+    nodes = np.flatnonzero(line)
+    nodes = nodes[np.argsort(curves["nodes"][nodes, 0])]
+    nodes = nodes[np.isin(curves["nodes"][nodes, 0].round(9), curves["x"].round(9))]
+    scale = length / curves["force_n"].max()
+    for node, r_n, r_t in zip(nodes, curves["force_n"], curves["force_t"], strict=True):
+        if r_n < 1e-9 * curves["force_n"].max():
+            continue  # open
+        force = scale * np.array([-r_t, -side * r_n])
+        style = {"arrowstyle": "-|>", "lw": 0.8, "color": LOOK[element]["color"]}
+        style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
+        ax.annotate("", moved[node], moved[node] - force, arrowprops=style)

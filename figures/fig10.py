@@ -1,0 +1,49 @@
+"""Stresses along the contact area of the parabolic punch."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.contact import compare, zone_legend, zone_strip
+from figures.style import FULL
+from study.store import Results
+
+SECTION = "7.3"
+ELEMENTS = ("galerkin-Q8", "pw-Q8", "pw-T6")
+FINE = "7.3/pw-T6-114x24"
+NEEDS = [*(f"7.3/{element}" for element in ELEMENTS), FINE]
+
+
+def draw(results: Results) -> Figure:
+    """Normal and shear stress over x, with a fine mesh's for comparison."""
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
+    fine = results.curves(FINE)
+    for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
+        ax.plot(
+            fine["x"], fine[quantity], color="black", lw=0.9, label="piecewise linear, 114 x 24"
+        )
+        compare(ax, results, NEEDS[:-1], quantity)
+        zone_strip(ax, results.curves("7.3/pw-Q8"), bottom=-0.3)
+        ax.set(xlabel="$x$", xlim=(-2.2, 2.2))
+    axes[0].set_ylabel("normal pressure")
+    axes[1].set_ylabel("shear stress, body on punch")
+    fig.legend(
+        handles=zone_legend(results.curves("7.3/pw-Q8")), loc="outside lower center", ncols=3
+    )
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Normal and shear stress below the punch after the tangential force: nodal force over "
+        "tributary length, in the paper's units (E = 1000). Oden and Pires' own curves are lost "
+        "with the paper's figure. Strips: zones of pw-Q8."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Bell-shaped pressure and antisymmetric shear over x. The standard quadrilateral's curves "
+        "form a sawtooth around the fine mesh's; the piecewise-linear ones follow it."
+    )

@@ -1,0 +1,54 @@
+"""Profile and mesh of the elastic body below the rigid plate."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from figures.style import FULL, mesh_plot
+from figures.symbols import INK, arrow
+from study.store import Results
+
+SECTION = "7.4"
+CASE = "7.4/galerkin-Q8"
+NEEDS = [CASE]
+
+
+def draw(results: Results) -> Figure:
+    """The whole body, and the mesh around the plate."""
+    curves = results.curves(CASE)
+    fig, axes = plt.subplots(2, 1, figsize=(FULL, 5.2), height_ratios=(1, 1.3))
+    half = curves["x"].max()
+    for ax, (width, depth) in zip(axes, ((20.0, 10.0), (3.2, 1.9)), strict=True):
+        mesh_plot(ax, curves["nodes"], curves["cells"], linewidth=0.5)
+        for line in ax.lines:
+            line.set_markersize(0.8 if width > 10 else 2.6)
+        ax.add_patch(
+            Rectangle((-half, 0), 2 * half, 0.04 * depth, facecolor="#BBBBBB", edgecolor=INK)
+        )
+        arrow(ax, (0, 0.3 * depth), (0, 0.05 * depth), width=1.4)
+        ax.annotate("$P$", (0.02 * width, 0.18 * depth))
+        ax.set(xlim=(-width * 1.02, width * 1.02), ylim=(-depth * 1.04, 0.36 * depth))
+        ax.grid(visible=False)
+        ax.set(xlabel="$x/b$", ylabel="$y/b$")
+    for x in (-20, 20):
+        axes[0].plot([x, x], [-10, 0], color=INK, linewidth=2.5)
+    axes[0].plot([-20, 20], [-10, -10], color=INK, linewidth=2.5)
+    axes[0].set_title("the body: sides and base held", loc="left")
+    axes[1].set_title("around the plate", loc="left")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Profile and mesh: the smallest elements exactly under the plate, growing away from it. "
+        "Dimensions are reconstructed; the paper's figure is lost."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "A wide rectangle held on both sides and below with a narrow plate on the middle of its "
+        "upper side; below, the mesh around the plate with eight elements under it."
+    )
