@@ -197,16 +197,15 @@ def test_cycling_nodes_change_one_at_a_time():
     frame = np.tile(np.eye(2), (2, 1, 1))
     force = np.array([[2.0, 0.0], [-1.0, 0.0]])  # of the first set: one closes, one opens
     contact = Contact(frame, np.zeros(2), np.zeros((2, 1)), force, np.full(2, 0.3), np.ones(2))
-    still = np.zeros((1, 2))
-    assert not history.repeats(one, still)
+    assert not history.repeats(one)
     assert history.slowed(one, contact).status.tolist() == [STICK, OPEN]
-    assert not history.repeats(two, still)
-    assert history.repeats(one, still)
+    assert not history.repeats(two)
+    assert history.repeats(one)
     assert history.slowed(one, contact).status.tolist() == [OPEN, OPEN]
-    assert not history.repeats(one, still)
-    assert not history.repeats(two, still)
+    assert not history.repeats(one)
+    assert not history.repeats(two)
     with pytest.raises(ContactNotConverged, match="2 active sets"):
-        history.repeats(one, still)
+        history.repeats(one)
 
 
 class OneNode:

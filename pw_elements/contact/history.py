@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pw_elements.contact.errors import ContactNotConverged
 from pw_elements.contact.law import ActiveSet, Contact
 
-# Directions and translations closer than this belong to the same active set
+# Directions closer than this belong to the same active set
 _DIGITS = 10
 
 
@@ -22,14 +22,14 @@ class History:
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._slow: npt.NDArray[np.bool_] | None = None
 
-    def repeats(self, active: ActiveSet, translations: npt.NDArray[np.float64]) -> bool:
+    def repeats(self, active: ActiveSet) -> bool:
         """Notes an active set; True if it has been there and the remedy changes something.
 
         Raises:
             ContactNotConverged: if it has been there with the remedy in force already.
         """
         digest = blake2b(active.status.tobytes(), digest_size=16)
-        for values in (active.direction, active.turning, translations):
+        for values in (active.direction, active.turning):
             digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
         key = b"".join(self._comm.allgather(digest.digest()))
         known = [seen for seen, _ in self._visited]

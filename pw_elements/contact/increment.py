@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.algebra import SingularSystem
 from pw_elements.contact.errors import ContactNotConverged, FreeBody, NotUnique
+from pw_elements.contact.geometry import Geometry
 from pw_elements.contact.history import History, mixed
 from pw_elements.contact.law import (
     OPEN,
@@ -19,7 +20,6 @@ from pw_elements.contact.law import (
     ActiveSet,
     Contact,
     equations,
-    frames,
 )
 from pw_elements.contact.pairs import ContactNodes
 from pw_elements.contact.rigid import RigidMotions
@@ -37,8 +37,6 @@ _ROUND_OFF = 1e-13
 _EPSILON = 4 * float(np.finfo(float).eps)
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING = 1e-9
-# Step of differences along free translations, over the surface's extent
-_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -98,8 +96,6 @@ class Increment:
         self.prescribed, self.totals, self.past = prescribed, totals, past
         self.max_iterations = max_iterations
         self.scale = system.stiffness_scale()
-        self.stated = self.nodes.column >= 0
-        self.extent = np.ptp(self.nodes.gathered(self.nodes.position), axis=0).max()
 
     def run(self, start: ContactState | None) -> tuple[ContactState, ReferenceState]:
         """Iterates to the end.
@@ -107,22 +103,25 @@ class Increment:
         Raises:
             FreeBody, NotUnique, ContactNotConverged: as `solve_contact` says.
         """
-        translations, displacement = self._first_translations(start), self.past.displacement
+        translations = self._first_translations(start)
         self.nodes.check_supports(translations)
-        frame = self._frame(translations)
-        active = self._first_active_set(start, translations, frame)
+        place = self._geometry(translations, self.past.displacement)
+        active = self._first_active_set(start, place)
         history = History(self.system.comm)
-        history.repeats(active, translations)
+        history.repeats(active)
         for iteration in range(1, self.max_iterations + 1):
-            now = self._solve(active, translations, frame, displacement)
+            now = self._solve(active, place)
             if self._violation(now) <= 1:
-                return self._finish(now, iteration)
-            old = _turned(active, frame, now.contact.frame)
-            translations, displacement = now.translations, now.displacement
-            frame = now.contact.frame
-            active = self._held(history.slowed(old, now.contact), old, now.contact)
-            if history.repeats(active, translations):
-                active = self._held(history.slowed(old, now.contact), old, now.contact)
+                place, linear = self._geometry(now.translations, now.displacement), place
+                now = self._seen(now.reduced, now.translations, place)
+                if self._violation(now) <= 1:
+                    return self._finish(now, iteration)
+                active = _turned(active, linear.frame, place.frame)
+                history = History(self.system.comm)
+            new = self._held(history.slowed(active, now.contact), active, now.contact)
+            if history.repeats(new):
+                new = self._held(history.slowed(active, now.contact), active, now.contact)
+            active = new
         raise ContactNotConverged(
             f"no active set satisfies the contact conditions after {self.max_iterations} "
             f"iterations; the last one violates them {self._violation(now):.1e} times the "
@@ -137,17 +136,15 @@ class Increment:
             guess = np.array([pair.translation for pair in start.pairs])
         return np.where(np.isnan(self.prescribed), guess, self.prescribed)
 
-    def _first_active_set(
-        self, start: ContactState | None, translations: Array, frame: Array
-    ) -> ActiveSet:
+    def _first_active_set(self, start: ContactState | None, place: Geometry) -> ActiveSet:
         if start is not None:
-            first = self._transferred(start, frame)
+            first = self._transferred(start, place.frame)
         elif self.past.active is not None:
-            first = _turned(self.past.active, self.past.frame, frame)
+            first = _turned(self.past.active, self.past.frame, place.frame)
         else:
-            first = self._touching(translations)
-        for candidate in (first, self._all_closed(translations)):
-            motions = self._free_motions(candidate, frame)
+            first = self._touching(place)
+        for candidate in (first, self._sticking(np.isfinite(place.gap))):
+            motions = self._free_motions(candidate, place.frame)
             if not motions:
                 return candidate
         raise FreeBody(
@@ -155,19 +152,16 @@ class Increment:
             "contact node touched and stuck; add a support, friction or contact nodes"
         )
 
-    def _touching(self, translations: Array) -> ActiveSet:
+    def _touching(self, place: Geometry) -> ActiveSet:
         """Nodes that the moved surface reaches; the nearest of each pair in any case."""
-        gap = self.nodes.gaps(translations)
-        near = _TOUCHING * self.extent
+        gap, x = place.gap, self.nodes.gathered(self.nodes.position)
+        near = _TOUCHING * np.ptp(x, axis=0).max()
         closed = gap <= near
         for k in range(len(self.nodes.pairs)):
             mine = self.nodes.pair == k
             nearest = self.system.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
             closed |= mine & np.isfinite(gap) & (gap <= nearest + near)
         return self._sticking(closed)
-
-    def _all_closed(self, translations: Array) -> ActiveSet:
-        return self._sticking(np.isfinite(self.nodes.gaps(translations)))
 
     def _sticking(self, closed: Mask) -> ActiveSet:
         closed_status = np.where(self.nodes.friction > 0, STICK, SLIP)
@@ -196,31 +190,22 @@ class Increment:
 
     # -- one linear system -------------------------------------------------------------------
 
-    def _frame(self, translations: Array) -> Array:
-        return frames(self.nodes.normals(translations), self.stated)
+    def _geometry(self, translations: Array, displacement: Array) -> Geometry:
+        free = np.isnan(self.prescribed)
+        return Geometry.at(self.nodes, translations, displacement, free)
 
-    def _solve(
-        self, active: ActiveSet, translations: Array, frame: Array, displacement: Array
-    ) -> Iterate:
-        """Solves for an active set, linearised at translations (with frame) and displacement."""
-        nodes, past = self.nodes, self.past
-        A, B = equations(active, nodes.friction, self.scale)
-        follow = frame.copy()  # what the translations act on: gap loss and slip
-        loss = nodes.approach(
-            translations, displacement, np.isnan(self.prescribed), _STEP * self.extent
-        )
-        follow[:, 0] = loss
-        level = past.displacement - nodes.shifts(past.translations)
-        level = np.einsum("nab,nb->na", frame, level)
-        gap = np.where(active.status == OPEN, 0.0, nodes.gaps(translations))
-        level[:, 0] = -gap - np.sum(loss * nodes.shifts(translations), axis=1)
-
+    def _solve(self, active: ActiveSet, place: Geometry) -> Iterate:
+        """Solves for an active set and the geometry of a place."""
+        A, B = equations(active, self.nodes.friction, self.scale)
+        frame, follow = place.frame, place.follow
         E, C, D = (
             np.einsum("nai,nab,nbj->nij", frame, part, right)
             for part, right in ((A, frame), (B, frame), (B, follow))
         )
+        level = place.level(self.past.displacement, self.past.translations)
         constraint = np.einsum("nai,nab,nb->ni", frame, B, level)
-        constraint += np.einsum("nij,nj->ni", D, nodes.shifts(np.nan_to_num(self.prescribed)))
+        known = self.nodes.shifts(np.nan_to_num(self.prescribed))
+        constraint += np.einsum("nij,nj->ni", D, known)
         try:
             reduced, free = self.system.solve(self.load, E, C, D, constraint, self.totals)
         except SingularSystem as error:
@@ -230,9 +215,9 @@ class Increment:
             ) from error
         moved = self.prescribed.copy()
         moved[np.isnan(moved)] = free
-        return self._seen(reduced, moved)
+        return self._seen(reduced, moved, place)
 
-    def _seen(self, reduced: PETSc.Vec, translations: Array) -> Iterate:
+    def _seen(self, reduced: PETSc.Vec, translations: Array, place: Geometry) -> Iterate:
         """Gaps, slips and forces at the contact nodes."""
         nodes, system = self.nodes, self.system
         full = self.reduction.expand(reduced)
@@ -242,14 +227,12 @@ class Increment:
         system.stiffness.mult(reduced, forces)
         forces.axpy(-1.0, self.load)
         force = system.at_nodes(forces.array_r)
-        frame = self._frame(translations)
-        relative = displacement - nodes.shifts(translations)
-        since = relative - self.past.displacement + nodes.shifts(self.past.translations)
+        past = self.past
         contact = Contact(
-            frame,
-            nodes.gaps(translations) + np.einsum("na,na->n", frame[:, 0], displacement),
-            np.einsum("nab,nb->na", frame[:, 1:], since),
-            np.einsum("nab,nb->na", frame, force),
+            place.frame,
+            place.gaps(displacement, translations),
+            place.slips(displacement - past.displacement, translations - past.translations),
+            np.einsum("nab,nb->na", place.frame, force),
             nodes.friction,
             self.scale,
         )

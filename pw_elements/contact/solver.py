@@ -6,8 +6,8 @@ present place (initial place + translation U), so that for the displacement a of
     g(a, U) = gap(x - U) + n(x - U)·a,
 
 and the slip of an increment is the tangential part of (a - U) less that at its start.
-Planes make this linear in U; for curved surfaces under force control n and gap follow U
-from iteration to iteration.
+Planes make this linear in U. For curved surfaces under force control it is linearised, the
+active set found, and gap and n then taken at the U so found, until nothing changes.
 """
 
 from collections.abc import Sequence
