@@ -1,0 +1,1 @@
+"""The study's problems in an independent code, and how far its answers are from ours."""
