@@ -15,6 +15,8 @@ COMPUTED = {
     "pwsym-T6": "new T6 symmetrised, form G",
     "galerkin-Q8-J": "standard Q8, form J",
     "galerkin-Q8": "standard Q8, form G",
+    "composite-T6-J": "composite T6, form J",
+    "composite-T6": "composite T6, form G",
 }
 EXACT = {"J": "exact, form J", "G": "exact, form G", "engesser": "Engesser", "euler": "Euler"}
 NEEDS = ["7.6/exact", *(f"7.6/{case}" for case in COMPUTED)]

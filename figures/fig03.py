@@ -1,0 +1,93 @@
+"""Creation of the 8-node quadrilateral from two 6-node triangles."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from figures.style import FULL, LOOK
+from study.store import Results
+
+SECTION = "5"
+NEEDS = ["5/element-pw-Q8"]
+SHADES = ("#DCE9F5", "#E8F3E1")
+
+
+def draw(results: Results) -> Figure:
+    """Nine nodes on the left, eight on the right."""
+    curves = results.curves("5/element-pw-Q8")
+    nodes, cells, inner = curves["nodes"], curves["cells"], int(curves["inner"])
+    order = _numbered(nodes, cells, inner)
+    outline = nodes[order[:4]]
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9), sharex=True, sharey=True)
+    for cell, shade in zip(cells, SHADES, strict=True):
+        axes[0].fill(*nodes[cell[:3]].T, facecolor=shade, edgecolor="#777777", linewidth=0.8)
+    axes[1].fill(*outline.T, facecolor=SHADES[0])
+    titles = ("two 6-node triangles, 9 nodes", "8-node quadrilateral")
+    for ax, title, count in zip(axes, titles, (9, 8), strict=True):
+        ax.fill(*outline.T, facecolor="none", edgecolor="black", linewidth=1.4)
+        ax.plot(*nodes[order[:8]].T, "o", color="black", clip_on=False)
+        _number(ax, nodes[order[:count]], outline.mean(axis=0))
+        ax.set(title=title, aspect="equal")
+        ax.margins(0.1)
+        ax.set_axis_off()
+    look = LOOK["galerkin-T6"]
+    axes[0].plot(*nodes[inner], "o", color=look["color"], markersize=6)
+    axes[0].annotate(
+        "inner node,\nto be condensed",
+        nodes[inner],
+        (34, -34),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=8,
+        color=look["color"],
+        arrowprops={"arrowstyle": "-", "color": look["color"], "lw": 0.7, "shrinkB": 4},
+    )
+    arrow = {"arrowstyle": "-|>", "color": "black", "lw": 1.2}
+    axes[1].annotate("", (-0.02, 0.5), (-0.12, 0.5), "axes fraction", arrowprops=arrow)
+    return fig
+
+
+def _numbered(nodes: np.ndarray, cells: np.ndarray, inner: int) -> np.ndarray:
+    """Nodes in the usual order: corners counter-clockwise, mid-sides after them, the inner one."""
+    corners = np.unique(cells[:, :3])
+    middles = np.setdiff1d(np.unique(cells), [*corners, inner])
+    centre = nodes[corners].mean(axis=0)
+
+    def around(group: np.ndarray) -> np.ndarray:
+        x, y = (nodes[group] - centre).T
+        # from the lower left, a little past the middle of the left side, which comes last
+        return group[np.argsort((np.arctan2(y, x) + 0.95 * np.pi) % (2 * np.pi))]
+
+    return np.array([*around(corners), *around(middles), inner])
+
+
+def _number(ax: Axes, places: np.ndarray, centre: np.ndarray) -> None:
+    for number, place in enumerate(places, start=1):
+        spoke = place - centre
+        length = np.linalg.norm(spoke)
+        # the inner node's number goes beside the diagonal
+        offset = 11 * spoke / length if number <= 8 else np.array([-4.0, 11.0])
+        ax.annotate(
+            str(number), place, offset, textcoords="offset points", ha="center", va="center"
+        )
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    unknowns = int(results.scalar("5/element-pw-Q8", "unknowns"))
+    return (
+        "Two 6-node triangles make a structure of nine nodes (left); static condensation takes the "
+        f"node within it away, and an 8-node quadrilateral of {unknowns} unknowns remains (right). "
+        "Node numbers are this study's."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "A quadrilateral cut along a diagonal into two triangles, with nodes 1 to 4 at its "
+        "corners, 5 to 8 at the middles of its sides and 9 in the middle of the diagonal. An arrow "
+        "leads to the same quadrilateral without diagonal and node 9."
+    )
