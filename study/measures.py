@@ -1,5 +1,7 @@
 """What the claims measure: functions of the stored results, each giving one number."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from study.paper import TABLE_2
@@ -56,6 +58,12 @@ def curve_at(results: Results, key: str, name: str, x: float) -> float:
     """A curve along the contact surface at x, linear between nodes."""
     curves = results.curves(key)
     return float(np.interp(x, curves["x"], curves[name]))
+
+
+def edge_asymmetry(results: Results, key: str) -> float:
+    """Difference of the normal forces at both ends of the contact line over their mean."""
+    force = results.curves(key)["force_n"]
+    return float(2 * abs(force[0] - force[-1]) / (force[0] + force[-1]))
 
 
 def cells(results: Results, key: str) -> float:
@@ -293,3 +301,32 @@ def scan_indefinite(results: Results) -> float:
 def identity_defect(results: Results, quantity: str) -> float:
     """|A_PW - T A_Galerkin| / |A_PW|."""
     return results.scalar(f"T/{quantity}", "difference")
+
+
+# The independent code
+
+CONTACT_PEERS = (
+    "block-even",
+    "block-part",
+    "block-lifting",
+    "block-friction-0.15",
+    "block-friction-0.30",
+)
+
+
+def peer_worst(
+    results: Results, name: str, component: str, cases: Sequence[str] = CONTACT_PEERS
+) -> float:
+    """Largest of one kind of difference from CalculiX, per cent of the mean nodal force."""
+    return 100 * max(
+        value
+        for case in cases
+        for scalar, value in results[f"P/{case}"].scalars.items()
+        if scalar == f"{name}_{component}"
+    )
+
+
+def peer_critical_stress(results: Results, element: str) -> float:
+    """Largest relative difference of a critical stress from CalculiX's."""
+    beams = [s for s in _of_section(results, "P") if f"difference_{element}" in s.scalars]
+    return max(s.scalars[f"difference_{element}"] for s in beams)
