@@ -113,6 +113,11 @@ CASES += [
     Case("7.2", f"pw-T6{name}-80x40", block, {"element": "pw-T6", "divisions": (80, 40), **variant})
     for name, variant in VARIANTS.items()
 ]
+# Everything rough sticks: there T times the standard forces has to be the new ones exactly
+CASES += [
+    Case("7.2", f"{element}-stick", block, {"element": element, "friction": 5.0, "pull": 0.1})
+    for element in ("galerkin-T6", "pw-T6")
+]
 CASES += [Case("7.2", "pw-T6-80x40", block, {"element": "pw-T6", "divisions": (80, 40)})]
 CASES += [
     Case("7.2", f"{element}-smooth", block, {"element": element, "shared_is_rough": False})

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import re
+
 import numpy as np
 
 from study.paper import TABLE_2
@@ -90,12 +92,12 @@ def stress_difference(
     return float(100 * np.abs(ours - theirs).max() / np.abs(theirs).mean())
 
 
-def transfer_defect(results: Results, section: str, component: str) -> float:
+def transfer_defect(results: Results, section: str, component: str, suffix: str = "") -> float:
     """T times the standard triangle's nodal forces against the new one's.
 
     Largest difference in per cent of the mean normal force of a closed node.
     """
-    galerkin, pw = (results.curves(f"{section}/{element}") for element in T6)
+    galerkin, pw = (results.curves(f"{section}/{element}{suffix}") for element in T6)
     mean = pw["force_n"][pw["status"] != 0].mean()
     return float(100 * np.abs(galerkin[f"{component}_T"] - pw[component]).max() / mean)
 
@@ -301,6 +303,26 @@ def scan_indefinite(results: Results) -> float:
 def identity_defect(results: Results, quantity: str) -> float:
     """|A_PW - T A_Galerkin| / |A_PW|."""
     return results.scalar(f"T/{quantity}", "difference")
+
+
+# Known solutions
+
+
+def largest(results: Results, section: str, cases: str, name: str) -> float:
+    """Largest size of a stored number among cases whose names match a regular expression."""
+    return max(_sizes(results, section, cases, name))
+
+
+def smallest(results: Results, section: str, cases: str, name: str) -> float:
+    """Smallest size of it."""
+    return min(_sizes(results, section, cases, name))
+
+
+def _sizes(results: Results, section: str, cases: str, name: str) -> list[float]:
+    matching = [s for s in _of_section(results, section) if re.fullmatch(cases, s.case)]
+    if not matching:
+        raise MissingResult(f"no result of section {section} matches {cases}")
+    return [abs(stored.scalars[name]) for stored in matching]
 
 
 # The independent code
