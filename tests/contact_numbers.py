@@ -28,7 +28,6 @@ def noted(name, states, space):
         numbers[f"{name} {k} translation"] = pair.translation
         numbers[f"{name} {k} force"] = pair.force
         numbers[f"{name} {k} displacement"] = state.displacement.norm()
-        numbers[f"{name} {k} iterations"] = state.iterations
 
 
 def drag():

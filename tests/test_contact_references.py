@@ -230,17 +230,47 @@ def test_sliding_block_in_space(method, angle):
     assert state.residuals.largest() < 1e-9
 
 
-def test_sphere_dragged_around_a_bend_in_space():
-    """Partial slip whose direction turns from increment to increment."""
+def ball_in_space():
+    """Solves for motions of a sphere on a block: function of friction and motions."""
     mesh = create_box(MPI.COMM_SELF, [(-1, -1, 0), (1, 1, 1)], [6, 6, 3], CellType.tetrahedron)
     body = Body(PW(mesh), Material(1000.0, 0.3), State.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     foot = Reduction.dirichlet(U, [support(U, i, at(2, 0.0)) for i in range(3)])
+
+    def solved(mu, motions):
+        ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), mu, motions)
+        return solve_contact(K, [K.createVecLeft()] * len(motions), foot, [ball], U)
+
+    return solved
+
+
+def test_sphere_under_forces_in_space():
+    """Force and displacement control agree although normals and tangents turn on the way."""
+    solved = ball_in_space()
+    mu, force = 0.4, 120.0
+    down = [Motion((0, 0, None), (0, 0, -force))]
+    around = [
+        Motion((None, None, None), (0.6 * mu * force * c, 0.6 * mu * force * s, -force))
+        for c, s in ((1.0, 0.0), (0.8, 0.6), (0.0, 1.0))
+    ]
+    states = solved(mu, down + around)
+    again = solved(mu, [Motion(state.pairs[0].translation) for state in states])
+    for state, other in zip(states, again, strict=True):
+        assert state.residuals.largest() < 1e-8
+        assert other.pairs[0].force == pytest.approx(state.pairs[0].force, abs=1e-5)
+        assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-8)
+    for state, motion in zip(states[1:], around, strict=True):
+        assert state.pairs[0].force == pytest.approx(motion.force, abs=1e-6)
+        slide, pull = state.pairs[0].translation[:2], np.array(motion.force[:2])
+        assert slide @ pull > 0.9 * np.linalg.norm(slide) * np.linalg.norm(pull)
+
+
+def test_sphere_dragged_around_a_bend_in_space():
+    """Partial slip whose direction turns from increment to increment."""
     path = [(0, 0), (0.01, 0.0), (0.02, 0.005), (0.025, 0.02), (0.015, 0.04)]
     motions = [Motion((x, y, -0.1)) for x, y in path]
-    ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
-    states = solve_contact(K, [K.createVecLeft()] * 5, foot, [ball], U)
+    states = ball_in_space()(0.3, motions)
     for state in states:
         assert state.residuals.largest() < 1e-8
         assert state.iterations <= 9

@@ -45,12 +45,14 @@ class ReferenceState:
 
     Args:
         displacement: (n, dim).
+        force: (n, dim).
         translations: of the surfaces, (pairs, dim).
         active: what the next increment starts from; None before the first.
         frame: (n, dim, dim), to which `active` refers.
     """
 
     displacement: Array
+    force: Array
     translations: Array
     active: ActiveSet | None
     frame: Array
@@ -60,7 +62,7 @@ class ReferenceState:
         """Nothing has moved."""
         zero = np.zeros_like(nodes.position)
         n, dim = zero.shape
-        return cls(zero, np.zeros((len(nodes.pairs), dim)), None, np.zeros((n, dim, dim)))
+        return cls(zero, zero, np.zeros((len(nodes.pairs), dim)), None, np.zeros((n, dim, dim)))
 
 
 @dataclass(frozen=True)
@@ -105,14 +107,15 @@ class Increment:
         """
         translations = self._first_translations(start)
         self.nodes.check_supports(translations)
-        place = self._geometry(translations, self.past.displacement)
+        past = self.past
+        place = self._geometry(translations, past.displacement, past.force)
         active = self._first_active_set(start, place)
         history = History(self.system.comm)
         history.repeats(active)
         for iteration in range(1, self.max_iterations + 1):
             now = self._solve(active, place)
             if self._violation(now) <= 1:
-                place, linear = self._geometry(now.translations, now.displacement), place
+                place, linear = self._geometry(now.translations, now.displacement, now.force), place
                 now = self._seen(now.reduced, now.translations, place)
                 if self._violation(now) <= 1:
                     return self._finish(now, iteration)
@@ -190,20 +193,14 @@ class Increment:
 
     # -- one linear system -------------------------------------------------------------------
 
-    def _geometry(self, translations: Array, displacement: Array) -> Geometry:
+    def _geometry(self, translations: Array, displacement: Array, force: Array) -> Geometry:
         free = np.isnan(self.prescribed)
-        return Geometry.at(self.nodes, translations, displacement, free)
+        past = self.past.displacement - self.nodes.shifts(self.past.translations)
+        return Geometry.at(self.nodes, past, translations, free, displacement, force)
 
     def _solve(self, active: ActiveSet, place: Geometry) -> Iterate:
         """Solves for an active set and the geometry of a place."""
-        A, B = equations(active, self.nodes.friction, self.scale)
-        frame, follow = place.frame, place.follow
-        E, C, D = (
-            np.einsum("nai,nab,nbj->nij", frame, part, right)
-            for part, right in ((A, frame), (B, frame), (B, follow))
-        )
-        level = place.level(self.past.displacement, self.past.translations)
-        constraint = np.einsum("nai,nab,nb->ni", frame, B, level)
+        E, C, D, constraint = place.equations(*equations(active, self.nodes.friction, self.scale))
         known = self.nodes.shifts(np.nan_to_num(self.prescribed))
         constraint += np.einsum("nij,nj->ni", D, known)
         try:
@@ -227,12 +224,11 @@ class Increment:
         system.stiffness.mult(reduced, forces)
         forces.axpy(-1.0, self.load)
         force = system.at_nodes(forces.array_r)
-        past = self.past
         contact = Contact(
             place.frame,
             place.gaps(displacement, translations),
-            place.slips(displacement - past.displacement, translations - past.translations),
-            np.einsum("nab,nb->na", place.frame, force),
+            place.slips(displacement, translations),
+            place.forces(force, translations),
             nodes.friction,
             self.scale,
         )
@@ -300,7 +296,7 @@ class Increment:
             self._residuals(now, active),
         )
         frame = now.contact.frame
-        return state, ReferenceState(now.displacement, now.translations, active, frame)
+        return state, ReferenceState(now.displacement, now.force, now.translations, active, frame)
 
     def _residuals(self, now: Iterate, active: ActiveSet) -> Residuals:
         comm, contact = self.system.comm, now.contact

@@ -189,26 +189,6 @@ class ContactNodes:
         dim = self.position.shape[1]
         return self._by_pair(lambda surface, x: surface.normal(x), translations, (dim,))
 
-    def approach(self, translations: Array, displacement: Array, axes: Array, step: float) -> Array:
-        """Loss of gap (n, dim) per translation of the surfaces, at given displacements (n, dim).
-
-        It is the normal where surfaces are flat; for curved ones it is found by central
-        differences in the components of `axes` (pairs, dim) that are True.
-        """
-        loss = self.normals(translations)
-        for axis in range(loss.shape[1]):
-            ahead, behind = translations.copy(), translations.copy()
-            ahead[axes[:, axis], axis] += step
-            behind[axes[:, axis], axis] -= step
-            with np.errstate(invalid="ignore"):  # infinite gaps
-                change = self._gap_of(behind, displacement) - self._gap_of(ahead, displacement)
-            moved = axes[self.pair, axis] & np.isfinite(change)
-            loss[moved, axis] = change[moved] / (2 * step)
-        return loss
-
-    def _gap_of(self, translations: Array, displacement: Array) -> Array:
-        return self.gaps(translations) + np.sum(self.normals(translations) * displacement, axis=1)
-
     def _by_pair(
         self,
         ask: Callable[[Surface, Array], Array],
