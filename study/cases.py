@@ -22,6 +22,7 @@ SECTIONS = {
     "7.4": "study.ex74",
     "7.6": "study.ex76",
     "T": "study.verification.t_identity",
+    "V1": "study.verification.contact_patch",
     "P": "study.peers.compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""

@@ -1,8 +1,7 @@
 """What the claims measure: functions of the stored results, each giving one number."""
 
-from collections.abc import Sequence
-
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
