@@ -29,8 +29,10 @@ from pw_elements import (
     support,
 )
 from pw_elements.algebra import symmetric_part
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.recovery import force_transfer, forces_along
+from study.elements import discretise
 from study.verification.t_identity import distorted
 
 comm = MPI.COMM_WORLD
@@ -84,6 +86,27 @@ def identity():
     numbers["identity"] = difference.norm() / K_pw.norm()
 
 
+def element(name):
+    def build(cell):
+        make = quadrilaterals if cell == "quadrilateral" else triangles
+        return mapped(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
+
+    body = discretise(name, build, Material(1.0, 0.3), State.PLANE_STRESS)
+    U, K = body.space, body.K
+    f = assemble_vector(body.body.body_load((0.3, -1.0)))
+    supports = body.supports([support(U, i, left, 0.01 * i) for i in (0, 1)])
+    a = solve(K, f, supports)
+    numbers[f"{name}_displacement_norm"] = a.norm()
+    numbers[f"{name}_stiffness_norm"] = supports.matrix(K).norm()
+    r = forces_along(U, reactions(K, a, f), left, axis=1)
+    numbers[f"{name}_reactions"] = r.force.ravel().tolist()
+    wall = ContactPair(left, Plane((0.0, 0.0), (1.0, 0.0)), 0.4)
+    f = assemble_vector(body.body.body_load((-1.0, -0.35)))
+    (state,) = solve_contact(K, f, body.supports([]), [wall], U)
+    numbers[f"{name}_contact"] = state.pairs[0].force_normal.tolist()
+    numbers[f"{name}_contact_displacement_norm"] = state.displacement.norm()
+
+
 def solid():
     mesh = create_box(comm, [(0, 0, 0), (1, 1, 2)], (3, 3, 5), CellType.tetrahedron)
     body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.SOLID)
@@ -111,6 +134,8 @@ def tube():
 beam(Spaces.galerkin, "galerkin")
 beam(Spaces.petrov_galerkin, "pw")
 identity()
+for name in ("pw-Q8", "pw-Q9", "composite-T6"):
+    element(name)
 solid()
 tube()
 if comm.rank == 0:

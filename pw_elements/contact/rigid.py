@@ -37,7 +37,7 @@ class RigidMotions:
         modes = self._modes(x)
         contact = system.nodes
         self._at_nodes = self._modes(contact.position)  # (n, dim, modes)
-        self._held = self._gram_of_supports(modes.reshape(owned * dim, -1))
+        self._held = self._gram_of_supports(modes.reshape(owned * dim, modes.shape[2]))
 
     def free(self, constraints: Array) -> list[str]:
         """Names of the motions against which neither stiffness nor constraints act.
@@ -52,7 +52,7 @@ class RigidMotions:
         relative[..., :bodies] = self._at_nodes
         for k, (pair, axis) in enumerate(system.free):
             relative[system.nodes.pair == pair, axis, bodies + k] = -1.0
-        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(n * dim, -1)
+        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(n * dim, relative.shape[2])
         gram = np.ascontiguousarray(rows.T @ rows)
         system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
         gram[:bodies, :bodies] += self._held

@@ -1,0 +1,326 @@
+from dataclasses import replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import basix.ufl
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import create_mesh, exterior_facet_indices
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    SingularSystem,
+    Spaces,
+    State,
+    assemble_matrix,
+    assemble_vector,
+    reactions,
+    solve,
+    support,
+)
+from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
+from pw_elements.meshes import mapped, quadrilaterals, triangles
+from study.elements import discretise
+from study.verification.t_identity import distorted
+
+MATERIAL = Material(7.0, 0.3)
+CONDENSED = ("pw-Q8", "pw-Q9")
+
+
+def square(cell, divisions=(3, 2), pattern="right"):
+    if cell == "quadrilateral":
+        return mapped(quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions), distorted)
+    return mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), divisions, pattern), distorted)
+
+
+def left(x):
+    return np.isclose(x[0], 0.0)
+
+
+def dense(matrix):
+    copy = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
+    return np.array(copy.getDenseArray())
+
+
+@pytest.fixture(params=CONDENSED)
+def problem(request):
+    """A distorted square whose body load acts on inner nodes, too: discretisation, f, inner."""
+    body = discretise(request.param, square, MATERIAL, State.PLANE_STRESS)
+    f = assemble_vector(body.body.body_load((0.3, -1.0)))
+    inner = (2 * body.inner_nodes()[:, None] + [0, 1]).ravel()
+    assert np.abs(f.array[inner]).min() > 1e-3
+    return body, f, inner
+
+
+def clamp(body):
+    return [support(body.space, 0, left), support(body.space, 1, left, 0.03)]
+
+
+def test_left_and_right_matrices_against_dense_algebra(problem):
+    body, _, inner = problem
+    reduction = body.supports([])
+    K = dense(body.K)
+    kept = np.setdiff1d(np.arange(len(K)), inner)
+    inverse = np.linalg.inv(K[np.ix_(inner, inner)])
+    left, right = np.zeros((2, len(K), len(kept)))
+    left[kept] = right[kept] = np.eye(len(kept))
+    left[inner] = -(K[np.ix_(kept, inner)] @ inverse).T
+    right[inner] = -inverse @ K[np.ix_(inner, kept)]
+    assert np.abs(dense(reduction.left) - left).max() < 1e-13
+    assert np.abs(dense(reduction.right) - right).max() < 1e-13
+    assert np.abs(left - right).max() > 0.01  # K is unsymmetric
+    assert np.abs(dense(reduction.matrix(body.K)) - left.T @ K @ right).max() < 1e-12
+
+
+def test_displacements_and_reactions_are_those_of_all_nodes(problem):
+    body, f, inner = problem
+    held = clamp(body)
+    a = solve(body.K, f, body.supports(held))
+    K, b = dense(body.K), f.array.copy()
+    for condition in held:
+        dofs, _ = condition.dof_indices()
+        values = np.zeros(len(b))
+        condition.set(values)
+        K[dofs], b[dofs] = 0, values[dofs]
+        K[dofs, dofs] = 1
+    exact = np.linalg.solve(K, b)
+    assert np.abs(a.array - exact).max() < 1e-13
+    assert np.abs(a.array[inner]).min() > 0
+    r = reactions(body.K, a, f).array
+    assert np.abs(r - (dense(body.K) @ exact - f.array)).max() < 1e-12
+    assert np.abs(r[inner]).max() < 1e-13
+
+
+def test_reduced_load_does_not_depend_on_the_inner_offset(problem):
+    body, f, _ = problem
+    reduction = body.supports(clamp(body))
+    loaded = reduction.under(body.K, f)
+    assert (loaded.offset - reduction.offset).norm() > 1e-3
+    difference = loaded.load(body.K, f) - reduction.load(body.K, f)
+    assert difference.norm() < 1e-13
+
+
+def test_chains_with_other_reductions_in_either_order(problem):
+    body, f, inner = problem
+    K, U, held = body.K, body.space, clamp(body)
+    exact = solve(K, f, body.supports(held)).array
+    supports = Reduction.dirichlet(U, held)
+
+    # condense first: the second reduction drops and prescribes among the kept ones
+    kept = np.setdiff1d(np.arange(len(exact)), inner)
+    free = dense(supports.right).any(axis=1)[kept]
+    prescribed = supports.offset.array[kept]
+    chained = body.supports([]).then(_by_hand(np.eye(len(kept))[:, free], prescribed))
+    assert np.abs(solve(K, f, chained).array - exact).max() < 1e-13
+
+    # supports first: the second one condenses the supported matrix
+    A = dense(supports.matrix(K))
+    i = np.flatnonzero(np.isin(np.flatnonzero(dense(supports.right).any(axis=1)), inner))
+    e = np.setdiff1d(np.arange(len(A)), i)
+    Q = np.zeros_like(A)
+    Q[np.ix_(i, i)] = np.linalg.inv(A[np.ix_(i, i)])
+    I = np.eye(len(A))[:, e]  # noqa: E741
+    second = _by_hand(I - Q @ A @ I, np.zeros(len(A)), I - Q.T @ A.T @ I, Q)
+    chained = supports.then(second)
+    assert np.abs(solve(K, f, chained).array - exact).max() < 1e-13
+
+
+def _by_hand(right, offset, left=None, inner=None):
+    def matrix(values):
+        return (
+            PETSc.Mat().createDense(values.shape, array=values, comm=MPI.COMM_SELF).convert("aij")
+        )
+
+    R = matrix(right)
+    vector = PETSc.Vec().createWithArray(np.array(offset), comm=MPI.COMM_SELF)
+    L = R if left is None else matrix(left)
+    return Reduction(L, R, vector.copy(), None if inner is None else matrix(inner))
+
+
+def test_guyan_reduction_has_one_stiffness_and_two_masses(problem):
+    body, _, _ = problem
+    static = body.supports([])
+    symmetric = replace(static, left=static.right)
+    K, K_symmetric = (dense(r.matrix(body.K)) for r in (static, symmetric))
+    assert np.abs(K - K_symmetric).max() < 1e-13
+    mass = assemble_matrix(body.body.mass())
+    M, M_symmetric = (dense(r.matrix(mass)) for r in (static, symmetric))
+    assert np.abs(M - M_symmetric).max() > 1e-3 * np.abs(M).max()
+    # either way a translation has the mass of the body: R takes it to a translation
+    shift = np.tile([1.0, 0.0], len(M) // 2)
+    for reduced in (M, M_symmetric):
+        assert shift @ reduced @ shift == pytest.approx(dense(mass)[::2, ::2].sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("element", CONDENSED)
+def test_patch_test(element):
+    body = discretise(element, square, MATERIAL, State.PLANE_STRESS)
+    U, mesh = body.space, body.space.mesh
+    exact = fem.Function(U)
+    exact.interpolate(lambda x: np.array([[1.0, 0.4], [-0.3, 0.7]]) @ x[:2])
+    mesh.topology.create_connectivity(1, 2)
+    rim = fem.locate_dofs_topological(U, 1, exterior_facet_indices(mesh.topology))
+    f = assemble_vector(body.body.body_load((0.0, 0.0)))
+    a = solve(body.K, f, body.supports([fem.dirichletbc(exact, rim)]))
+    assert np.abs(a.array - exact.x.array).max() < 1e-12
+
+
+def test_cuts_agree_for_equilibrated_quadratic_displacements_only():
+    # x^2 - y^2 and 2 x y and the like: harmonic and free of divergence, so without body force
+    def forces(pattern, field):
+        body = discretise(
+            "pw-Q8", lambda cell: square(cell, (1, 1), pattern), MATERIAL, State.PLANE_STRESS
+        )
+        u = fem.Function(body.space)
+        u.interpolate(field)
+        reduction = body.supports([])
+        a = reduction.right.createVecRight()
+        values = np.delete(u.x.array.reshape(-1, 2), body.inner_nodes(), axis=0)
+        a.setArray(values.ravel())
+        r = reactions(body.K, reduction.expand(a), body.K.createVecLeft())
+        nodes = np.delete(body.space.tabulate_dof_coordinates(), body.inner_nodes(), axis=0)
+        r = np.delete(r.array.reshape(-1, 2), body.inner_nodes(), axis=0)
+        return r[np.lexsort(np.round(nodes, 9).T)]
+
+    def equilibrated(x):
+        return x[0] ** 2 - x[1] ** 2, -2 * x[0] * x[1]
+
+    def cubic(x):
+        return x[0] ** 2 * x[1], 0 * x[0]
+
+    same, other = (forces("right", f) - forces("left", f) for f in (equilibrated, cubic))
+    assert np.abs(same).max() < 1e-13
+    assert np.abs(other).max() > 0.1
+
+
+@pytest.mark.parametrize("pattern", ["right", "left", "right_left", "left_right"])
+def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
+    # squares become slender rectangles
+    def graded(x):
+        return np.column_stack([x[:, 0] + 7 * x[:, 0] ** 2, x[:, 1:]])
+
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 3), pattern)
+    U = Spaces.petrov_galerkin(mapped(mesh, graded)).trial
+    found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
+    x = graded(np.pad(np.linspace(0, 1, 5)[:, None], ((0, 0), (0, 2))))[:, 0]
+    y = np.linspace(0, 1, 4)
+    middles = [(a, b) for b in (y[1:] + y[:-1]) / 2 for a in (x[1:] + x[:-1]) / 2]
+    assert sorted(map(tuple, np.round(found[:, :2], 12))) == sorted(
+        map(tuple, np.round(middles, 12))
+    )
+
+
+def test_centre_nodes():
+    mesh = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (4.0, 1.0), (2, 1))
+    U = Spaces.petrov_galerkin(mesh).trial
+    found = U.tabulate_dof_coordinates()[centre_nodes(U)]
+    assert sorted(map(tuple, found[:, :2])) == [(1.0, 0.5), (3.0, 0.5)]
+
+
+def test_pairs_of_sheared_triangles_and_of_meshes_from_elsewhere():
+    def sheared(x):  # the diagonal becomes the shortest side
+        return np.column_stack([x[:, 0] - 0.9 * x[:, 1], x[:, 1:]])
+
+    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (3, 3)), sheared)
+    U = Spaces.galerkin(mesh).trial
+    found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
+    middles = [(x, y) for y in (1 / 6, 3 / 6, 5 / 6) for x in (1 / 6, 3 / 6, 5 / 6)]
+    middles = sheared(np.array(middles))
+    assert sorted(map(tuple, np.round(found[:, :2], 12))) == sorted(
+        map(tuple, np.round(middles, 12))
+    )
+
+    # two rectangles, their triangles not listed pair after pair: longest sides tell
+    x = np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]], dtype=float)
+    cells = [[0, 1, 4], [1, 2, 5], [0, 3, 4], [1, 4, 5]]
+    U = Spaces.galerkin(_mesh(x, cells)).trial
+    found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
+    assert sorted(map(tuple, found[:, :2])) == [(0.5, 0.5), (1.5, 0.5)]
+
+
+def test_refuses_triangles_without_partner():
+    crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
+    height = np.sqrt(0.75)
+    x = np.array([[0, 0], [1, 0], [2, 0], [0.5, height], [1.5, height], [2.5, height]])
+    strip = _mesh(x, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])  # no side is the longest
+    odd = _mesh(x, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])
+    for mesh in (crossed, strip, odd):
+        with pytest.raises(ValueError, match="no partner"):
+            mid_diagonal_nodes(Spaces.galerkin(mesh).trial)
+    quadrilateral = Spaces.galerkin(square("quadrilateral")).trial
+    with pytest.raises(ValueError, match="6-node triangles"):
+        mid_diagonal_nodes(quadrilateral)
+    for spaces in (Spaces.galerkin(square("triangle")), Spaces.serendipity(quadrilateral.mesh)):
+        with pytest.raises(ValueError, match="9-node quadrilaterals"):
+            centre_nodes(spaces.trial)
+
+
+def _mesh(x, cells):
+    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+    return create_mesh(MPI.COMM_SELF, cells=np.array(cells), x=x, e=element)
+
+
+def test_refuses_what_cannot_be_condensed(problem):
+    body, _, _ = problem
+    K, U, inner = body.K, body.space, body.inner_nodes()
+    everywhere = support(U, 0, lambda x: x[0] > -9)
+    with pytest.raises(ValueError, match="is to be condensed"):
+        body.supports([everywhere])
+    cell = U.dofmap.list[0]
+    with pytest.raises(ValueError, match="couples nodes"):
+        Reduction.condensation(K, U, cell[-2:])
+    rest = np.setdiff1d(np.arange(U.dofmap.index_map.size_local), inner)
+    at_rest = U.tabulate_dof_coordinates()[rest]
+    others = [
+        support(U, i, lambda x: np.isclose(x.T[:, None], at_rest).all(axis=2).any(axis=1))
+        for i in (0, 1)
+    ]
+    with pytest.raises(ValueError, match="nothing but inner and prescribed"):
+        body.supports(others)
+    nothing = K.copy()
+    nothing.scale(0.0)
+    with pytest.raises(SingularSystem, match="no stiffness"):
+        Reduction.condensation(nothing, U, inner)
+
+
+def contact(body, condensed):
+    """A block on a rough plane under body load and shear, with and without its inner nodes."""
+    U = body.space
+    f = body.surface_load((60.0, -200.0), lambda x: np.isclose(x[1], 1.0))
+    f.axpy(1.0, assemble_vector(body.body.body_load((10.0, -100.0))))
+    foot = ContactPair(lambda x: np.isclose(x[1], 0.0), Plane((0.0, 0.0), (0.0, 1.0)), 0.3)
+    reduction = body.supports([]) if condensed else Reduction.dirichlet(U, [])
+    return solve_contact(body.K, f, reduction, [foot], U)[0]
+
+
+@pytest.mark.parametrize("element", CONDENSED)
+def test_contact_is_that_of_all_nodes(element):
+    def build(cell):
+        make = quadrilaterals if cell == "quadrilateral" else triangles
+        return make(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (8, 4))
+
+    body = discretise(element, build, Material(1000.0, 0.3), State.PLANE_STRESS)
+    state, every = contact(body, True), contact(body, False)
+    (pair,), (pair_every,) = state.pairs, every.pairs
+    assert {STICK, SLIP} <= set(pair.status)
+    assert np.array_equal(pair.status, pair_every.status)
+    assert state.iterations == every.iterations
+    scale = pair_every.force_normal.max()
+    assert np.abs(pair.force_normal - pair_every.force_normal).max() < 1e-10 * scale
+    assert np.abs(pair.force_tangential - pair_every.force_tangential).max() < 1e-10 * scale
+    difference = state.displacement - every.displacement
+    assert difference.norm() < 1e-10 * every.displacement.norm()
+    assert state.residuals.largest() < 1e-9
+
+
+def test_two_galerkin_triangles_condense_symmetrically():
+    body = Body(Spaces.galerkin(square("triangle")), MATERIAL, State.PLANE_STRAIN)
+    K = assemble_matrix(body.stiffness())
+    U = body.spaces.trial
+    reduction = Reduction.condensation(K, U, mid_diagonal_nodes(U))
+    assert np.abs(dense(reduction.left) - dense(reduction.right)).max() < 1e-13
