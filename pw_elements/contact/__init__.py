@@ -1,4 +1,19 @@
-"""Unilateral contact with Coulomb friction between an elastic body and rigid surfaces."""
+"""Unilateral contact with Coulomb friction between an elastic body and rigid surfaces.
+
+A block is pressed on a rough floor, then a punch is pushed into its top by a force of 40:
+
+    floor = ContactPair(lambda x: np.isclose(x[1], 0), Plane((0, 0), (0, 1)), friction=0.3)
+    punch = ContactPair(
+        lambda x: np.isclose(x[1], 2),
+        Parabola((2, 2), radius=8),
+        friction=0.3,
+        motions=[Motion((0, 0)), Motion((0, None), force=(0, -40))],
+    )
+    states = solve_contact(K, [pressed, pressed], supports, [floor, punch], U)
+    below, above = states[-1].pairs
+    below.position, below.force_normal, below.force_tangential, below.status
+    above.translation, above.force, states[-1].iterations, states[-1].residuals
+"""
 
 from pw_elements.contact.errors import (
     ContactNotConverged,
