@@ -11,7 +11,9 @@ PROJECT = Path(__file__).parents[1]
 
 
 def numbers(processes):
-    command = ["mpirun", "-n", str(processes), sys.executable, "-m", "tests.contact_numbers"]
+    # by mpi4py an exception in one process ends them all, which would else wait for it
+    python = [sys.executable, "-m", "mpi4py", "-m"]
+    command = ["mpirun", "-n", str(processes), *python, "tests.contact_numbers"]
     run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)

@@ -183,8 +183,8 @@ def test_style_ends_with_its_block():
 
 
 def test_looks_are_distinct_and_visible_on_white():
-    elements = {"galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "pw-Q8", "composite-T6", "exact"}
-    assert set(LOOK) == elements
+    elements = {"galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "pw-Q8", "pw-Q9", "composite-T6"}
+    assert set(LOOK) == elements | {"exact"}
     for part in ("color", "marker", "label"):
         assert len({look[part] for look in LOOK.values()}) == len(LOOK)
     for look in LOOK.values():
