@@ -23,6 +23,7 @@ SECTIONS = {
     "7.6": "study.ex76",
     "T": "study.verification.t_identity",
     "V1": "study.verification.contact_patch",
+    "V2": "study.verification.hertz",
     "P": "study.peers.compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""

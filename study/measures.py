@@ -317,6 +317,11 @@ def smallest(results: Results, section: str, cases: str, name: str) -> float:
     return min(_sizes(results, section, cases, name))
 
 
+def ratio(results: Results, key: str, other: str, name: str) -> float:
+    """A stored number of one case over that of another one."""
+    return results.scalar(key, name) / results.scalar(other, name)
+
+
 def _sizes(results: Results, section: str, cases: str, name: str) -> list[float]:
     matching = [s for s in _of_section(results, section) if re.fullmatch(cases, s.case)]
     if not matching:

@@ -1,0 +1,41 @@
+"""What the convergence figures of contact problems share."""
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from figures.style import LOOK
+from study.store import Results
+
+# pw-Q8 is left out: it has the nodal forces of its pairs of pw-T6
+ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q9")
+
+
+def prepare(ax: Axes, results: Results, key: str) -> None:
+    """Makes both axes logarithmic, with the numbers of elements as ticks."""
+    ax.set(xscale="log", yscale="log")
+    ticks = [int(n) for n in results.curves(key)["elements"]]
+    ax.set_xticks(ticks, [str(n) for n in ticks])
+    ax.set_xticks([], minor=True)
+    ax.set_xlim(0.85 * ticks[0], 1.35 * ticks[-1])
+
+
+def errors(ax: Axes, results: Results, keys: dict[str, str], name: str, **look: str) -> None:
+    """Draws an error over the number of elements, `keys` by element."""
+    for element, key in keys.items():
+        curves = results.curves(key)
+        ax.plot(curves["elements"], curves[name], **(LOOK[element] | look))
+
+
+def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> None:
+    """Draws a line of an order of convergence from a height at the coarsest mesh on."""
+    elements = results.curves(key)["elements"][[0, -1]]
+    heights = start * (elements / elements[0]) ** -order
+    ax.plot(elements, heights, color="#777777", linewidth=0.9, linestyle=":")
+    place = {"fontsize": 7, "va": "center", "xytext": (3, 0), "textcoords": "offset points"}
+    ax.annotate(f"{order:g}", (elements[1], heights[1]), **place)
+
+
+def legend(fig: Figure, ax: Axes) -> None:
+    """One legend of the elements below all axes."""
+    handles, labels = ax.get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7)

@@ -1,0 +1,355 @@
+"""Elastic half planes and half spaces y < 0 under known contact pressures: exact fields.
+
+Displacements are sums over surface sources, which converge fast at a distance from the contact:
+point forces in the plane, points on the imaginary axis in axisymmetry. They are Flamant's and
+Boussinesq's solutions; pressures as in K. L. Johnson, "Contact Mechanics" (1985).
+
+Points are arrays (n, 2) of x (in axisymmetry r) and y; displacements are of the same shape. In
+the plane they are fixed but for a constant: v vanishes as P log(distance) does at distance one.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.integrate import quad
+
+Array = npt.NDArray[np.floating[Any]]
+
+# Sources of a field; at twice the half width all displacements are exact to round-off
+_SOURCES = 64
+# Range of the variable log((b + x)/(b - x)) of a bonded punch, to the same end
+_RANGE = 80.0
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """An isotropic half plane in plane strain, or half space.
+
+    Args:
+        youngs_modulus: E.
+        poissons_ratio: nu.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+
+    @property
+    def shear_modulus(self) -> float:
+        """G."""
+        return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
+
+    @property
+    def plane_modulus(self) -> float:
+        """E* = E/(1 - nu²)."""
+        return self.youngs_modulus / (1 - self.poissons_ratio**2)
+
+    @property
+    def kolosov(self) -> float:
+        """3 - 4 nu, kappa of plane strain."""
+        return 3 - 4 * self.poissons_ratio
+
+    def line_displacement(self, x: Array, s: Array, pressing: Array, pulling: Array) -> Array:
+        """Displacements (n, 2) of points (n, 2) by forces in the plane.
+
+        Args:
+            x: points away from the forces.
+            s: (m,), places of the forces on the surface.
+            pressing: (m,), along -y.
+            pulling: (m,), along +x.
+        """
+        y = x[:, 1, None]
+        z = x[:, 0, None] + 1j * y - s
+        kappa = self.kolosov
+        normal, normal_integral = 1j * pressing / (np.pi * z), 1j * pressing / np.pi
+        shear, shear_integral = -1j * pulling / (np.pi * z), -1j * pulling / np.pi
+        logarithm = np.log(1j * z)  # cut above the body
+        normal_integral, shear_integral = normal_integral * logarithm, shear_integral * logarithm
+        u = (kappa - 1) / 2 * normal_integral.real - y * normal.imag
+        u += (kappa + 1) / 2 * shear_integral.imag + y * shear.real
+        v = (kappa + 1) / 2 * normal_integral.imag - y * normal.real
+        v -= (kappa - 1) / 2 * shear_integral.real + y * shear.imag
+        return np.stack([u.sum(axis=1), v.sum(axis=1)], axis=1) / (2 * self.shear_modulus)
+
+    def round_displacement(self, x: Array, t: Array, strength: Array) -> Array:
+        """Displacements (n, 2) of points (n, 2) by sources at imaginary depths in axisymmetry.
+
+        The potential is sum strength / sqrt(r² + (z + i t)²), z = -y; for a pressure p(r) it
+        is the integral of p over the distance.
+
+        Args:
+            x: points away from the contact.
+            t: (m,), in pairs of both signs and the same strength.
+            strength: (m,), forces.
+        """
+        r, z = x[:, 0, None], -x[:, 1, None]
+        w = z + 1j * t
+        R = np.sqrt(r**2 + w**2)
+        nu = self.poissons_ratio
+        radial = -(1 - 2 * nu) * r / (R * (R + w)) + z * r / R**3
+        depth = 2 * (1 - nu) / R + z * w / R**3
+        u = np.stack([radial.real @ strength, -depth.real @ strength], axis=1)
+        return u / (4 * np.pi * self.shear_modulus)
+
+
+class KnownContact(Protocol):
+    """A contact problem with a known solution."""
+
+    @property
+    def body(self) -> Elastic:
+        """What is pressed."""
+        ...
+
+    @property
+    def half_width(self) -> float:
+        """Of the contact."""
+        ...
+
+    @property
+    def force(self) -> float:
+        """Total; per length in the plane."""
+        ...
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the pressure is finite at the edge of the contact; it is zero then."""
+        ...
+
+    def pressure(self, x: Array) -> Array:
+        """Contact pressure (m,) at distances x >= 0 from the middle; 0 outside."""
+        ...
+
+    def force_within(self, x: Array) -> Array:
+        """Normal force (m,) from the middle to x: half of it in the plane, else of a disc."""
+        ...
+
+    def displacement(self, x: Array) -> Array:
+        """Displacements (n, 2) of points twice the half width away or more."""
+        ...
+
+    @property
+    def approach(self) -> float:
+        """Depth of the rigid surface's lowest point."""
+        ...
+
+
+@dataclass(frozen=True)
+class HertzLine:
+    """Parabola of a radius R, pressed with a force per length P on a half plane."""
+
+    body: Elastic
+    radius: float
+    force: float
+    bounded: ClassVar[bool] = True
+
+    @property
+    def half_width(self) -> float:
+        """Sqrt(4 P R/(pi E*))."""
+        return float(np.sqrt(4 * self.force * self.radius / (np.pi * self.body.plane_modulus)))
+
+    @property
+    def peak(self) -> float:
+        """p0 = 2 P/(pi a)."""
+        return 2 * self.force / (np.pi * self.half_width)
+
+    def pressure(self, x: Array) -> Array:
+        """p0 sqrt(1 - x²/a²)."""
+        return self.peak * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
+
+    def force_within(self, x: Array) -> Array:
+        """Its integral from 0 to x."""
+        s = np.clip(x / self.half_width, 0.0, 1.0)
+        return self.force / np.pi * (s * np.sqrt(1 - s**2) + np.arcsin(s))
+
+    def displacement(self, x: Array) -> Array:
+        """By Gauss-Chebyshev quadrature of the second kind."""
+        theta = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
+        forces = self.force * 2 / (_SOURCES + 1) * np.sin(theta) ** 2
+        s = self.half_width * np.cos(theta)
+        return self.body.line_displacement(x, s, forces, np.zeros_like(forces))
+
+    @property
+    def approach(self) -> float:
+        """By the mean of log over the pressure, log(a/2) - 1/2."""
+        mean = np.log(self.half_width / 2) - 0.5
+        return float(-2 * self.force * mean / (np.pi * self.body.plane_modulus))
+
+
+@dataclass(frozen=True)
+class HertzSphere:
+    """Paraboloid of a radius R, pressed with a force P on a half space."""
+
+    body: Elastic
+    radius: float
+    force: float
+    bounded: ClassVar[bool] = True
+
+    @property
+    def half_width(self) -> float:
+        """(3 P R/(4 E*))^(1/3)."""
+        return float(np.cbrt(0.75 * self.force * self.radius / self.body.plane_modulus))
+
+    @property
+    def peak(self) -> float:
+        """p0 = 3 P/(2 pi a²)."""
+        return 1.5 * self.force / (np.pi * self.half_width**2)
+
+    def pressure(self, x: Array) -> Array:
+        """p0 sqrt(1 - r²/a²)."""
+        return self.peak * np.sqrt(np.maximum(0.0, 1 - (x / self.half_width) ** 2))
+
+    def force_within(self, x: Array) -> Array:
+        """Its integral over a disc."""
+        s = np.clip(x / self.half_width, 0.0, 1.0)
+        return self.force * (1 - (1 - s**2) ** 1.5)
+
+    def displacement(self, x: Array) -> Array:
+        """Sources of strength 3 P (a² - t²)/(4 a³)."""
+        t, weight = np.polynomial.legendre.leggauss(_SOURCES)
+        strength = self.force * 0.75 * (1 - t**2) * weight
+        return self.body.round_displacement(x, self.half_width * t, strength)
+
+    @property
+    def approach(self) -> float:
+        """a²/R."""
+        return self.half_width**2 / self.radius
+
+
+@dataclass(frozen=True)
+class FlatLine:
+    """Frictionless flat punch of half width b, pressed with P per length (M. Sadowsky, 1928)."""
+
+    body: Elastic
+    half_width: float
+    force: float
+    bounded: ClassVar[bool] = False
+
+    def pressure(self, x: Array) -> Array:
+        """P/(pi sqrt(b² - x²))."""
+        with np.errstate(divide="ignore"):
+            return self.force / (np.pi * np.sqrt(self.half_width**2 - x**2))
+
+    def force_within(self, x: Array) -> Array:
+        """Its integral from 0 to x."""
+        return self.force / np.pi * np.arcsin(np.clip(x / self.half_width, 0.0, 1.0))
+
+    def displacement(self, x: Array) -> Array:
+        """By Gauss-Chebyshev quadrature of the first kind."""
+        s = self.half_width * np.cos((np.arange(_SOURCES) + 0.5) * np.pi / _SOURCES)
+        forces = np.full(_SOURCES, self.force / _SOURCES)
+        return self.body.line_displacement(x, s, forces, np.zeros(_SOURCES))
+
+    @property
+    def approach(self) -> float:
+        """By the mean of log over the pressure, log(b/2)."""
+        mean = np.log(self.half_width / 2)
+        return float(-2 * self.force * mean / (np.pi * self.body.plane_modulus))
+
+
+@dataclass(frozen=True)
+class FlatRound:
+    """Frictionless flat punch of radius b, pressed with P on a half space (J. Boussinesq, 1885)."""
+
+    body: Elastic
+    half_width: float
+    force: float
+    bounded: ClassVar[bool] = False
+
+    def pressure(self, x: Array) -> Array:
+        """P/(2 pi b sqrt(b² - r²))."""
+        b = self.half_width
+        with np.errstate(divide="ignore"):
+            return self.force / (2 * np.pi * b * np.sqrt(b**2 - x**2))
+
+    def force_within(self, x: Array) -> Array:
+        """Its integral over a disc."""
+        s = np.clip(x / self.half_width, 0.0, 1.0)
+        return self.force * (1 - np.sqrt(1 - s**2))
+
+    def displacement(self, x: Array) -> Array:
+        """Sources of even strength P/(2 b)."""
+        t, weight = np.polynomial.legendre.leggauss(_SOURCES)
+        return self.body.round_displacement(x, self.half_width * t, self.force * weight / 2)
+
+    @property
+    def approach(self) -> float:
+        """P/(2 E* b)."""
+        return self.force / (2 * self.body.plane_modulus * self.half_width)
+
+
+@dataclass(frozen=True)
+class BondedLine:
+    """Flat punch of half width b bonded to a half plane, pressed with P per length.
+
+    With eta = log(3 - 4 nu)/(2 pi) and s = log((b + x)/(b - x)), pressure and shear are the
+    frictionless pressure times cosh(pi eta) cos(eta s) and cosh(pi eta) sin(eta s).
+    """
+
+    body: Elastic
+    half_width: float
+    force: float
+    bounded: ClassVar[bool] = False
+
+    @property
+    def oscillation(self) -> float:
+        """The exponent eta."""
+        return float(np.log(self.body.kolosov) / (2 * np.pi))
+
+    def pressure(self, x: Array) -> Array:
+        """Normal part; x below b."""
+        return self._smooth(x) * np.cos(self.oscillation * self._stretched(x))
+
+    def shear(self, x: Array) -> Array:
+        """Tangential traction of the punch on the body, away from the middle; x below b."""
+        return self._smooth(x) * np.sin(self.oscillation * self._stretched(x))
+
+    def force_within(self, x: Array) -> Array:
+        """Integral of the pressure from 0 to x."""
+        return self._within(x, np.cos)
+
+    def shear_within(self, x: Array) -> Array:
+        """Integral of the shear from 0 to x."""
+        return self._within(x, np.sin)
+
+    def displacement(self, x: Array) -> Array:
+        """By the trapezoidal rule in s."""
+        s = np.linspace(-_RANGE, _RANGE, 16 * _SOURCES + 1)
+        forces = (s[1] - s[0]) * self._density(s)
+        pressing, pulling = (forces * f(self.oscillation * s) for f in (np.cos, np.sin))
+        return self.body.line_displacement(x, self.half_width * np.tanh(s / 2), pressing, pulling)
+
+    @property
+    def approach(self) -> float:
+        """Depth of the middle, by quadrature."""
+        eta, kappa = self.oscillation, self.body.kolosov
+
+        def logarithm(s: float) -> float:
+            depth = np.log(self.half_width * np.tanh(s / 2))
+            return float(2 * self._density(s) * np.cos(eta * s) * depth)
+
+        pressing = quad(logarithm, 0.0, _RANGE, points=[1e-3, 0.1, 1.0], limit=200)[0]
+        pulling = float(self.shear_within(np.array([self.half_width]))[0])
+        v = (kappa + 1) / 2 * pressing / np.pi + (kappa - 1) / 2 * pulling
+        return -v / (2 * self.body.shear_modulus)
+
+    def _smooth(self, x: Array) -> Array:
+        amplitude = self.force * np.cosh(np.pi * self.oscillation)
+        with np.errstate(divide="ignore"):
+            return amplitude / (np.pi * np.sqrt(self.half_width**2 - x**2))
+
+    def _stretched(self, x: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return 2 * np.arctanh(x / self.half_width)
+
+    def _density(self, s: Array | float) -> Array:
+        """Traction times dx/ds, without its oscillation."""
+        amplitude = self.force * np.cosh(np.pi * self.oscillation)
+        return np.asarray(amplitude / (2 * np.pi * np.cosh(np.asarray(s) / 2)))
+
+    def _within(self, x: Array, wave: np.ufunc) -> Array:
+        def traction(s: float) -> float:
+            return float(self._density(s) * wave(self.oscillation * s))
+
+        ends = np.minimum(self._stretched(np.minimum(x, self.half_width)), _RANGE)
+        return np.array([quad(traction, 0.0, end, limit=200)[0] for end in ends])
