@@ -9,7 +9,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, State, support
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
 from study.cases import Case
 from study.contact_result import contact_result
 from study.elements import discretise
@@ -23,6 +23,7 @@ YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_ANGLE = 1.2e8, 0.25, 20.0
 FORCE = 40.0
 HALF_PLATE, HALF_WIDTH, DEPTH = 1.0, 20.0, 10.0
 ELEMENTS_UNDER_HALF, GROWTH = 4, 1.4
+PATTERN: Pattern = "left_right"  # alternating cuts keep the symmetry
 INCREMENTS = 5
 
 
@@ -33,9 +34,10 @@ def plate(
     under_half: int = ELEMENTS_UNDER_HALF,
     half_width: float = HALF_WIDTH,
     depth: float = DEPTH,
+    pattern: Pattern = PATTERN,
 ) -> Result:
     """Contact forces below the plate, pressed by its force; `translation` is its settlement."""
-    build = partial(_mesh, under_half, half_width, depth)
+    build = partial(_mesh, under_half, half_width, depth, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, State(state))
     held = [support(body.space, i, partial(_sides_and_base, half_width, depth)) for i in (0, 1)]
@@ -55,7 +57,7 @@ def plate(
     )
 
 
-def _mesh(under_half: int, half_width: float, depth: float, cell: str) -> Mesh:
+def _mesh(under_half: int, half_width: float, depth: float, pattern: Pattern, cell: str) -> Mesh:
     smallest = HALF_PLATE / under_half
     beside = HALF_PLATE + _growing(GROWTH * smallest, half_width - HALF_PLATE)
     right = np.concatenate([np.linspace(0, HALF_PLATE, under_half + 1), beside[1:]])
@@ -69,15 +71,24 @@ def _mesh(under_half: int, half_width: float, depth: float, cell: str) -> Mesh:
             moved[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
         return moved
 
-    build = triangles if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (0.0, 0.0), divisions, divisions), placed)
+    rectangle = (MPI.COMM_SELF, (0.0, 0.0), divisions, divisions)
+    mesh = quadrilaterals(*rectangle)
+    if cell == "triangle":
+        mesh = triangles(*rectangle, pattern)
+    return mapped(mesh, placed)
 
 
 def _growing(first: float, length: float) -> np.ndarray:
-    """Mesh lines from 0 to the length, elements growing by GROWTH, the first at least as given."""
+    """Mesh lines from 0 to the length, elements growing by GROWTH; the last one is what is left.
+
+    A remainder of less than 0.6 of the element before is added to that one.
+    """
     count = int(np.log1p(length / first * (GROWTH - 1)) / np.log(GROWTH))
-    lines = np.concatenate([[0.0], np.cumsum(GROWTH ** np.arange(count))])
-    return length * lines / lines[-1]
+    steps = first * GROWTH ** np.arange(count)
+    lines = np.concatenate([[0.0], np.cumsum(steps)])
+    if length - lines[-1] < 0.6 * steps[-1]:
+        lines = lines[:-1]
+    return np.append(lines, length)
 
 
 def _below(x: np.ndarray) -> np.ndarray:
@@ -100,5 +111,6 @@ CASES += [
 ]
 CASES += [
     Case("7.4", "pw-T6-deep", plate, {"element": "pw-T6", "half_width": 40.0, "depth": 20.0}),
+    Case("7.4", "pw-T6-cut-right", plate, {"element": "pw-T6", "pattern": "right"}),
     Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16}),
 ]

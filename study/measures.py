@@ -61,10 +61,10 @@ def curve_at(results: Results, key: str, name: str, x: float) -> float:
     return float(np.interp(x, curves["x"], curves[name]))
 
 
-def edge_asymmetry(results: Results, key: str) -> float:
-    """Difference of the normal forces at both ends of the contact line over their mean."""
-    force = results.curves(key)["force_n"]
-    return float(2 * abs(force[0] - force[-1]) / (force[0] + force[-1]))
+def edge_force_change(results: Results, key: str, other: str) -> float:
+    """Change of the normal force at the right end of the contact line, in per cent."""
+    ours, theirs = (results.curves(k)["force_n"][-1] for k in (key, other))
+    return float(100 * (ours / theirs - 1))
 
 
 def cells(results: Results, key: str) -> float:
