@@ -23,31 +23,42 @@ from pw_elements.algebra import (
     reactions,
     solve,
 )
-from pw_elements.eigen import BucklingModes, NoBuckling, buckling
+from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, frequencies
 from pw_elements.elements import (
     composite_element,
     macro_element,
     quadratic_element,
     serendipity_element,
 )
-from pw_elements.mechanics import Body, Material, State, boundary_measure, nodal_load, support
+from pw_elements.mechanics import (
+    Body,
+    Material,
+    State,
+    boundary_measure,
+    lumped_mass,
+    nodal_load,
+    support,
+)
 from pw_elements.spaces import NumberingError, Spaces, test_space
 
 __all__ = [
     "Body",
     "BucklingModes",
     "Material",
-    "NoBuckling",
+    "NoModes",
     "NumberingError",
     "Reduction",
     "SingularSystem",
     "Spaces",
     "State",
+    "VibrationModes",
     "assemble_matrix",
     "assemble_vector",
     "boundary_measure",
     "buckling",
     "composite_element",
+    "frequencies",
+    "lumped_mass",
     "macro_element",
     "nodal_load",
     "quadratic_element",

@@ -13,6 +13,7 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -68,8 +69,7 @@ class Reduction:
 
     What a load does to inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], adds to the offset:
     `under` gives the reduction for one load. Reduced loads do not need it, for L^T K Q = 0.
-    Guyan's reduction is `matrix` of a mass matrix; with R for L (`dataclasses.replace`), the
-    symmetric recipe, K_r is the same, since K R vanishes in the inner rows.
+    Guyan's reduction is `matrix` of a mass matrix, too: see `guyan`.
 
     Args:
         left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
@@ -144,6 +144,21 @@ class Reduction:
         offset = self.offset.duplicate()
         self.inner.multAdd(unbalanced, self.offset, offset)
         return replace(self, offset=offset)
+
+    def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
+        """This condensation for mass matrices, where two left matrices L are in use.
+
+        Args:
+            left: "transposed" is this L, from the transposed problem; "same" takes R for L, the
+                recipe of symmetric codes. L^T K R is the same, since K R vanishes in the inner
+                rows; L^T M R is not.
+
+        Raises:
+            ValueError: for another name.
+        """
+        if left not in ("transposed", "same"):
+            raise ValueError(f'left matrix {left!r}: the names are "transposed" and "same"')
+        return self if left == "transposed" else replace(self, left=self.right)
 
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """L^T K R."""

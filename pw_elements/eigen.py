@@ -1,4 +1,4 @@
-"""Buckling factors of an unsymmetric pair, Eq (24), by SLEPc."""
+"""Natural frequencies and buckling factors of unsymmetric pairs, Eqs (14) and (24), by SLEPc."""
 
 from dataclasses import dataclass
 
@@ -12,10 +12,21 @@ from pw_elements.algebra import Reduction, factorise, symmetric_part
 
 _TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
+# The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
+# each copy of a multiple rigid mode outgrows the elastic ones within a few steps
+_SHIFT = 1e-2
+# Eigenvalues below this, over that of a mode as short as an element, are zeros with round-off
+_RIGID = 1e-12
+
+_UNSTABLE = (
+    "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
+    "the symmetrised element is no stable one; refine the mesh"
+)
+_TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: take a smaller one"
 
 
-class NoBuckling(RuntimeError):
-    """The eigenvalue problem has no (or too few) positive real factors."""
+class NoModes(RuntimeError):
+    """An eigenvalue problem has too few modes of the kind asked for, or some did not converge."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +44,81 @@ class BucklingModes:
     shapes: list[PETSc.Vec]
     residuals: npt.NDArray[np.float64]
     imaginary: float
+
+
+@dataclass(frozen=True)
+class VibrationModes:
+    """Natural vibrations, slowest first.
+
+    Args:
+        eigenvalues: (n,), squares of the angular frequencies; round-off in rigid modes.
+        shapes: n full vectors, in the trial space's numbering, largest entry 1.
+        residuals: (n,), |K d - eigenvalue M d| / |(K - shift M) d|.
+        imaginary: largest |Im| / |Re| of the elastic ones: 0 where the unsymmetric pair stays
+            real.
+        rigid: how many of them are rigid motions: the first ones, unless a symmetrised pair has
+            negative eigenvalues.
+    """
+
+    eigenvalues: npt.NDArray[np.float64]
+    shapes: list[PETSc.Vec]
+    residuals: npt.NDArray[np.float64]
+    imaginary: float
+    rigid: int
+
+
+def frequencies(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    reduction: Reduction,
+    count: int = 1,
+    symmetrised: bool = False,
+    shift: float | None = None,
+) -> VibrationModes:
+    """Smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
+
+    Args:
+        K: stiffness, (n, n), free.
+        M: mass, (n, n), free.
+        reduction: supports; see `Reduction.guyan` where nodes are condensed.
+        count: how many eigenvalues, those of rigid motions among them.
+        symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
+            solver does with an unsymmetric element.
+        shift: a number below the wanted eigenvalues, at which the pair is inverted: the nearer
+            to them the faster; a small negative one unless given.
+
+    Raises:
+        SingularSystem: if the shift is an eigenvalue.
+        NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
+            of a symmetrised pair, if one lies below the shift.
+    """
+    A, B = reduction.matrix(M), reduction.matrix(K)
+    if symmetrised:
+        A, B = symmetric_part(A), symmetric_part(B)
+    mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
+    if not (0 < mass < np.inf and 0 < stiffness < np.inf):
+        raise NoModes("the mass or stiffness matrix is zero or not finite")
+    short = stiffness / mass  # eigenvalue of a mode as short as an element
+    if shift is None:
+        shift = -_SHIFT * short / B.getSize()[0]
+    # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
+    B.axpy(-shift, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    A.scale(short)
+    mu, reduced = _largest(A, B, count, symmetrised, _UNSTABLE if shift <= 0 else _TOO_HIGH)
+    if mu.real.min() <= 0:
+        raise NoModes(
+            f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
+        )
+    values = shift + short / mu
+    rigid = np.abs(values) < _RIGID * short
+    elastic = values[~rigid]
+    return VibrationModes(
+        values.real,
+        [_shape(reduction, mode) for mode in reduced],
+        _residuals(A, B, mu, reduced),
+        float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0)),
+        int(rigid.sum()),
+    )
 
 
 def buckling(
@@ -54,67 +140,87 @@ def buckling(
 
     Raises:
         SingularSystem: if the supports leave the body a rigid motion.
-        NoBuckling: if fewer than `count` positive factors exist, or some did not converge.
+        NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     A, B = reduction.matrix(K_sigma), reduction.matrix(K)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     size = A.norm(PETSc.NormType.FROBENIUS)
     if not 0 < size < np.inf:
-        raise NoBuckling("the initial stress matrix is zero or not finite: there is no prestress")
+        raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
     # K_sigma d = mu K d with mu = -scale/factor: the largest positive -mu is the smallest
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
+    mu, reduced = _largest(A, B, count, symmetrised, _UNSTABLE)
+    if mu.real.min() <= 0:
+        raise NoModes(
+            f"only {np.sum(mu.real > 0)} of {count} factors are positive: "
+            "the load pulls where it should press"
+        )
+    return BucklingModes(
+        scale / mu.real,
+        [_shape(reduction, mode) for mode in reduced],
+        _residuals(A, B, mu, reduced),
+        float(np.max(np.abs(mu.imag) / mu.real)),
+    )
 
+
+def _largest(
+    A: PETSc.Mat, B: PETSc.Mat, count: int, symmetric: bool, indefinite: str
+) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec]]:
+    """The `count` values mu (n,) of A d = mu B d with the largest real parts, and real parts of d.
+
+    Raises:
+        SingularSystem: if B is singular.
+        NoModes: if not all values converged, or B, which is to be symmetric, is not positive
+            definite; `indefinite` says what that means.
+    """
+    if count > A.getSize()[0]:
+        raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
     solver = SLEPc.EPS().create(A.comm)
     solver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
-    solver.setProblemType(kind.GHEP if symmetrised else kind.GNHEP)
+    solver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
     solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
     solver.setDimensions(nev=count)
     solver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
-    inverse = factorise(B, symmetric=symmetrised)
-    if symmetrised and inverse.getPC().getFactorMatrix().getInertia()[0] > 0:
-        raise NoBuckling(
-            "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
-            "the symmetrised element is no stable one; refine the mesh"
-        )
+    inverse = factorise(B, symmetric=symmetric)
+    if symmetric and inverse.getPC().getFactorMatrix().getInertia()[0] > 0:
+        raise NoModes(indefinite)
     solver.getST().setKSP(inverse)
     solver.solve()
     if solver.getConverged() < count:
-        raise NoBuckling(
-            f"only {solver.getConverged()} of {count} buckling factors converged "
+        raise NoModes(
+            f"only {solver.getConverged()} of {count} eigenvalues converged "
             f"in {solver.getIterationNumber()} iterations"
         )
-
-    factors, shapes, residuals, imaginary = [], [], [], 0.0
-    real, imag = B.createVecRight(), B.createVecRight()
+    values, modes = np.empty(count, dtype=complex), []
+    imaginary = B.createVecRight()
     for i in range(count):
-        value = solver.getEigenpair(i, real, imag)
-        if value.real <= 0:
-            raise NoBuckling(
-                f"only {i} of {count} factors are positive: the load pulls where it should press"
-            )
-        imaginary = max(imaginary, abs(value.imag) / abs(value.real))
-        residuals.append(_residual(A, B, value.real, real))
-        factors.append(scale / value.real)
-        mode = reduction.shape(real)
-        mode.scale(1 / _largest_entry(mode))
-        shapes.append(mode)
+        modes.append(B.createVecRight())
+        values[i] = solver.getEigenpair(i, modes[i], imaginary)
     solver.destroy()
-    return BucklingModes(np.array(factors), shapes, np.array(residuals), imaginary)
+    return values, modes
 
 
-def _residual(A: PETSc.Mat, B: PETSc.Mat, mu: float, mode: PETSc.Vec) -> float:
+def _residuals(
+    A: PETSc.Mat, B: PETSc.Mat, mu: npt.NDArray[np.complex128], modes: list[PETSc.Vec]
+) -> npt.NDArray[np.float64]:
+    """|A d - mu B d| / |mu B d| (n,), imaginary parts left out."""
     difference, image = B.createVecLeft(), B.createVecLeft()
-    A.mult(mode, difference)
-    B.mult(mode, image)
-    difference.axpy(-mu, image)
-    return float(difference.norm() / (mu * image.norm()))
+    residuals = []
+    for value, mode in zip(mu.real, modes, strict=True):
+        A.mult(mode, difference)
+        B.mult(mode, image)
+        difference.axpy(-value, image)
+        residuals.append(difference.norm() / (value * image.norm()))
+    return np.array(residuals)
 
 
-def _largest_entry(vector: PETSc.Vec) -> float:
-    """Entry of largest absolute value, with its sign."""
-    low, high = vector.min()[1], vector.max()[1]
-    return float(high if abs(high) >= abs(low) else low)
+def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
+    """Full vector of a mode, its entry of largest absolute value 1."""
+    mode = reduction.shape(reduced)
+    low, high = mode.min()[1], mode.max()[1]
+    mode.scale(1 / (high if abs(high) >= abs(low) else low))
+    return mode

@@ -14,7 +14,7 @@ from pw_elements import (
     Body,
     BucklingModes,
     Material,
-    NoBuckling,
+    NoModes,
     Reduction,
     State,
     assemble_matrix,
@@ -218,7 +218,7 @@ def _stress_or_nan(model: HalfBeam, K: PETSc.Mat, mode: int, form: Form) -> floa
     try:
         displacement = model.prestress(K, mode)
         return float(model.critical_stress(K, displacement, mode, form).factors[0])
-    except NoBuckling:
+    except NoModes:
         return float("nan")
 
 

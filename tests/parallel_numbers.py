@@ -22,6 +22,8 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
+    frequencies,
+    lumped_mass,
     macro_element,
     nodal_load,
     reactions,
@@ -74,6 +76,12 @@ def beam(method, name):
     ).factors.tolist()
     M = assemble_matrix(body.mass())
     numbers[f"{name}_mass_norm"] = M.norm()
+    for symmetrised in (False, True):
+        modes = frequencies(K, M, supports, 3, symmetrised)
+        numbers[f"{name}_frequencies_{symmetrised}"] = modes.eigenvalues.tolist()
+    free = frequencies(K, M, Reduction.dirichlet(U, []), 4)
+    numbers[f"{name}_rigid"] = free.rigid
+    numbers[f"{name}_free_frequencies"] = free.eigenvalues[3:].tolist()
 
 
 def identity():
@@ -105,6 +113,13 @@ def element(name):
     (state,) = solve_contact(K, f, body.supports([]), [wall], U)
     numbers[f"{name}_contact"] = state.pairs[0].force_normal.tolist()
     numbers[f"{name}_contact_displacement_norm"] = state.displacement.norm()
+    M = assemble_matrix(body.body.mass())
+    for left_matrix in ("transposed", "same"):
+        modes = frequencies(K, M, supports.guyan(left_matrix), 3)
+        numbers[f"{name}_guyan_{left_matrix}"] = modes.eigenvalues.tolist()
+    if name == "pw-Q8":
+        lumped = frequencies(K, lumped_mass(M, U), supports.guyan("transposed"), 3)
+        numbers[f"{name}_lumped"] = lumped.eigenvalues.tolist()
 
 
 def solid():
@@ -115,6 +130,9 @@ def solid():
     f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
     foot = [support(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     numbers["solid"] = solve(K, f, Reduction.dirichlet(U, foot)).norm()
+    free = frequencies(K, assemble_matrix(body.mass()), Reduction.dirichlet(U, []), 8)
+    numbers["solid_rigid"] = free.rigid
+    numbers["solid_frequencies"] = free.eigenvalues[6:].tolist()
 
 
 def tube():

@@ -3,22 +3,28 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import create_rectangle
+from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import (
     Body,
     Material,
-    NoBuckling,
+    NoModes,
     Reduction,
     SingularSystem,
     Spaces,
     State,
     assemble_matrix,
     buckling,
+    frequencies,
+    lumped_mass,
     support,
 )
+from pw_elements.algebra import symmetric_part
+from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from study.elements import discretise
 from study.ex76 import HalfBeam, half_beam_body
 from study.exact import Strip
+from study.verification.t_identity import distorted
 from tests.test_algebra import dense
 
 LENGTH, E = 4.0, 3.0
@@ -82,9 +88,9 @@ def test_factors_scale_with_the_load(unit):
 
 
 def test_refuses_what_cannot_buckle():
-    with pytest.raises(NoBuckling, match="pulls"):
+    with pytest.raises(NoModes, match="pulls"):
         buckling(*strip(Spaces.galerkin, stress=1.0))
-    with pytest.raises(NoBuckling, match="no prestress"):
+    with pytest.raises(NoModes, match="no prestress"):
         buckling(*strip(Spaces.galerkin, stress=0.0))
     with pytest.raises(SingularSystem):
         buckling(*strip(Spaces.galerkin, held=False))
@@ -98,7 +104,184 @@ def test_says_when_the_symmetrised_stiffness_is_indefinite():
         K = model.stiffness()
         prestress = model.prestress(K, 1)
         if symmetrised:
-            with pytest.raises(NoBuckling, match="not positive definite"):
+            with pytest.raises(NoModes, match="not positive definite"):
                 model.critical_stress(K, prestress, 1, "G")
         else:
             assert model.critical_stress(K, prestress, 1, "G").factors[0] > 0
+
+
+METHODS = [Spaces.galerkin, Spaces.petrov_galerkin]
+STEEL = Material(2.1e11, 0.3, density=7856.0)
+
+
+def pair(method, mesh, state, material=STEEL):
+    """K, M and the space of a free body."""
+    body = Body(method(mesh), material, state)
+    return (
+        assemble_matrix(body.stiffness()),
+        assemble_matrix(body.mass()),
+        body.spaces.trial,
+    )
+
+
+def square(n=6):
+    return mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n)), distorted)
+
+
+def box():
+    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], [2, 3, 2], CellType.tetrahedron)
+
+
+BODIES = {
+    "2-D": (square, State.PLANE_STRESS, 3),
+    "2-D curved": (lambda: curved(square(4), distorted), State.PLANE_STRAIN, 3),
+    "slender": (
+        lambda: triangles(MPI.COMM_SELF, (0.0, 0.0), (100.0, 1.0), (100, 1)),
+        State.PLANE_STRESS,
+        3,
+    ),
+    "axisymmetric": (square, State.AXISYMMETRIC, 1),
+    "3-D": (box, State.SOLID, 6),
+}
+
+
+@pytest.mark.parametrize("symmetrised", [False, True])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("setting", BODIES)
+def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
+    make_mesh, state, rigid = BODIES[setting]
+    K, M, U = pair(method, make_mesh(), state)
+    modes = frequencies(K, M, Reduction.dirichlet(U, []), 9, symmetrised)
+    assert modes.imaginary == 0
+    if setting == "2-D curved" and symmetrised and method == Spaces.petrov_galerkin:
+        # a rotation is no test function there, so K^T gives it forces
+        assert modes.rigid == 2
+        assert -1e-3 * modes.eigenvalues[3] < modes.eigenvalues[0] < 0
+        return
+    assert modes.rigid == rigid
+    elastic = modes.eigenvalues[rigid:]
+    assert np.abs(modes.eigenvalues[:rigid]).max() < 1e-6 * elastic[0]
+    assert np.all(np.diff(elastic) >= 0)
+    assert modes.residuals.max() < 1e-7
+    image = K.createVecLeft()
+    for shape in modes.shapes[:rigid]:
+        (symmetric_part(K) if symmetrised else K).mult(shape, image)
+        assert image.norm(3) < 1e-8 * K.norm(3)
+
+
+@pytest.mark.parametrize("symmetrised", [False, True])
+@pytest.mark.parametrize("method", METHODS)
+def test_frequencies_against_dense_eigenvalues(method, symmetrised):
+    K, M, U = pair(method, square(), State.PLANE_STRESS)
+    supports = Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)])
+    modes = frequencies(K, M, supports, 6, symmetrised)
+    A, B = (dense(supports.matrix(matrix)) for matrix in (K, M))
+    if symmetrised:
+        A, B = (A + A.T) / 2, (B + B.T) / 2
+    exact = np.linalg.eigvals(np.linalg.solve(B, A))
+    exact = np.sort(exact.real)[:6]
+    assert modes.rigid == 0
+    assert modes.imaginary == 0
+    assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
+    nearer = frequencies(K, M, supports, 5, symmetrised, shift=0.9 * exact[0])
+    assert nearer.eigenvalues == pytest.approx(exact[:5], rel=1e-9)
+    for shape in modes.shapes:
+        assert shape.norm(3) == pytest.approx(1.0)
+        assert np.abs(shape.array[dense(supports.right).sum(axis=1) == 0]).max() == 0
+
+
+@pytest.mark.parametrize("element", ["pw-Q8", "pw-Q9"])
+def test_both_left_matrices_of_guyans_reduction(element):
+    def build(cell):
+        make = quadrilaterals if cell == "quadrilateral" else triangles
+        return mapped(make(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (3, 3)), distorted)
+
+    body = discretise(element, build, Material(2.0, 0.3), State.PLANE_STRESS)
+    U, K, M = body.space, body.K, assemble_matrix(body.body.mass())
+    condensed = body.supports([support(U, i, left) for i in (0, 1)])
+    found = {}
+    for name in ("transposed", "same"):
+        reduction = condensed.guyan(name)
+        modes = frequencies(K, M, reduction, 4)
+        L, R = dense(reduction.left), dense(reduction.right)
+        A, B = (L.T @ dense(matrix) @ R for matrix in (K, M))
+        exact = np.sort(np.linalg.eigvals(np.linalg.solve(B, A)).real)[:4]
+        assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
+        assert modes.imaginary == 0
+        found[name] = modes.eigenvalues
+    every = frequencies(K, M, Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)]), 4)
+    for name in found:
+        assert 1e-6 < np.abs(found[name] / every.eigenvalues - 1).max() < 0.05
+    assert np.abs(found["same"] / found["transposed"] - 1).max() > 1e-6
+    with pytest.raises(ValueError, match="'symmetric': the names are"):
+        condensed.guyan("symmetric")
+
+
+@pytest.mark.parametrize("setting", BODIES)
+def test_lumped_mass_of_the_new_element(setting):
+    make_mesh, state, rigid = BODIES[setting]
+    K, M, U = pair(Spaces.petrov_galerkin, make_mesh(), state)
+    lumped = lumped_mass(M, U)
+    diagonal = lumped.getDiagonal()
+    assert np.count_nonzero(dense(lumped)) == lumped.getSize()[0]
+    assert diagonal.min()[1] > 0
+    assert diagonal.sum() == pytest.approx(dense(M).sum(), rel=1e-12)
+    free = Reduction.dirichlet(U, [])
+    modes, consistent = (frequencies(K, mass, free, rigid + 1) for mass in (lumped, M))
+    assert modes.rigid == rigid
+    assert modes.eigenvalues[rigid] == pytest.approx(consistent.eigenvalues[rigid], rel=0.2)
+
+
+def test_lumped_mass_of_standard_elements_is_refused():
+    def refused(method, mesh, state):
+        _, M, U = pair(method, mesh, state)
+        with pytest.raises(ValueError, match="no positive lumped mass") as error:
+            lumped_mass(M, U)
+        return str(error.value)
+
+    lower, upper = (0.0, 0.0), (1.0, 1.0)
+    T6 = triangles(MPI.COMM_SELF, lower, upper, (1, 1))
+    message = refused(Spaces.galerkin, T6, State.PLANE_STRESS)
+    assert message.startswith("4 nodes ")  # the vertices, zeros
+    assert message.count(".0, 0.0)") == 3
+    Q8 = quadrilaterals(MPI.COMM_SELF, lower, upper, (2, 1))
+    assert refused(Spaces.serendipity, Q8, State.PLANE_STRESS).startswith("6 nodes ")  # negative
+    assert refused(Spaces.galerkin, box(), State.SOLID).startswith("36 nodes ")
+
+
+def test_frequencies_do_not_depend_on_units():
+    K, M, U = pair(Spaces.petrov_galerkin, square(), State.AXISYMMETRIC)
+    reference = frequencies(K, M, Reduction.dirichlet(U, []), 3)
+    K.scale(1e-9)
+    scaled = frequencies(K, M, Reduction.dirichlet(U, []), 3)
+    assert scaled.rigid == reference.rigid == 1
+    assert scaled.eigenvalues[1:] * 1e9 == pytest.approx(reference.eigenvalues[1:], rel=1e-10)
+
+
+def test_frequencies_refuse_what_has_none():
+    K, M, U = pair(Spaces.petrov_galerkin, square(2), State.PLANE_STRESS)
+    free = Reduction.dirichlet(U, [])
+    with pytest.raises(SingularSystem):
+        frequencies(K, M, free, shift=0.0)
+    high = 1e3 * frequencies(K, M, free, 4).eigenvalues[3]
+    with pytest.raises(NoModes, match="eigenvalues below the shift"):
+        frequencies(K, M, free, 3, symmetrised=True, shift=high)
+    with pytest.raises(NoModes, match="lie above the shift"):
+        frequencies(K, M, free, M.getSize()[0], shift=high)
+    with pytest.raises(NoModes, match="60 eigenvalues of 50 degrees of freedom"):
+        frequencies(K, M, free, 60)
+    M.scale(0.0)
+    with pytest.raises(NoModes, match="zero or not finite"):
+        frequencies(K, M, free)
+
+
+def test_says_when_a_symmetrised_body_is_unstable():
+    K, M, U = pair(
+        Spaces.petrov_galerkin,
+        triangles(MPI.COMM_SELF, (0.0, -0.5), (4.0, 0.5), (2, 4), "crossed"),
+        State.PLANE_STRESS,
+    )
+    free = Reduction.dirichlet(U, [])
+    assert frequencies(K, M, free, 4).rigid == 3
+    with pytest.raises(NoModes, match="not positive definite"):
+        frequencies(K, M, free, 4, symmetrised=True)
