@@ -48,44 +48,47 @@ def block(
     for level in levels:
         body = discretise(
             element,
-            partial(_mesh, level),
+            partial(mesh, level),
             Material(YOUNGS_MODULUS, POISSONS_RATIO),
             State(state),
         )
-        loads = _press_and_pull(body, pull)
-        states = _on_foundation(body, loads, friction, shared_is_rough, states)
-    return contact_result(body, states, loads[-1], _lower_side, PRESSURE)
+        loads = press_and_pull(body, pull)
+        states = on_foundation(body, loads, friction, shared_is_rough, states)
+    return contact_result(body, states, loads[-1], lower_side, PRESSURE)
 
 
-def _press_and_pull(body: Discretisation, pull: float) -> list[PETSc.Vec]:
+def press_and_pull(body: Discretisation, pull: float) -> list[PETSc.Vec]:
     """Loads at the end of each increment: the pressure, then the pull in equal steps."""
     pressure = body.surface_load((0.0, -PRESSURE), _upper_side)
     traction = body.surface_load((pull * PRESSURE, 0.0), _right_side)
     return [pressure + traction * (k / INCREMENTS) for k in range(INCREMENTS + 1)]
 
 
-def _on_foundation(
+def on_foundation(
     body: Discretisation,
     loads: list[PETSc.Vec],
     friction: float,
     shared_is_rough: bool,
     start: list[ContactState],
 ) -> list[ContactState]:
+    """Contact states at the end of each increment, started from those of a coarser mesh."""
     edge = SMOOTH - 1e-9 if shared_is_rough else SMOOTH + 1e-9
 
     def per_node(x: np.ndarray) -> np.ndarray:
         return np.where((x[0] > edge) & (x[0] < LENGTH - edge), friction, 0.0)
 
-    foundation = ContactPair(_lower_side, Plane((0.0, 0.0), (0.0, 1.0)), per_node)
+    foundation = ContactPair(lower_side, Plane((0.0, 0.0), (0.0, 1.0)), per_node)
     return solve_contact(body.K, loads, body.supports([]), [foundation], body.space, start)
 
 
-def _mesh(divisions: tuple[int, int], cell: str) -> Mesh:
+def mesh(divisions: tuple[int, int], cell: str) -> Mesh:
+    """The block of "triangle" or "quadrilateral" cells."""
     build = triangles if cell == "triangle" else quadrilaterals
     return build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
 
 
-def _lower_side(x: np.ndarray) -> np.ndarray:
+def lower_side(x: np.ndarray) -> np.ndarray:
+    """Marker of the contact surface."""
     return np.isclose(x[1], 0.0)
 
 
