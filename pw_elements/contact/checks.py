@@ -67,8 +67,9 @@ def _folded(mesh: Mesh) -> npt.NDArray[np.bool_]:
         return folded
     two = facets.array[offsets[inner][:, None] + np.arange(2)]
     of_cell = topology.connectivity(dim, dim - 1)
-    local = np.argmax(of_cell.array.reshape(len(cells), -1)[two[:, 0]] == inner[:, None], axis=1)
     on_facet = basix.topology(CellType[topology.cell_name()])[dim - 1]
+    numbers = of_cell.array.reshape(-1, len(on_facet))  # also where a process has no cells
+    local = np.argmax(numbers[two[:, 0]] == inner[:, None], axis=1)
     vertices = np.array([list(f)[:dim] for f in on_facet])[local]  # dim of them span it
     points = x[np.take_along_axis(cells[two[:, 0]][:, corner], vertices, axis=1)]
     span = points[:, 1:] - points[:, :1]
