@@ -62,7 +62,9 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
     nodes = fem.functionspace(mesh, element)
     index_map = nodes.dofmap.index_map
     cells_owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    local = nodes.dofmap.list[:cells_owned]
+    # cells in the order of the old mesh's making, in which pairs of triangles follow each other
+    order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
+    local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
     x = image(nodes.tabulate_dof_coordinates()[: index_map.size_local])[:, :dimension]
     return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)

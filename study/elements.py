@@ -32,6 +32,9 @@ _SPACES = {
     "pw-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,
     "composite-T6": Spaces.composite,
+    # on tetrahedra
+    "galerkin-T10": Spaces.galerkin,
+    "pw-T10": Spaces.petrov_galerkin,
 }
 
 # The quadrilaterals with piecewise-linear weights have an inner node more than the standard one:
