@@ -54,6 +54,9 @@ def render(results: Results, templates: Path = HERE) -> str:
         "counts": _counts(page.claims),
         "sections": sections,
         "others": page.others(list(stored)),
+        "findings": page.frame("findings"),
+        "introduction": page.frame("introduction"),
+        "conclusions": page.frame("conclusions"),
         "items": importlib.import_module("study.paper").ITEMS,
         **_provenance(cases),
     }
@@ -108,6 +111,13 @@ class _Page:
             raise StudyError(f"study/report/sections/{section}.html: {error}") from error
         mine = [name for name, entry in self.figures.items() if entry["section"] == section]
         return text + self._rest(mine)
+
+    def frame(self, name: str) -> Markup:
+        """Return a text that is about all sections; nothing while some of them are missing."""
+        try:
+            return Markup(self.environment.get_template(f"sections/{name}.html").render())
+        except (jinja2.TemplateNotFound, MissingResult):
+            return Markup()
 
     def others(self, sections: list[str]) -> Markup:
         """Return the figures of sections that are not in the report."""
