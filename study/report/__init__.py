@@ -71,6 +71,7 @@ class _Page:
 
     def __init__(self, results: Results, templates: Path) -> None:
         self.results = results
+        self.templates = templates
         self.claims = results.claims()
         self.figures = _figures(results)
         self.placed: set[str] = set()
@@ -114,9 +115,11 @@ class _Page:
 
     def frame(self, name: str) -> Markup:
         """Return a text that is about all sections; nothing while some of them are missing."""
+        if not (self.templates / "sections" / f"{name}.html").is_file():
+            return Markup()
         try:
             return Markup(self.environment.get_template(f"sections/{name}.html").render())
-        except (jinja2.TemplateNotFound, MissingResult):
+        except MissingResult:
             return Markup()
 
     def others(self, sections: list[str]) -> Markup:
