@@ -24,6 +24,7 @@ SECTIONS = {
     "T": "study.verification.t_identity",
     "V1": "study.verification.contact_patch",
     "V2": "study.verification.hertz",
+    "V6": "study.verification.greco",
     "P": "study.peers.compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""

@@ -7,8 +7,10 @@ import numpy as np
 
 from study.paper import TABLE_2
 from study.store import MissingResult, Results, Stored
+from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
 
 T6 = ("galerkin-T6", "pw-T6")
+OPEN, STICK = 0, 1  # contact status as the library numbers it
 
 
 def scalar(results: Results, key: str, name: str) -> float:
@@ -323,10 +325,61 @@ def ratio(results: Results, key: str, other: str, name: str) -> float:
 
 
 def _sizes(results: Results, section: str, cases: str, name: str) -> list[float]:
+    return [abs(stored.scalars[name]) for stored in _matching(results, section, cases)]
+
+
+def _matching(results: Results, section: str, cases: str) -> list[Stored]:
     matching = [s for s in _of_section(results, section) if re.fullmatch(cases, s.case)]
     if not matching:
         raise MissingResult(f"no result of section {section} matches {cases}")
-    return [abs(stored.scalars[name]) for stored in matching]
+    return matching
+
+
+# Known solutions with friction
+
+
+def greco_deviation(results: Results, cases: str, reference: str) -> float:
+    """Largest deviation of a displacement of the GRECO plate from known ones, in per cent.
+
+    `cases` is a regular expression; `reference` is "published" or "prototype".
+    """
+    return max(
+        100 * abs(stored.scalars[f"u_{i}"] / greco_known(results, i, reference) - 1)
+        for stored in _matching(results, "V6", cases)
+        for i in range(1, len(GRECO_PLACES) + 1)
+    )
+
+
+def greco_known(results: Results, place: int, reference: str) -> float:
+    """A displacement of the GRECO plate, "published" or of the "prototype", in m."""
+    known = {"published": GRECO_PUBLISHED, "prototype": GRECO_PROTOTYPE}[reference]
+    return known[place - 1]
+
+
+def greco_change(results: Results, cases: str, other: str) -> float:
+    """Largest deviation of a displacement of the GRECO plate from another case's, in per cent."""
+    names = [f"u_{i}" for i in range(1, len(GRECO_PLACES) + 1)]
+    return max(
+        100 * abs(stored.scalars[name] / results.scalar(f"V6/{other}", name) - 1)
+        for stored in _matching(results, "V6", cases)
+        for name in names
+    )
+
+
+def zone_end(results: Results, key: str, zone: str) -> float:
+    """Where the GRECO plate ceases to be open, or begins to stick: between two nodes, in mm."""
+    curves = results.curves(key)
+    x, status = curves["x"], curves["status"]
+    if zone == "open":
+        before = int(np.flatnonzero(status == OPEN).max())
+    else:
+        before = int(np.flatnonzero(status == STICK).min()) - 1
+    return float(1e3 * x[before : before + 2].mean())
+
+
+def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
+    """How far that border moves from one case to another, in mm."""
+    return abs(zone_end(results, key, zone) - zone_end(results, other, zone))
 
 
 # The independent code
