@@ -81,7 +81,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """
     mesh = trial.mesh
     cell = mesh.topology.cell_name()
-    shape = trial.element.basix_element.dim and tuple(trial.ufl_element().reference_value_shape)
+    shape = tuple(trial.ufl_element().reference_value_shape)
     if trial.ufl_element() != quadratic_element(cell, shape):
         raise ValueError(
             f"the trial space has the element {trial.ufl_element()}; piecewise-linear test "
