@@ -182,7 +182,7 @@ class Body:
         return integrand * self._depth() * measure
 
     def _sufficient_degree(self, exact_degree: int) -> int:
-        geometry = self.spaces.mesh.geometry
+        geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
         material = self.material
         data = (
             material.youngs_modulus,
@@ -190,7 +190,7 @@ class Body:
             material.density,
             self.thickness,
         )
-        curved = geometry.cmap.degree > 1
+        curved = geometry.degree > 1
         if curved or self.state is State.AXISYMMETRIC or not all(map(_is_number, data)):
             return _RATIONAL_DEGREE
         simplex = self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron")

@@ -29,7 +29,7 @@ def meshes():
     yield create_box(comm, UNIT_CUBE, [2, 3, 2], CellType.hexahedron)
 
 
-@pytest.mark.parametrize("mesh", meshes(), ids=lambda mesh: mesh.topology.cell_name())
+@pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())
 def test_one_numbering_and_one_place_per_node(mesh):
     for components in (0, mesh.geometry.dim):
         spaces = Spaces.petrov_galerkin(mesh, components)
@@ -38,7 +38,7 @@ def test_one_numbering_and_one_place_per_node(mesh):
         assert np.abs(trial - test).max() < 1e-14
 
 
-@pytest.mark.parametrize("mesh", meshes(), ids=lambda mesh: mesh.topology.cell_name())
+@pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())
 def test_poisson_with_the_test_space_meets_a_quadratic(mesh):
     # a quadratic solution is in the trial space, so any consistent test space must return it
     V = fem.functionspace(mesh, ("Lagrange", 2))

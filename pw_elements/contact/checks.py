@@ -3,9 +3,9 @@
 import basix
 import numpy as np
 import numpy.typing as npt
-from basix import CellType, ElementFamily, LagrangeVariant
 from dolfinx.mesh import Mesh
 
+from pw_elements._compat import cell_nodes
 from pw_elements.contact.errors import DegenerateMesh, listed
 
 # Smallest Jacobian determinant over the product of a cell's edge lengths
@@ -30,16 +30,12 @@ def check_mesh(mesh: Mesh) -> None:
 
 def _determinants(mesh: Mesh) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Nodes (cells, nodes, dim) and Jacobian determinants (cells, points), ghosts included."""
-    cmap = mesh.geometry.cmap
-    cell = CellType[mesh.topology.cell_name()]
-    element = basix.create_element(
-        ElementFamily.P, cell, cmap.degree, LagrangeVariant(cmap.variant)
-    )
-    corners = basix.geometry(cell)
-    points = np.vstack([corners, basix.make_quadrature(cell, 4)[0]])
+    element = mesh.ufl_domain().ufl_coordinate_element().basix_element
+    corners = basix.geometry(element.cell_type)
+    points = np.vstack([corners, basix.make_quadrature(element.cell_type, 4)[0]])
     derivatives = element.tabulate(1, points)[1:, :, :, 0]
     dim = mesh.geometry.dim
-    x = mesh.geometry.x[mesh.geometry.dofmap][:, :, :dim]
+    x = mesh.geometry.x[cell_nodes(mesh)][:, :, :dim]
     jacobian = np.einsum("jpn,cni->cpij", derivatives, x)
     if dim != jacobian.shape[-1]:
         raise DegenerateMesh("the mesh is a surface or line in space, not a body")
@@ -52,12 +48,9 @@ def _folded(mesh: Mesh) -> npt.NDArray[np.bool_]:
     for pair in ((dim - 1, dim), (dim, dim - 1), (dim - 1, 0), (dim, 0)):
         topology.create_connectivity(*pair)
     x = mesh.geometry.x[:, :dim]
-    cells = mesh.geometry.dofmap
-    layout = mesh.geometry.cmap.create_dof_layout()
-    corner = [
-        layout.entity_dofs(0, v)[0]
-        for v in range(len(basix.geometry(CellType[topology.cell_name()])))
-    ]
+    cells = cell_nodes(mesh)
+    element = mesh.ufl_domain().ufl_coordinate_element().basix_element
+    corner = [dofs[0] for dofs in element.entity_dofs[0]]
     middle = x[cells[:, corner]].mean(axis=1)
     facets = topology.connectivity(dim - 1, dim)
     offsets = facets.offsets
@@ -67,7 +60,7 @@ def _folded(mesh: Mesh) -> npt.NDArray[np.bool_]:
         return folded
     two = facets.array[offsets[inner][:, None] + np.arange(2)]
     of_cell = topology.connectivity(dim, dim - 1)
-    on_facet = basix.topology(CellType[topology.cell_name()])[dim - 1]
+    on_facet = basix.topology(element.cell_type)[dim - 1]
     numbers = of_cell.array.reshape(-1, len(on_facet))  # also where a process has no cells
     local = np.argmax(numbers[two[:, 0]] == inner[:, None], axis=1)
     vertices = np.array([list(f)[:dim] for f in on_facet])[local]  # dim of them span it
