@@ -81,11 +81,9 @@ def force_arrows(
 
     The largest normal force is drawn with the given length.
     """
-    y = curves["nodes"][:, 1]
-    line = np.isclose(y, y.min() if side < 0 else y.max())
-    nodes = np.flatnonzero(line)
-    nodes = nodes[np.argsort(curves["nodes"][nodes, 0])]
-    nodes = nodes[np.isin(curves["nodes"][nodes, 0].round(9), curves["x"].round(9))]
+    line = np.column_stack([curves["x"], curves["y"]])
+    distance = np.linalg.norm(curves["nodes"][:, None] - line, axis=2)
+    nodes = distance.argmin(axis=0)
     scale = length / curves["force_n"].max()
     for node, r_n, r_t in zip(nodes, curves["force_n"], curves["force_t"], strict=True):
         if r_n < 1e-9 * curves["force_n"].max():

@@ -20,6 +20,7 @@ SECTIONS = {
     "7.2": "study.ex72",
     "7.3": "study.ex73",
     "7.4": "study.ex74",
+    "7.5": "study.ex75",
     "7.6": "study.ex76",
     "T": "study.verification.t_identity",
     "V1": "study.verification.contact_patch",

@@ -35,15 +35,30 @@ def contact_result(
         mean_pressure: that pressures are stored relative to, in scalars only.
         further: scalars to store besides.
     """
-    last = states[-1]
-    (contact,) = last.pairs
-    x, r_n = contact.position[:, 0], contact.force_normal
+    scalars, curves = surface_result(body, states[-1], 0, load, line, mean_pressure)
+    scalars = further | scalars | solver_scalars(states)
+    curves |= deformation_curves(body, states[-1])
+    return Result(scalars, {}, curves, dofs=body.K.getSize()[0])
+
+
+def surface_result(
+    body: Discretisation,
+    state: ContactState,
+    pair: int,
+    load: PETSc.Vec,
+    line: Marker,
+    mean_pressure: float,
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Scalars and curves of one contact pair along its horizontal line, see `contact_result`."""
+    contact = state.pairs[pair]
+    (x, y), r_n = contact.position.T, contact.force_normal
     r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
     surface = ContactSurface.of(body.body, line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {
         "x": x,
+        "y": y,
         "force_n": r_n,
         "force_t": r_t,
         "pressure": pressure,
@@ -53,30 +68,42 @@ def contact_result(
         "gap": contact.gap,
         "friction": contact.friction,
         "status": contact.status,
-        "nodes": body.space.tabulate_dof_coordinates()[:, :2],
-        "cells": body.space.dofmap.list.copy(),
-        "displacement": last.displacement.array_r.reshape(-1, 2),
     }
     if body.element == "galerkin-T6":
-        curves |= _transferred(body, last, load, line, contact.normal)
+        curves |= _transferred(body, state, load, line, contact.normal)
     sticking = x[contact.status == STICK]
-    scalars = further | {
+    scalars = {
         "force_normal": r_n.sum(),
         "force_tangential": r_t.sum(),
-        "iterations": sum(state.iterations for state in states),
-        "iterations_most": max(state.iterations for state in states),
         "sawtooth": surface.sawtooth(r_n, closed),
         "unevenness": surface.unevenness(pressure, closed),
-        "peak_pressure": pressure.max(),
-        "peak_over_mean": pressure.max() / mean_pressure,
+        "peak_pressure": np.nanmax(pressure),  # on the axis a standard element has none
+        "peak_over_mean": np.nanmax(pressure) / mean_pressure,
         "closed_from": x[closed].min(),
         "closed_to": x[closed].max(),
-        "residual": max(state.residuals.largest() for state in states),
-        "unique": float(all(state.unique for state in states)),
     }
     if len(sticking):
         scalars |= {"stick_from": sticking.min(), "stick_to": sticking.max()}
-    return Result({k: float(v) for k, v in scalars.items()}, {}, curves, dofs=body.K.getSize()[0])
+    return {name: float(value) for name, value in scalars.items()}, curves
+
+
+def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
+    """Iterations, the largest residual and uniqueness over all increments."""
+    return {
+        "iterations": float(sum(state.iterations for state in states)),
+        "iterations_most": float(max(state.iterations for state in states)),
+        "residual": max(state.residuals.largest() for state in states),
+        "unique": float(all(state.unique for state in states)),
+    }
+
+
+def deformation_curves(body: Discretisation, state: ContactState) -> dict[str, Array]:
+    """Nodes (n, 2), the nodes of each cell, and displacements (n, 2)."""
+    return {
+        "nodes": body.space.tabulate_dof_coordinates()[:, :2],
+        "cells": body.space.dofmap.list.copy(),
+        "displacement": state.displacement.array_r.reshape(-1, 2),
+    }
 
 
 def _transferred(
