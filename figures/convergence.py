@@ -22,8 +22,10 @@ def prepare(ax: Axes, results: Results, key: str) -> None:
 def errors(ax: Axes, results: Results, keys: dict[str, str], name: str, **look: str) -> None:
     """Draws an error over the number of elements, `keys` by element."""
     for element, key in keys.items():
-        curves = results.curves(key)
-        ax.plot(curves["elements"], curves[name], **(LOOK[element] | look))
+        curves, own = results.curves(key), LOOK[element] | look
+        if element == "composite-T6":  # coincides with the new element below flat punches
+            own |= {"markerfacecolor": "none", "markersize": 7, "linewidth": 0.7}
+        ax.plot(curves["elements"], curves[name], **own)
 
 
 def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> None:
@@ -31,8 +33,8 @@ def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> N
     elements = results.curves(key)["elements"][[0, -1]]
     heights = start * (elements / elements[0]) ** -order
     ax.plot(elements, heights, color="#777777", linewidth=0.9, linestyle=":")
-    place = {"fontsize": 7, "va": "center", "xytext": (3, 0), "textcoords": "offset points"}
-    ax.annotate(f"{order:g}", (elements[1], heights[1]), **place)
+    end = (float(elements[1]), float(heights[1]))
+    ax.annotate(f" {order:g}", end, fontsize=7, va="center")
 
 
 def legend(fig: Figure, ax: Axes) -> None:

@@ -25,6 +25,7 @@ SECTIONS = {
     "T": "study.verification.t_identity",
     "V1": "study.verification.contact_patch",
     "V2": "study.verification.hertz",
+    "V3": "study.verification.flat_punch",
     "V6": "study.verification.greco",
     "P": "study.peers.compare",
 }

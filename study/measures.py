@@ -324,6 +324,12 @@ def ratio(results: Results, key: str, other: str, name: str) -> float:
     return results.scalar(key, name) / results.scalar(other, name)
 
 
+def curve_difference(results: Results, key: str, name: str, other: str, other_name: str) -> float:
+    """Largest difference of two curves over the same nodes, over the second one's largest size."""
+    ours, theirs = results.curves(key)[name], results.curves(other)[other_name]
+    return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
+
+
 def _sizes(results: Results, section: str, cases: str, name: str) -> list[float]:
     return [abs(stored.scalars[name]) for stored in _matching(results, section, cases)]
 
