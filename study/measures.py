@@ -388,6 +388,21 @@ def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
     return abs(zone_end(results, key, zone) - zone_end(results, other, zone))
 
 
+def ratio_of(results: Results, key: str, name: str, other: str) -> float:
+    """A stored number of a case over another one of the same case."""
+    return results.scalar(key, name) / results.scalar(key, other)
+
+
+def refinement_order(results: Results, element: str, name: str) -> float:
+    """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
+    cases = sorted(
+        _matching(results, "V5", rf"{element}-\d+"),
+        key=lambda stored: stored.scalars["element_size"],
+    )
+    size, error = ([cases[i].scalars[what] for i in (0, -1)] for what in ("element_size", name))
+    return float(np.log(error[1] / error[0]) / np.log(size[1] / size[0]))
+
+
 # The independent code
 
 CONTACT_PEERS = (
