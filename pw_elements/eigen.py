@@ -55,7 +55,8 @@ class VibrationModes:
         shapes: n full vectors, in the trial space's numbering, largest entry 1.
         residuals: (n,), |K d - eigenvalue M d| / |(K - shift M) d|.
         imaginary: largest |Im| / |Re| of the elastic ones: 0 where the unsymmetric pair stays
-            real.
+            real; double eigenvalues may become a complex pair, whose two shapes are the real and
+            the imaginary part of one.
         rigid: how many of them are rigid motions: the first ones, unless a symmetrised pair has
             negative eigenvalues.
     """
@@ -104,7 +105,9 @@ def frequencies(
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
     B.axpy(-shift, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
-    mu, reduced = _largest(A, B, count, symmetrised, _UNSTABLE if shift <= 0 else _TOO_HIGH)
+    mu, reduced, residuals = _largest(
+        A, B, count, symmetrised, _UNSTABLE if shift <= 0 else _TOO_HIGH
+    )
     if mu.real.min() <= 0:
         raise NoModes(
             f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
@@ -115,7 +118,7 @@ def frequencies(
     return VibrationModes(
         values.real,
         [_shape(reduction, mode) for mode in reduced],
-        _residuals(A, B, mu, reduced),
+        residuals,
         float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0)),
         int(rigid.sum()),
     )
@@ -152,7 +155,7 @@ def buckling(
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
-    mu, reduced = _largest(A, B, count, symmetrised, _UNSTABLE)
+    mu, reduced, residuals = _largest(A, B, count, symmetrised, _UNSTABLE)
     if mu.real.min() <= 0:
         raise NoModes(
             f"only {np.sum(mu.real > 0)} of {count} factors are positive: "
@@ -161,15 +164,17 @@ def buckling(
     return BucklingModes(
         scale / mu.real,
         [_shape(reduction, mode) for mode in reduced],
-        _residuals(A, B, mu, reduced),
+        residuals,
         float(np.max(np.abs(mu.imag) / mu.real)),
     )
 
 
 def _largest(
     A: PETSc.Mat, B: PETSc.Mat, count: int, symmetric: bool, indefinite: str
-) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec]]:
-    """The `count` values mu (n,) of A d = mu B d with the largest real parts, and real parts of d.
+) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64]]:
+    """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
+
+    The two d of a complex pair are the real and the imaginary part of one.
 
     Raises:
         SingularSystem: if B is singular.
@@ -195,27 +200,31 @@ def _largest(
             f"only {solver.getConverged()} of {count} eigenvalues converged "
             f"in {solver.getIterationNumber()} iterations"
         )
-    values, modes = np.empty(count, dtype=complex), []
-    imaginary = B.createVecRight()
+    values, residuals, modes = np.empty(count, dtype=complex), np.empty(count), []
     for i in range(count):
-        modes.append(B.createVecRight())
-        values[i] = solver.getEigenpair(i, modes[i], imaginary)
+        real, imaginary = B.createVecRight(), B.createVecRight()
+        values[i] = solver.getEigenpair(i, real, imaginary)
+        residuals[i] = _residual(A, B, values[i], real, imaginary)
+        modes.append(imaginary if values[i].imag < 0 else real)
     solver.destroy()
-    return values, modes
+    return values, modes, residuals
 
 
-def _residuals(
-    A: PETSc.Mat, B: PETSc.Mat, mu: npt.NDArray[np.complex128], modes: list[PETSc.Vec]
-) -> npt.NDArray[np.float64]:
-    """|A d - mu B d| / |mu B d| (n,), imaginary parts left out."""
-    difference, image = B.createVecLeft(), B.createVecLeft()
-    residuals = []
-    for value, mode in zip(mu.real, modes, strict=True):
-        A.mult(mode, difference)
-        B.mult(mode, image)
-        difference.axpy(-value, image)
-        residuals.append(difference.norm() / (value * image.norm()))
-    return np.array(residuals)
+def _residual(
+    A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
+) -> float:
+    """|A d - mu B d| / |mu B d| of d = real + i imaginary."""
+    images = [matrix.createVecLeft() for matrix in (A, A, B, B)]
+    A_real, A_imaginary, B_real, B_imaginary = images
+    for matrix, part, image in zip((A, A, B, B), (real, imaginary) * 2, images, strict=True):
+        matrix.mult(part, image)
+    A_real.maxpy([-mu.real, mu.imag], [B_real, B_imaginary])
+    A_imaginary.maxpy([-mu.real, -mu.imag], [B_imaginary, B_real])
+    difference, size = (
+        np.hypot(*(part.norm() for part in parts))
+        for parts in ((A_real, A_imaginary), (B_real, B_imaginary))
+    )
+    return float(difference / (abs(mu) * size))
 
 
 def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
