@@ -28,6 +28,7 @@ SECTIONS = {
     "V3": "study.verification.flat_punch",
     "V5": "study.verification.cattaneo",
     "V6": "study.verification.greco",
+    "V8": "study.verification.vibration",
     "P": "study.peers.compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
