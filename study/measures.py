@@ -403,6 +403,30 @@ def refinement_order(results: Results, element: str, name: str) -> float:
     return float(np.log(error[1] / error[0]) / np.log(size[1] / size[0]))
 
 
+# Vibration with known answers
+
+
+def mode_errors(results: Results, key: str) -> np.ndarray:
+    """Relative errors of the values on the finest mesh, with their signs."""
+    errors: np.ndarray = results.curves(key)["errors"][-1]
+    return errors
+
+
+def highest_mode_error(results: Results, key: str) -> float:
+    """The largest of them: negative if all values lie below the exact ones."""
+    return float(mode_errors(results, key).max())
+
+
+def largest_mode_error_ratio(results: Results, key: str, other: str) -> float:
+    """Largest ratio of a mode's errors of two cases on their finest meshes."""
+    return float(np.abs(mode_errors(results, key) / mode_errors(results, other)).max())
+
+
+def finest_imaginary(results: Results, key: str) -> float:
+    """Largest |Im| over |Re| of the eigenvalues on the finest mesh."""
+    return float(results.curves(key)["imaginaries"][-1])
+
+
 # The independent code
 
 CONTACT_PEERS = (
