@@ -26,6 +26,7 @@ SECTIONS = {
     "V1": "study.verification.contact_patch",
     "V2": "study.verification.hertz",
     "V3": "study.verification.flat_punch",
+    "V4": "study.verification.spence",
     "V5": "study.verification.cattaneo",
     "V6": "study.verification.greco",
     "V8": "study.verification.vibration",

@@ -393,6 +393,21 @@ def ratio_of(results: Results, key: str, name: str, other: str) -> float:
     return results.scalar(key, name) / results.scalar(key, other)
 
 
+def difference_of(results: Results, key: str, name: str, other: str) -> float:
+    """A stored number of a case less another one of the same case."""
+    return results.scalar(key, name) - results.scalar(key, other)
+
+
+def stick_outside(results: Results, cases: str) -> float:
+    """Largest distance of the known stick radius from the interval of nodes that holds it."""
+    return max(
+        max(
+            0.0, abs(s.scalars["stick"] - s.scalars["stick_known"]) - s.scalars["stick_between"] / 2
+        )
+        for s in _matching(results, "V4", cases)
+    )
+
+
 def refinement_order(results: Results, element: str, name: str) -> float:
     """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
     cases = sorted(

@@ -117,7 +117,7 @@ def _held_sides(body: Discretisation, share: float, far_field: bool) -> PETSc.Ve
     return load
 
 
-def _far_field(x: Array, share: float) -> Array:
+def _far_field(x: Array, share: float) -> np.ndarray:
     """Displacements (n, 2) of the lower half plane, by Gauss-Chebyshev sums of forces."""
     half_plane = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
     theta = np.arange(1, _SOURCES + 1) * np.pi / (_SOURCES + 1)
