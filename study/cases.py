@@ -29,6 +29,7 @@ SECTIONS = {
     "V4": "study.verification.spence",
     "V5": "study.verification.cattaneo",
     "V6": "study.verification.greco",
+    "V7": "study.verification.wedge",
     "V8": "study.verification.vibration",
     "P": "study.peers.compare",
 }

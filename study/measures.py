@@ -398,6 +398,19 @@ def difference_of(results: Results, key: str, name: str, other: str) -> float:
     return results.scalar(key, name) - results.scalar(key, other)
 
 
+def relative_difference(results: Results, section: str, cases: str, name: str, other: str) -> float:
+    """Largest relative difference of two stored numbers of a case, over matching cases."""
+    return max(
+        abs(stored.scalars[name] / stored.scalars[other] - 1)
+        for stored in _matching(results, section, cases)
+    )
+
+
+def largest_from(results: Results, section: str, cases: str, name: str, value: float) -> float:
+    """Largest distance of a stored number from a value, over matching cases."""
+    return max(abs(s.scalars[name] - value) for s in _matching(results, section, cases))
+
+
 def stick_outside(results: Results, cases: str) -> float:
     """Largest distance of the known stick radius from the interval of nodes that holds it."""
     return max(
