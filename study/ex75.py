@@ -57,6 +57,7 @@ def stepped_column(element: str, gaps: tuple[float, float] = GAPS, refined: int 
         scalars |= {f"{name}_{pair + 1}": value for name, value in numbers.items()}
         curves |= {f"{name}_{pair + 1}": line for name, line in lines.items()}
     scalars |= numbers
+    scalars |= {"initial_gap_2": gaps[0], "initial_gap_3": gaps[1], "descent": DESCENT}
     modes = _modes(body)
     scalars |= _mode_scalars(modes)
     for i, shape in enumerate(modes.shapes, start=1):

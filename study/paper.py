@@ -15,6 +15,14 @@ TABLE_2 = {
     "6-node user element": (2.5608e9, 9.1833e9),
 }
 
+# The first six eigenvalues as printed in Table 1, without units
+TABLE_1 = {
+    "CAX6": (36389.0, 1.9319e6, 3.8114e6, 3.9787e6, 5.7680e6, 7.6025e6),
+    "6-node user element": (36386.0, 1.9317e6, 3.8104e6, 3.9763e6, 5.7636e6, 7.5964e6),
+    "CAX8": (36386.0, 1.9320e6, 3.8113e6, 3.9784e6, 5.7679e6, 7.6010e6),
+    "8-node user element": (36390.0, 1.9310e6, 3.8080e6, 3.9723e6, 5.7537e6, 7.5789e6),
+}
+
 NOT_YET = "not yet"
 
 
@@ -65,30 +73,34 @@ ITEMS = [
     _figure(12, "its contact stresses", "figures/fig12.py"),
     _figure(13, "its reaction forces, CPS8", "figures/fig13.py"),
     _figure(14, "its reaction forces, user element", "figures/fig14.py"),
-    _figure(15, "stepped column: section and mesh"),
+    _figure(15, "stepped column: section and mesh", "figures/fig15.py"),
     *(
-        _figure(16 + 2 * i + j, f"{stress} on contact surface {i + 1}")
+        _figure(
+            16 + 2 * i + j,
+            f"{stress} on contact surface {i + 1}",
+            f"figures/fig{16 + 2 * i + j}.py",
+        )
         for i in range(4)
         for j, stress in enumerate(("normal pressure", "shear stress"))
     ),
     _figure(24, "half beam, symmetric buckling: mesh and supports", "figures/fig24.py"),
     _figure(25, "half beam, antisymmetric buckling: mesh and supports", "figures/fig25.py"),
-    _table(1, "the first six eigenvalues of the stepped column"),
+    _table(1, "the first six eigenvalues of the stepped column", "figures/tab01.py"),
     _table(2, "critical stresses of the beam", "figures/tab02.py"),
     _equation(1, "equations of motion", _MECHANICS),
     _equation(2, "weak form", _MECHANICS),
     _equation(3, "trial functions", "pw_elements/spaces.py"),
-    _equation(4, "accelerations"),
+    _equation(4, "accelerations", _MECHANICS),
     _equation(5, "strains", _MECHANICS),
     _equation(6, "stresses", _MECHANICS),
     _equation(7, "test functions", "pw_elements/spaces.py"),
     _equation(8, "gradients of the weight functions", _ELEMENTS),
-    _equation(9, "discrete equations of motion"),
+    _equation(9, "discrete equations of motion", _MECHANICS),
     _equation(10, "stiffness matrix", _MECHANICS),
     _equation(11, "mass matrix", _MECHANICS),
     _equation(12, "force vector", _MECHANICS),
-    _equation(13, "harmonic motion"),
-    _equation(14, "eigenvalue problem of vibration"),
+    _equation(13, "harmonic motion", "pw_elements/eigen.py"),
+    _equation(14, "eigenvalue problem of vibration", "pw_elements/eigen.py"),
     *(_equation(14 + node, f"weight function of node {node}", _ELEMENTS) for node in range(1, 7)),
     _equation(21, "element stiffness matrix", "study/sec3.py"),
     _equation(22, "constitutive matrix of plane stress", _MECHANICS),

@@ -1,0 +1,8 @@
+"""Normal pressures along contact surface 2."""
+
+from figures.column import NEEDS, SECTION, Along
+
+__all__ = ["NEEDS", "SECTION", "alt", "caption", "draw"]
+
+_FIGURE = Along(surface=2, quantity="pressure")
+draw, caption, alt = _FIGURE.draw, _FIGURE.caption, _FIGURE.alt

@@ -1,0 +1,8 @@
+"""Tangential shear stresses along contact surface 4."""
+
+from figures.column import NEEDS, SECTION, Along
+
+__all__ = ["NEEDS", "SECTION", "alt", "caption", "draw"]
+
+_FIGURE = Along(surface=4, quantity="shear")
+draw, caption, alt = _FIGURE.draw, _FIGURE.caption, _FIGURE.alt
