@@ -23,6 +23,7 @@ SECTIONS = {
     "7.5": "study.ex75",
     "7.6": "study.ex76",
     "T": "study.verification.t_identity",
+    "C": "study.verification.convergence",
     "V1": "study.verification.contact_patch",
     "V2": "study.verification.hertz",
     "V3": "study.verification.flat_punch",

@@ -601,6 +601,45 @@ def finest_imaginary(results: Results, key: str) -> float:
     return float(results.curves(key)["imaginaries"][-1])
 
 
+# Orders of convergence
+
+
+def largest_error_ratio(results: Results, settings: str, name: str) -> float:
+    """Largest error of the new T6 or T10 over the standard one's on the finest meshes.
+
+    `settings` is a regular expression for what follows the element in a case's name.
+    """
+    return max(
+        ours.scalars[name] / standard.scalars[name]
+        for ours, standard in _convergence_pairs(results, settings)
+    )
+
+
+def largest_ratio_on_meshes(results: Results, settings: str, name: str) -> float:
+    """The same on any of the meshes."""
+    return max(
+        float((ours.curves[name] / standard.curves[name]).max())
+        for ours, standard in _convergence_pairs(results, settings)
+    )
+
+
+def ratio_at_poissons_ratio(results: Results, settings: str, name: str, nu: float) -> float:
+    """Largest ratio of both errors at a Poisson's ratio among the scans over it."""
+    ratios = []
+    for ours, standard in _convergence_pairs(results, f"nu-({settings})"):
+        (place,) = np.flatnonzero(ours.curves["nu"] == nu)
+        ratios.append(float(ours.curves[name][place] / standard.curves[name][place]))
+    return max(ratios)
+
+
+def _convergence_pairs(results: Results, settings: str) -> list[tuple[Stored, Stored]]:
+    """Results of the new T6 or T10, and of the standard one in the same setting."""
+    return [
+        (ours, results[ours.key.replace("C/pw-", "C/galerkin-")])
+        for ours in _matching(results, "C", f"pw-T(6|10)-({settings})")
+    ]
+
+
 # The independent code
 
 CONTACT_PEERS = (

@@ -94,7 +94,8 @@ PLANE_STRESS = Setting(State.PLANE_STRESS, elements=PLANE)
 PLANE_STRAIN = Setting(State.PLANE_STRAIN, elements=PLANE)
 AXISYMMETRIC = Setting(State.AXISYMMETRIC, field=manufactured.round_about, elements=PLANE)
 RING = Setting(State.PLANE_STRESS, mesh=on_ring, held=_inner_arc)
-CURVED_RING = replace(RING, mesh=on_curved_ring, elements=PLANE)
+FINER = (1 / 8, 1 / 16, 1 / 32, 1 / 64)
+CURVED_RING = replace(RING, mesh=on_curved_ring, elements=PLANE, sides=FINER)
 SOLID = Setting(
     State.SOLID,
     field=manufactured.solid,
@@ -105,7 +106,7 @@ SOLID = Setting(
 PAIRS = replace(PLANE_STRESS, mesh=on_pairs, elements=("galerkin-T6",))
 PRESSURE = replace(PLANE_STRAIN, field=manufactured.plane_pressure)
 PLANE_STRAIN_RING = replace(RING, state=State.PLANE_STRAIN, elements=TRIANGLES)
-PLANE_STRAIN_CURVED_RING = replace(PLANE_STRAIN_RING, mesh=on_curved_ring)
+PLANE_STRAIN_CURVED_RING = replace(PLANE_STRAIN_RING, mesh=on_curved_ring, sides=FINER)
 
 SETTINGS = {
     "plane-stress": PLANE_STRESS,
@@ -115,7 +116,7 @@ SETTINGS = {
     "ring": RING,
     "curved-ring": CURVED_RING,
     "solid": SOLID,
-    "ball": replace(SOLID, mesh=on_hollow_ball, held=_inner_sphere, sides=(0.8, 0.4, 0.25)),
+    "ball": replace(SOLID, mesh=on_hollow_ball, held=_inner_sphere, sides=(0.5, 0.35, 0.2)),
 }
 NEARLY_INCOMPRESSIBLE = {
     "incompressible": PLANE_STRAIN,

@@ -123,7 +123,7 @@ VIBRATIONS = {
         State.SOLID,
         cube,
         on_cube,
-        (1 / 2, 1 / 4, 1 / 8),
+        (1 / 3, 1 / 5, 1 / 8),
         tuple((i, c) for i in range(3) for c in (0.0, 1.0)),
         ("galerkin-T10", "pw-T10"),
     ),

@@ -1,0 +1,224 @@
+"""Orders and magnitudes against manufactured solutions, on meshes that take no time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from scipy.special import j1
+
+from pw_elements import Body, Material, Spaces, State
+from study.verification import eigenvalue_orders, manufactured, mesh_families
+from study.verification.convergence import CASES, SCANNED, SETTINGS, errors, statics
+from study.verification.eigenvalue_orders import VIBRATIONS, modes
+from study.verification.manufactured import Manufactured
+from study.verification.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
+
+
+def series(element, setting, *sides):
+    """Orders of an element on three meshes, and the finest one's errors."""
+    rows = [errors(element, SETTINGS[setting], side) for side in sides]
+    h = np.array([row["h"] for row in rows])
+    norms = [name for name in rows[0] if name.startswith("error_")]
+    return {name: order(h, np.array([row[name] for row in rows])) for name in norms}, rows[-1]
+
+
+@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"])
+@pytest.mark.parametrize("setting", ["plane-stress", "axisymmetric", "curved-ring"])
+def test_quadratic_elements_have_orders_two_and_three(element, setting):
+    orders, error = series(element, setting, 1 / 4, 1 / 8, 1 / 16)
+    assert orders["error_H1"] == pytest.approx(2, abs=0.2)
+    assert orders["error_L2"] == pytest.approx(3, abs=0.3)
+    assert orders["error_stress"] == pytest.approx(2, abs=0.25)
+    assert orders["error_force"] > 1.7
+    bound = 1e-2 if setting == "curved-ring" else 1e-3
+    assert error["error_H1"] < bound
+    assert error["error_L2"] < 0.03 * bound
+    assert error["error_force"] < 6 * bound
+
+
+def test_composite_triangle_has_orders_one_and_two():
+    orders, error = series("composite-T6", "plane-stress", 1 / 4, 1 / 8, 1 / 16)
+    assert orders["error_H1"] == pytest.approx(1, abs=0.1)
+    assert orders["error_L2"] == pytest.approx(2, abs=0.1)
+    assert orders["error_force"] == pytest.approx(1, abs=0.1)
+    assert error["error_H1"] < 0.03
+    assert error["error_L2"] < 4e-4
+
+
+@pytest.mark.parametrize("element", ["galerkin-T10", "pw-T10"])
+def test_tetrahedra(element):
+    orders, error = series(element, "solid", 1 / 2, 1 / 4, 1 / 7)
+    assert orders["error_H1"] == pytest.approx(2, abs=0.3)
+    assert orders["error_L2"] == pytest.approx(3, abs=0.4)
+    assert error["error_H1"] < 1e-2
+    assert error["error_force"] < 1e-2
+
+
+def test_incompressible_plane_strain_spares_the_new_triangle_unless_pressure_alone_acts():
+    for setting, low, high in (
+        ("incompressible", 0.99, 1.01),
+        ("incompressible-pressure", 30, 150),
+    ):
+        new, standard = (errors(e, SETTINGS[setting], 1 / 8) for e in ("pw-T6", "galerkin-T6"))
+        assert low < new["error_H1"] / standard["error_H1"] < high
+
+
+def test_curved_sides_and_incompressibility_harm_the_new_triangle_alone():
+    found = {}
+    for nu in (0.3, 0.4999):
+        setting = replace(SCANNED["curved-ring"], poissons_ratio=nu)
+        found[nu] = [errors(e, setting, 1 / 8)["error_H1"] for e in ("pw-T6", "galerkin-T6")]
+    new, standard = found[0.3]
+    assert new == pytest.approx(standard, rel=0.01)
+    new, standard = found[0.4999]
+    assert standard < 0.2
+    assert new > 1  # nothing of the solution is left
+
+
+def test_forces_are_integrals_over_the_elements_own_test_functions():
+    # a linear field has exact nodal forces, whatever the weights
+    def field(_, x, __):
+        return 0.3 * x[0] + x[1], 0.2 * x[1] - x[0]
+
+    linear = replace(SETTINGS["plane-strain"], field=field)
+    for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"):
+        error = errors(element, linear, 1 / 4)
+        assert max(error[name] for name in error if name.startswith("error_")) < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("field", "dimension"),
+    [(manufactured.plane, 2), (manufactured.solid, 3), (manufactured.round_about, 2)],
+)
+def test_fields_have_no_dilatation_but_for_the_compliance(field, dimension):
+    x = [np.array([0.3, 0.7]) for _ in range(dimension)]
+    step = 1e-5
+
+    def divergence(compliance):
+        total = field(np, x, compliance)[0] / x[0] if field is manufactured.round_about else 0.0
+        for i in range(dimension):
+            ahead, behind = ([c + s * (j == i) for j, c in enumerate(x)] for s in (step, -step))
+            difference = field(np, ahead, compliance)[i] - field(np, behind, compliance)[i]
+            total = total + difference / (2 * step)
+        return np.abs(total).max()
+
+    assert divergence(0.0) < 1e-9
+    assert divergence(1.0) > 0.1
+
+
+def test_loads_balance_each_other_in_axisymmetry():
+    # axial equilibrium of the whole body: body force and tractions sum to zero
+    mesh = mesh_families.on_square("pw-T6", 1 / 4)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.AXISYMMETRIC)
+    known = Manufactured(body, manufactured.round_about)
+
+    def off_the_axis(x):
+        return np.isclose(x[0], 1) | np.isclose(x[1], 0) | np.isclose(x[1], 1)
+
+    load, sides = known.load(off_the_axis), known.traction_load(off_the_axis)
+    assert abs(load.array[1::2].sum()) < 1e-6 * np.abs(sides.array[1::2]).sum()
+    assert abs(load.array[0::2].sum()) > 0.1  # hoop stress has a share in the radial one
+
+
+def test_two_degrees_more_change_errors_by_less_than_a_fifth_of_a_per_cent(monkeypatch):
+    for element, setting in (("pw-T6", "axisymmetric"), ("pw-T10", "solid")):
+        side = SETTINGS[setting].sides[0]
+        before = errors(element, SETTINGS[setting], side)
+        monkeypatch.setattr(manufactured, "DEGREE", manufactured.DEGREE + 2)
+        after = errors(element, SETTINGS[setting], side)
+        monkeypatch.undo()
+        for name in before:
+            assert after[name] == pytest.approx(before[name], rel=2e-3), name
+        assert after["error_H1"] != before["error_H1"]
+
+
+def test_gmsh_meshes_are_the_same_each_time_and_curved_where_they_ought_to_be():
+    first, second = on_ring("pw-T6", 1 / 4), on_ring("pw-T6", 1 / 4)
+    assert np.array_equal(first.geometry.x, second.geometry.x)
+    assert np.array_equal(first.geometry.dofmap, second.geometry.dofmap)
+    for mesh, measure, within in (
+        (first, np.pi / 4 * 3, 1e-5),
+        (on_hollow_ball("pw-T10", 0.5), np.pi / 6 * 7, 1e-3),
+        (on_cube("pw-T10", 0.5), 1.0, 1e-12),
+    ):
+        dimension = mesh.topology.dim
+        volume = cell_size(mesh) ** dimension * mesh.topology.index_map(dimension).size_global
+        assert volume == pytest.approx(measure, rel=within)
+    radius = np.hypot(*first.geometry.x[:, :2].T)
+    chords = fem.assemble_scalar(fem.form(1 * ufl.ds(domain=first)))
+    assert chords == pytest.approx(1.5 * np.pi + 2, rel=1e-4)
+    assert radius.min() == pytest.approx(1, abs=1e-12)
+
+
+def test_order_is_the_slope_of_the_finest_three():
+    h = np.array([1.0, 0.5, 0.25, 0.125])
+    assert order(h, np.array([100.0, 0.25, 0.0625, 0.015625])) == pytest.approx(2)
+
+
+def test_exact_eigenvalues():
+    square, cube, cylinder = (
+        getattr(eigenvalue_orders, name)() for name in ("square", "cube", "cylinder")
+    )
+    shear = 1 / 2.6
+    assert square[0] == pytest.approx(2 * np.pi**2 * shear)
+    assert cube[:3] == pytest.approx(2 * np.pi**2 * shear)
+    assert cube[3] == pytest.approx(3 * np.pi**2 * shear)
+    assert abs(j1(np.sqrt(cylinder[0] / shear - np.pi**2))) < 1e-12
+    (breathing,) = eigenvalue_orders.ring()
+    assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # E / (rho R^2) of a thin ring
+
+
+@pytest.mark.parametrize(
+    ("element", "expected", "bound"),
+    [
+        ("galerkin-T6", 4, 1e-4),
+        ("pw-T6", 4, 1e-4),
+        ("composite-T6", 4, 1e-4),
+        ("galerkin-Q8", 4, 1e-4),
+        ("pw-Q8", 2, 5e-3),
+        ("pw-Q9", 2, 5e-3),
+    ],
+)
+def test_eigenvalues_have_order_four_but_two_under_guyan(monkeypatch, element, expected, bound):
+    square = replace(VIBRATIONS["square"], sides=(1 / 4, 1 / 8, 1 / 16))
+    monkeypatch.setitem(VIBRATIONS, "square", square)
+    result = modes(element, "square")
+    assert result.scalars["order_eigenvalue"] == pytest.approx(expected, abs=0.35)
+    assert result.scalars["error_eigenvalue"] < bound
+    assert result.scalars["imaginary"] == 0
+
+
+def test_breathing_mode_of_a_curved_ring(monkeypatch):
+    ring = replace(VIBRATIONS["curved-ring"], sides=(1 / 4, 1 / 8, 1 / 16))
+    monkeypatch.setitem(VIBRATIONS, "curved-ring", ring)
+    for element in ring.elements:
+        result = modes(element, "curved-ring")
+        assert result.scalars["order_eigenvalue"] == pytest.approx(4, abs=0.3)
+        assert result.scalars["error_eigenvalue"] < 1e-6
+
+
+def test_every_case_of_the_section_is_its_own():
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names)
+    assert {case.section for case in CASES} == {"C"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setting", ["plane-stress", "plane-strain", "axisymmetric", "ring"])
+def test_long_series(setting):
+    scalars = statics("pw-T6", setting).scalars
+    assert scalars["order_H1"] == pytest.approx(2, abs=0.05)
+    assert scalars["order_L2"] == pytest.approx(3, abs=0.1)
+    assert scalars["order_force"] == pytest.approx(2, abs=0.2)
+    assert scalars["error_H1"] < 2e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vibration", ["square", "cylinder", "ring", "cube"])
+def test_long_series_of_eigenvalues(vibration):
+    element = "pw-T10" if vibration == "cube" else "pw-T6"
+    scalars = modes(element, vibration).scalars
+    assert scalars["order_eigenvalue"] == pytest.approx(4, abs=0.5)
+    assert scalars["error_eigenvalue"] < 1e-3
