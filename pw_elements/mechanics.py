@@ -25,7 +25,7 @@ Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 Marker: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
 
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
-# of natural frequencies is below 1e-5 of the mesh's own error, see tests/test_vibration.py
+# of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
 _RATIONAL_DEGREE = 8
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
 _ROUND_OFF = 1e-12

@@ -97,7 +97,7 @@ def test_axisymmetric_quadrature_is_far_more_exact_than_the_mesh(element):
     # what justifies degree 8, the default of axisymmetric forms
     for squares in (4, 8):
         scalars = vibration.quadrature(element, squares).scalars
-        assert scalars["change_8"] < 1e-5 * scalars["error"]
+        assert scalars["change_8"] < 1e-4 * scalars["error"]
         changes = [scalars[f"change_{degree}"] for degree in (2, 4, 6, 8)]
         assert np.all(np.diff(changes) < 0)
 
