@@ -22,20 +22,20 @@ NEEDS = [f"C/{element}-{end}" for end in ("plane-stress", "modes-square") for el
 def draw(results: Results) -> Figure:
     """Relative error over the size of the elements, one panel a norm."""
     fig, axes = plt.subplots(2, 2, figsize=(FULL, 5.2), sharex=True, layout="constrained")
-    for ax, (title, end, name, slopes) in zip(axes.flat, PANELS, strict=True):
+    for ax, (title, ending, name, slopes) in zip(axes.flat, PANELS, strict=True):
         for element in ELEMENTS:
             look = dict(LOOK[element])
             if element == "pw-T6":  # on top of the standard element's
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
             elif element == "pw-Q9":
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 7}
-            curves = results.curves(f"C/{element}-{end}")
+            curves = results.curves(f"C/{element}-{ending}")
             ax.loglog(curves["dofs"] ** -0.5, curves[f"error_{name}"], **look)
-        for order, start in slopes:
-            end = start * (COARSE / FINE) ** order
-            ax.loglog([FINE, COARSE], [start, end], color="#777777", linewidth=0.8)
+        for slope, start in slopes:
+            coarse = start * (COARSE / FINE) ** slope
+            ax.loglog([FINE, COARSE], [start, coarse], color="#777777", linewidth=0.8)
             ax.annotate(
-                f"order {order}",
+                f"order {slope}",
                 (FINE, start),
                 (-3, 0),
                 textcoords="offset points",
