@@ -1,0 +1,155 @@
+"""Section 7.5: the synthetic column's meshes, contact on four surfaces, and eigenvalues."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+
+from pw_elements import Spaces, assemble_matrix
+from pw_elements.inner_nodes import mid_diagonal_nodes
+from study import column, ex75, measures
+
+AREA = np.dot(column.RADII, column.HEIGHTS)
+VOLUME = np.pi * np.dot(np.square(column.RADII), column.HEIGHTS)
+
+
+def cells(mesh):
+    return mesh.topology.index_map(2).size_local
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
+def test_mesh_fills_the_section(cell):
+    mesh = column.mesh(cell)
+    assert cells(mesh) == {"quadrilateral": 759, "triangle": 1518}[cell]
+    one = fem.Constant(mesh, 1.0)
+    area = fem.assemble_scalar(fem.form(one * ufl.dx(domain=mesh)))
+    assert area == pytest.approx(AREA, rel=1e-12)
+    # conforming: edges on the outline, each in one cell only, are as long as the outline
+    outline = fem.assemble_scalar(fem.form(one * ufl.ds(domain=mesh)))
+    radii = np.array([0.0, *column.RADII, 0.0])
+    assert outline == pytest.approx(2 * sum(column.HEIGHTS) + np.abs(np.diff(radii)).sum())
+
+
+@pytest.mark.parametrize("cut", ["right", "left"])
+def test_triangles_are_cut_quadrilaterals(cut):
+    spaces = Spaces.petrov_galerkin(column.mesh("triangle", cut=cut))
+    inner = mid_diagonal_nodes(spaces.trial)
+    assert len(inner) == 759
+    corners = Spaces.serendipity(column.mesh("quadrilateral"))
+    count = spaces.trial.dofmap.index_map.size_local
+    assert count - len(inner) == corners.trial.dofmap.index_map.size_local
+
+
+@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9"])
+def test_mass_is_that_of_the_whole_revolution(element):
+    body = ex75._discretised(element)
+    M = assemble_matrix(body.body.mass())
+    lift = M.createVecRight()
+    lift.setArray(np.tile([0.0, 1.0], lift.getLocalSize() // 2))
+    mass = lift.dot(M * lift)
+    assert mass == pytest.approx(ex75.DENSITY * VOLUME, rel=1e-12)
+
+
+def test_eigenvalues_agree_with_an_independent_program(monkeypatch):
+    # its 8-node elements of 12 mm
+    monkeypatch.setattr(column, "RING_DIVISIONS", (4, 1, 5, 3))
+    monkeypatch.setattr(column, "HEIGHT_DIVISIONS", (19, 12, 15, 3))
+    scalars = ex75.vibration("galerkin-Q8").scalars
+    known = (36398, 1.93064e6, 3.81184e6, 3.97913e6, 5.77631e6, 7.59933e6)
+    computed = [scalars[f"omega2_{i}"] for i in range(1, 7)]
+    assert computed == pytest.approx(known, rel=3e-4)
+
+
+@pytest.fixture(scope="module")
+def modes():
+    """Eigenvalues (6,) by case name."""
+    chosen = ("pwsym-T6", "pw-T6-lumped", "pw-Q8-same", "pw-Q8-lumped", "galerkin-Q8-SI")
+    results = {name: ex75.vibration(**ex75.VARIANTS[name]) for name in chosen}
+    results |= {e: ex75.vibration(e) for e in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8")}
+    assert all(result.scalars["imaginary"] == 0 for result in results.values())
+    assert all(result.scalars["rigid"] == 0 for result in results.values())
+    assert all(result.scalars["mode_residual"] < 1e-9 for result in results.values())
+    return {
+        name: np.array([result.scalars[f"omega2_{i}"] for i in range(1, 7)])
+        for name, result in results.items()
+    }
+
+
+def test_weights_alone_hardly_shift_eigenvalues_and_symmetrisation_lowers_them(modes):
+    shift = {name: 100 * (modes[name] / modes["galerkin-T6"] - 1) for name in modes}
+    assert np.abs(shift["pw-T6"]).max() < 1e-3
+    assert np.all((shift["pwsym-T6"] < -0.02) & (shift["pwsym-T6"] > -0.06))
+    assert np.all(shift["pw-T6-lumped"][1:] < -0.01)
+
+
+def test_both_left_matrices_of_guyan_raise_the_triangles_eigenvalues(modes):
+    for name in ("pw-Q8", "pw-Q8-same"):
+        assert np.all(modes[name] > modes["pw-T6"])
+    assert np.all(modes["pw-Q8-same"] > modes["pw-Q8"])
+    assert np.all(modes["pw-Q8-lumped"][1:] < modes["pw-Q8"][1:])
+
+
+def test_units_scale_eigenvalues(modes):
+    assert modes["galerkin-Q8-SI"] == pytest.approx(1000 * modes["galerkin-Q8"], rel=1e-8)
+
+
+def test_printed_differences():
+    pairs = [["6-node user element", "CAX6"], ["8-node user element", "CAX8"]]
+    assert measures.largest_printed_shift(None, pairs) == pytest.approx(0.2908, abs=5e-5)
+    crossed = [["8-node user element", "CAX6"]]
+    assert measures.largest_printed_shift(None, crossed) == pytest.approx(0.3104, abs=5e-5)
+
+
+@pytest.fixture(scope="module", params=["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8"])
+def pressed(request):
+    return request.param, ex75.stepped_column(request.param)
+
+
+def test_contact_is_in_equilibrium_and_loads_all_surfaces(pressed):
+    _, result = pressed
+    force = [result.scalars[f"force_normal_{k}"] for k in (1, 2, 3, 4)]
+    assert sum(force[:3]) == pytest.approx(force[3], rel=1e-9)
+    assert min(force) > 0.05 * force[3]
+    assert result.scalars["force_normal"] == force[3]
+    assert result.scalars["residual"] < 1e-9
+    assert result.scalars["unique"] == 1
+    top = np.isclose(result.curves["nodes"][:, 1], column.LEVELS[-1])
+    closed = result.curves["status_4"] != 0
+    descent = result.curves["displacement"][top, 1][result.curves["nodes"][top, 0].argsort()]
+    assert descent[closed] == pytest.approx(-ex75.DESCENT, abs=1e-15)
+
+
+def test_sawtooth_on_each_surface(pressed):
+    element, result = pressed
+    ratio = 2.0 if element.startswith("galerkin") else 1.0
+    for k in (1, 2, 3, 4):
+        assert result.scalars[f"sawtooth_{k}"] == pytest.approx(ratio, rel=0.03)
+
+
+def test_friction_obeys_coulomb(pressed):
+    _, result = pressed
+    for k in (1, 2, 3, 4):
+        r_n, r_t, status = (
+            result.curves[f"{name}_{k}"] for name in ("force_n", "force_t", "status")
+        )
+        ratio = np.abs(r_t[1:]) / r_n[1:]  # the first node may lie on the axis without a force
+        assert ratio[status[1:] == 2] == pytest.approx(ex75.FRICTION, rel=1e-9)
+        assert np.all(ratio[status[1:] == 1] <= ex75.FRICTION * (1 + 1e-9))
+
+
+def test_node_on_the_axis(pressed):
+    element, result = pressed
+    force, pressure = result.curves["force_n_4"], result.curves["pressure_4"]
+    if element.startswith("galerkin"):
+        assert force[0] < 1e-9 * force.max()
+        assert np.isnan(pressure[0])
+    else:
+        assert pressure[0] == pytest.approx(pressure[1], rel=0.01)
+
+
+def test_areas_are_those_of_the_whole_circumference(pressed):
+    _, result = pressed
+    for k, face in enumerate(column.FACES, start=1):
+        area = result.curves[f"force_n_{k}"] / result.curves[f"pressure_{k}"]
+        whole = np.pi * (face.outer**2 - face.inner**2)
+        assert np.nansum(area) == pytest.approx(whole, rel=1e-12)  # no area on the axis: NaN
