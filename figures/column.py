@@ -62,7 +62,7 @@ class Along:
 
     def draw(self, results: Results) -> Figure:
         """Triangles left, quadrilaterals right."""
-        fig, axes = plt.subplots(2, 2, figsize=(FULL, 4.9), sharex=True, sharey="row")
+        fig, axes = plt.subplots(2, 2, figsize=(FULL, 4.1), sharex=True, sharey="row")
         fine = surface(results.curves(FINE), self.surface)
         for (force, stress), family in zip(axes.T, FAMILIES, strict=True):
             fine_stress = fine[self.quantity] / 1e3
@@ -81,7 +81,7 @@ class Along:
             zone_strip_mm(stress, surface(results.curves(f"7.5/{family[1]}"), self.surface))
         axes[1, 0].legend(handles=axes[1, 0].lines[:1], fontsize=7)
         words = {"pressure": "normal", "shear": "tangential"}[self.quantity]
-        axes[0, 0].set_ylabel(f"{words} nodal force / kN")
+        axes[0, 0].set_ylabel(f"{words} force / kN")
         stress_words = {"pressure": "normal pressure", "shear": "shear stress"}[self.quantity]
         axes[1, 0].set_ylabel(f"{stress_words} / (MN/m²)")
         zones = surface(results.curves("7.5/pw-T6"), self.surface)
@@ -122,4 +122,4 @@ class Along:
 
 def zone_strip_mm(ax: Axes, curves: Curves) -> None:
     """Contact zones of curves over a radius in mm."""
-    zone_strip(ax, {**curves, "x": MM * curves["x"]}, bottom=-0.34)
+    zone_strip(ax, {**curves, "x": MM * curves["x"]}, bottom=-0.42)
