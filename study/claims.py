@@ -188,7 +188,8 @@ def _claim(table: dict[str, Any], place: int, measures: ModuleType) -> Claim:
     function = None
     if "measure" in table:
         function = getattr(measures, table["measure"], None)
-        own = inspect.isfunction(function) and function.__module__ == measures.__name__
+        home = getattr(function, "__module__", "")
+        own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
         if function is None or not own or table["measure"].startswith("_"):
             raise wrong("measure", f"{table['measure']!r} is not in {measures.__name__}")
         try:
