@@ -1,52 +1,25 @@
 """The report: self-contained, accessible, with every number from a file."""
 
-import json
 from html.parser import HTMLParser
-from io import BytesIO
+from pathlib import Path
 
 import pytest
 from pypdf import PdfReader
 
 from study import report
-from study.claims import judge, load_claims, write
 from study.report import build, numbers, render
-from study.store import MissingResult, Result, Results, StudyError, save
-from tests.toystudy import MEASURED, claim, install
+from study.store import MissingResult, Results, StudyError
+from tests.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
-
-ORIGIN = {
-    "commit": "0123456789abcdef",
-    "dirty": True,
-    "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
-    "time": "2026-01-02T03:04:05+00:00",
-    "seconds": 1.239,
-    "dofs": 4290,
-    "processes": 2,
-    "fingerprint": "f",
-}
+RESULTS = Path(__file__).parents[1] / "results"
 
 
 @pytest.fixture
 def out(tmp_path, monkeypatch):
-    """A folder of results with claims and three figures."""
-    install(tmp_path, monkeypatch)
-    out = tmp_path / "results"
-    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), ORIGIN)
-    versions = {**ORIGIN["versions"], "dolfinx": "0.10.0"}
-    save(out, "1", "b", Result({"y": 5.0}, {}), {**ORIGIN, "versions": versions, "dirty": False})
-    path = tmp_path / "claims.toml"
-    path.write_text(
-        claim()
-        + claim(id='"wrong"', value=4.0, source='"Table 1"')
-        + claim(id='"open"', measure=None, args=None, pinned='"not yet"', source='"Sec. 2"')
-    )
-    write(out, judge(load_claims(path, MEASURED), Results(out)))
-    figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
-    return out
+    return reported(tmp_path, monkeypatch)
 
 
 @pytest.fixture
@@ -60,26 +33,6 @@ def text(tmp_path):
         return render(Results(out), folder)
 
     return page
-
-
-def figures(out, *sections):
-    entries = [
-        {
-            "name": name,
-            "title": f"Title of {name}",
-            "section": section,
-            "caption": f"Caption of {name}: a < b.",
-            "alt": f'Line "{name}"',
-            "width": 672,
-            "height": 288,
-        }
-        for name, section in sections
-    ]
-    folder = out / "figures"
-    folder.mkdir(exist_ok=True)
-    (folder / "index.json").write_text(json.dumps(entries))
-    for name, _ in sections:
-        (folder / f"{name}.svg").write_text(SVG)
 
 
 class Page(HTMLParser):
@@ -269,7 +222,7 @@ def test_missing_figures_are_named_with_the_remedy(out):
 def test_files_are_written_with_pages_bookmarks_and_tags(out):
     build(Results(out), out)
     assert Page((out / "report.html").read_text()).all("html")
-    pdf = PdfReader(BytesIO((out / "report.pdf").read_bytes()))
+    pdf = PdfReader(out / "report.pdf")
     assert len(pdf.pages) >= 1
     assert pdf.metadata.title.startswith("Piecewise-linear weight functions")
     assert pdf.metadata.author == "The pw-elements maintainers"
@@ -281,8 +234,40 @@ def test_files_are_written_with_pages_bookmarks_and_tags(out):
     assert pdf.trailer["/Root"]["/Lang"] == "en"
     for number, page in enumerate(pdf.pages, start=1):
         assert f"{number} / {len(pdf.pages)}" in page.extract_text()
-    links = [note.get_object() for page in pdf.pages for note in page.get("/Annots", ())]
-    assert len([link for link in links if "/Dest" in link or "/A" in link]) >= 4
+
+
+@pytest.fixture(params=["toy", "study"])
+def written(request, tmp_path, monkeypatch):
+    """A folder with a report: the toys', and the study's own where it has been computed."""
+    if request.param == "study":
+        if not (RESULTS / "report.pdf").exists():
+            pytest.skip("there is no results/report.pdf: ./run study writes it")
+        return RESULTS
+    out = reported(tmp_path, monkeypatch)
+    build(Results(out), out)
+    return out
+
+
+def test_links_in_the_pdf_lead_where_those_of_the_page_do(written):
+    pdf = PdfReader(written / "report.pdf")
+    page = Page((written / "report.html").read_text())
+    expected = {link["href"][1:] for link in page.all("a") if link["href"].startswith("#")}
+    named, internal = pdf.named_destinations, set()
+    count = len(pdf.pages)
+    for number in {1, (count + 1) // 2, count}:  # of the study's pages not all: text takes long
+        assert f"{number} / {count}" in pdf.pages[number - 1].extract_text()
+    for sheet in pdf.pages:
+        for note in sheet.get("/Annots", ()):
+            link = note.get_object()
+            target = link.get("/Dest", link.get("/A", {}).get("/D"))
+            if target is None:
+                assert link["/A"]["/URI"].startswith("https://")
+                continue
+            internal.add(target)
+            assert pdf.get_destination_page_number(named[target]) in range(count)
+    assert len(internal) >= 4
+    assert internal == expected
+    assert all(pdf.get_destination_page_number(entry) >= 0 for entry in flat(pdf.outline))
 
 
 def flat(outline):

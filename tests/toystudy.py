@@ -1,14 +1,19 @@
-"""A small study in a temporary folder, to try the frame on."""
+"""A small study in a temporary folder; `python3 -m tests.toystudy DIR` writes its report there."""
 
+import json
 import sys
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from types import ModuleType
+
+import pytest
 
 import study.__main__
 from study import claims
 from study.cases import SECTIONS
-from study.store import write_json
+from study.report import build
+from study.store import Result, Results, save, write_json
 
 ONE = """
 import os
@@ -69,6 +74,20 @@ def broken(results):
 def nothing(results):
     return float("nan")
 """
+
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
+
+ORIGIN = {
+    "commit": "0123456789abcdef",
+    "dirty": True,
+    "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
+    "time": "2026-01-02T03:04:05+00:00",
+    "seconds": 1.239,
+    "dofs": 4290,
+    "processes": 2,
+    "fingerprint": "f",
+}
 
 
 @dataclass
@@ -137,6 +156,44 @@ def install(folder, monkeypatch):
     monkeypatch.setattr(study.__main__, "draw_figures", _draw_nothing)
 
 
+def reported(folder, monkeypatch):
+    """Install the toys; return a folder of results with claims and three figures."""
+    install(folder, monkeypatch)
+    out = folder / "results"
+    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), ORIGIN)
+    versions = {**ORIGIN["versions"], "dolfinx": "0.10.0"}
+    save(out, "1", "b", Result({"y": 5.0}, {}), {**ORIGIN, "versions": versions, "dirty": False})
+    path = folder / "claims.toml"
+    path.write_text(
+        claim()
+        + claim(id='"wrong"', value=4.0, source='"Table 1"')
+        + claim(id='"open"', measure=None, args=None, pinned='"not yet"', source='"Sec. 2"')
+    )
+    claims.write(out, claims.judge(claims.load_claims(), Results(out)))
+    figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
+    return out
+
+
+def figures(out, *sections):
+    entries = [
+        {
+            "name": name,
+            "title": f"Title of {name}",
+            "section": section,
+            "caption": f"Caption of {name}: a < b.",
+            "alt": f'Line "{name}"',
+            "width": 672,
+            "height": 288,
+        }
+        for name, section in sections
+    ]
+    folder = out / "figures"
+    folder.mkdir(exist_ok=True)
+    (folder / "index.json").write_text(json.dumps(entries))
+    for name, _ in sections:
+        (folder / f"{name}.svg").write_text(SVG)
+
+
 def started(folder):
     """Return how many runs of section 1 have started."""
     log = folder / "log"
@@ -146,3 +203,11 @@ def started(folder):
 def _draw_nothing(out):
     write_json(out / "figures" / "index.json", [])
     return True
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]).resolve()
+    folder.mkdir(parents=True)
+    with pytest.MonkeyPatch.context() as patch:
+        results = reported(folder, patch)
+        build(Results(results), folder)
