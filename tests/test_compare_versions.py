@@ -1,0 +1,88 @@
+import pytest
+
+from study import compare_versions
+from study.compare_versions import KINDS, compare, kind_of, main, table
+from study.store import Result, Results, save
+
+BASE = {"x": 2.0, "force_normal": 1000.0, "force_tangential": 1e-9, "residual": 1e-12}
+
+
+@pytest.fixture
+def stored(tmp_path, monkeypatch):
+    """A function that stores scalars of one case in one of two folders."""
+    monkeypatch.setattr(compare_versions, "SECTIONS", {"1": "", "C": ""})
+
+    def store(folder, key="1/a", **scalars):
+        section, case = key.split("/")
+        versions = {"versions": {"dolfinx": folder, "petsc": "3"}}
+        save(tmp_path / folder, section, case, Result(BASE | scalars, {}), versions)
+        return str(tmp_path / folder)
+
+    return store
+
+
+def compared(*folders):
+    return compare(*map(Results, folders))
+
+
+def test_equal_results_do_not_differ(stored, capsys):
+    folders = stored("0.9"), stored("0.11")
+    assert main(list(folders)) == 0
+    out = capsys.readouterr().out
+    assert "DOLFINx 0.9, PETSc 3" in out
+    assert "4 scalars: 0 differ" in out
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "too_large"),
+    [
+        ("x", 2.0 * (1 + 0.9e-8), False),
+        ("x", 2.0 * (1 + 1.1e-8), True),
+        ("force_tangential", -9e-6, False),  # over the normal force
+        ("force_tangential", 1.1e-5, True),
+        ("residual", 0.9e-8, False),
+        ("residual", 1.1e-8, True),
+    ],
+)
+def test_each_kind_has_its_scale(stored, name, value, too_large):
+    folders = stored("0.9"), stored("0.11", **{name: value})
+    differences, alone = compared(*folders)
+    assert alone == []
+    assert [d.name for d in differences if d.too_large] == [name] * too_large
+    assert main(list(folders)) == int(too_large)
+    assert ("TOO LARGE" in table(differences, alone)) is too_large
+
+
+def test_a_change_of_sign_of_a_small_number_is_a_difference(stored):
+    folders = stored("0.9", x=1e-12), stored("0.11", x=-1e-12)
+    assert main(list(folders)) == 1
+
+
+def test_what_is_in_one_folder_only_is_told(stored):
+    folders = stored("0.9", y=1.0), stored("0.11")
+    stored("0.11", key="C/b")
+    differences, alone = compared(*folders)
+    assert alone == ["1/a y", "C/b"]
+    assert main(list(folders)) == 1
+    assert len(differences) == len(BASE)
+
+
+def test_no_results_are_no_agreement(tmp_path):
+    assert main([str(tmp_path), str(tmp_path)]) == 1
+
+
+@pytest.mark.parametrize(
+    ("scalar", "kind"),
+    [
+        ("C/pw-T10-ball error_L2", "numbers on Gmsh's meshes"),
+        ("C/pw-T6-modes-curved-ring order_eigenvalue", "numbers on Gmsh's meshes"),
+        ("C/pw-T10-cube error_L2", "errors"),
+        ("7.6/pw-T6 residual_1", "residuals and identities"),
+        ("7.6/pw-T6 sigma_cr_1", "all others"),
+        ("7.2/pw-T6 force_normal", "forces"),
+        ("V2/force_case peak_pressure", "all others"),
+    ],
+)
+def test_kinds(scalar, kind):
+    assert kind_of(scalar).name == kind
+    assert len({one.name for one in KINDS}) == len(KINDS)
