@@ -68,9 +68,9 @@ def _number(ax: Axes, places: np.ndarray, centre: np.ndarray) -> None:
         spoke = place - centre
         length = np.linalg.norm(spoke)
         # the inner node's number goes beside the diagonal
-        offset = 11 * spoke / length if number <= 8 else np.array([-4.0, 11.0])
+        x, y = 11 * spoke / length if number <= 8 else (-4.0, 11.0)
         ax.annotate(
-            str(number), place, offset, textcoords="offset points", ha="center", va="center"
+            str(number), place, (x, y), textcoords="offset points", ha="center", va="center"
         )
 
 

@@ -1,4 +1,4 @@
-"""3, 4 and 6: the weight functions, Eqs (15)-(20), and the matrices made with them (Figs 1 and 2)."""
+"""3, 4, 6: the weight functions, Eqs (15)-(20), and the matrices made with them (Figs 1, 2)."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
