@@ -217,6 +217,15 @@ def test_both_left_matrices_of_guyans_reduction(element):
         condensed.guyan("symmetric")
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
+    make_mesh, state, rigid = BODIES["slender"]
+    K, M, U = pair(method, make_mesh(), state)
+    free = Reduction.dirichlet(U, [])
+    found = [frequencies(K, M, free, count).rigid for count in range(1, 9)]
+    assert found == [min(count, rigid) for count in range(1, 9)]
+
+
 @pytest.mark.parametrize("setting", BODIES)
 def test_lumped_mass_of_the_new_element(setting):
     make_mesh, state, rigid = BODIES[setting]
