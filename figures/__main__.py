@@ -1,6 +1,7 @@
 """Draw the figures from stored results: `python3 -m figures [name ...] --results DIR`."""
 
 import argparse
+import hashlib
 import io
 import json
 import pkgutil
@@ -10,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import matplotlib.pyplot as plt
 
 import figures
@@ -17,6 +19,8 @@ from figures.style import style
 from study.store import Results, StudyError, write_json, write_whole
 
 FRAME = {"__main__", "style", "symbols", "beam", "column", "contact", "convergence"}
+
+DIGEST = "digest"  # of what the figures in a folder were all drawn from
 
 
 def scripts() -> list[str]:
@@ -69,6 +73,9 @@ def main(arguments: list[str] | None = None) -> int:
         _say(f"there is no figure {unknown[0]}, but {', '.join(known)}")
         return 2
     results = Results(options.results)
+    digest = _digest(results)
+    if not options.names and _drawn(results, known, digest):
+        return 0
     index = _index(results) if options.names else {}
     failed = False
     for name in options.names or known:
@@ -86,7 +93,35 @@ def main(arguments: list[str] | None = None) -> int:
                 index[name] = entry
     ordered = [index[name] for name in sorted(index, key=_natural)]
     write_json(_folder(results) / "index.json", ordered)
+    if not failed and not options.names:
+        write_whole(_folder(results) / DIGEST, digest.encode())
     return int(failed)
+
+
+def _digest(results: Results) -> str:
+    """Digest of all that the figures depend on: results, scripts, measures, Matplotlib."""
+    project = Path(__file__).parents[1]
+    scripts = [path for folder in figures.__path__ for path in Path(folder).glob("*.py")]
+    sources = [*scripts, *project.glob("study/**/*.py")]
+    digest = hashlib.sha256(matplotlib.__version__.encode())
+    for path in sorted([*sources, *results.folder.glob("*/*.json")]):
+        if path.parent != _folder(results):
+            digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _drawn(results: Results, names: list[str], digest: str) -> bool:
+    """Whether every figure is there, drawn from just this."""
+    index = _index(results)
+    mark = _folder(results) / DIGEST
+    files = [_folder(results) / f"{name}.{kind}" for name in index for kind in ("png", "svg")]
+    up_to_date = mark.is_file() and mark.read_text() == digest
+    return (
+        bool(index)
+        and up_to_date
+        and set(index) <= set(names)
+        and all(path.is_file() for path in files)
+    )
 
 
 def _folder(results: Results) -> Path:

@@ -34,6 +34,7 @@ def draw(results: Results) -> Figure:
                     facecolor="#D8E8F4",
                     edgecolor=LOOK[ELEMENT]["color"],
                     lw=0.15,
+                    rasterized=True,  # thousands of cells
                 )
             )
             ax.plot(*(corners * mirror).T, color="#777777", lw=0.6)

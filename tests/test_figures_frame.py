@@ -71,10 +71,33 @@ def names(out):
     return [entry["name"] for entry in json.loads((out / "figures" / "index.json").read_text())]
 
 
+def test_figures_are_drawn_again_only_after_a_change(out, script):
+    script("toy_one")
+
+    def drawn():
+        """Whether a call draws: a file made empty beforehand then has content again."""
+        picture = out / "figures" / "toy_one.svg"
+        picture.write_text("")
+        assert main(["--results", str(out)]) == 0
+        return picture.stat().st_size > 0
+
+    assert main(["--results", str(out)]) == 0
+    assert not drawn()
+    script("toy_one", "A parabola", "The parabola")
+    assert drawn()
+    result = next(path for path in out.glob("*/*.json") if path.parent.name != "figures")
+    result.write_text(result.read_text() + "\n")
+    assert drawn()
+    assert not drawn()
+    (out / "figures" / "index.json").unlink()
+    assert drawn()
+
+
 def test_figure_is_drawn_and_indexed(out, script):
     script("toy_one")
     assert main(["--results", str(out)]) == 0
-    assert sorted(os.listdir(out / "figures")) == ["index.json", "toy_one.png", "toy_one.svg"]
+    files = ["digest", "index.json", "toy_one.png", "toy_one.svg"]
+    assert sorted(os.listdir(out / "figures")) == files
     (entry,) = json.loads((out / "figures" / "index.json").read_text())
     assert entry == {
         "name": "toy_one",

@@ -28,10 +28,17 @@ _GENERAL = re.compile(r"Abstract|Sections? (1|8)\b")  # the paper's frame, part 
 
 
 def build(results: Results, out: Path) -> None:
-    """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures."""
+    """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures.
+
+    The PDF comes first: a page on disk says that the PDF of the same source is there, too, and
+    is not laid out again.
+    """
     html = render(results)
-    write_whole(Path(out) / "report.html", html.encode())
-    write_whole(Path(out) / "report.pdf", _pdf(html))
+    page, pdf = Path(out) / "report.html", Path(out) / "report.pdf"
+    if pdf.is_file() and page.is_file() and page.read_bytes() == html.encode():
+        return
+    write_whole(pdf, _pdf(html))
+    write_whole(page, html.encode())
 
 
 def render(results: Results, templates: Path = HERE) -> str:
