@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from figures.style import LOOK
+from figures.style import FULL, LOOK
+from study import measures
 from study.store import Results
 
 # Contact status as the library numbers it
@@ -92,3 +95,29 @@ def force_arrows(
         style = {"arrowstyle": "-|>", "lw": 0.8, "color": LOOK[element]["color"]}
         style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
         ax.annotate("", moved[node], moved[node] - force, arrowprops=style)
+
+
+def block_stresses(results: Results, elements: Sequence[str], zones_of: str) -> Figure:
+    """Normal and shear stress below the block of section 7.2; the strips are its zones."""
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
+    zones = results.curves(f"7.2/{zones_of}")
+    for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
+        keys = [f"7.2/{element}" for element in elements]
+        compare(ax, results, keys, quantity, 1 / measures.BLOCK_PRESSURE)
+        zone_strip(ax, zones, bottom=-0.3)
+        ax.set(xlabel="$x$", xlim=(0, 4))
+    axes[0].set(ylabel="normal pressure / applied pressure", ylim=(0, None))
+    axes[1].set_ylabel("shear stress / applied pressure")
+    axes[1].legend(fontsize=7)
+    fig.legend(handles=zone_legend(zones), loc="outside lower center", ncols=3)
+    return fig
+
+
+def plate_reactions(results: Results, element: str) -> Figure:
+    """Normal nodal forces below the plate of section 7.4 as bars."""
+    curves = results.curves(f"7.4/{element}")
+    fig, ax = plt.subplots(figsize=(FULL, 2.4))
+    ax.bar(curves["x"], curves["force_n"], 0.05, color=LOOK[element]["color"])
+    ax.set(xlabel="$x/b$", ylabel="normal reaction / kN", ylim=(0, 6))
+    ax.grid(visible=False, axis="x")
+    return fig

@@ -1,11 +1,8 @@
 """Stresses along the contact area calculated with 8-node quadrilateral elements."""
 
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import compare, zone_legend, zone_strip
-from figures.style import FULL
-from study import measures
+from figures.contact import block_stresses
 from study.store import Results
 
 SECTION = "7.2"
@@ -16,17 +13,7 @@ NEEDS = [f"7.2/{element}" for element in ELEMENTS]
 
 def draw(results: Results) -> Figure:
     """Normal and shear stress over x; the strips below are the contact zones."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
-    for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-        compare(ax, results, NEEDS, quantity, 1 / measures.BLOCK_PRESSURE)
-        zone_strip(ax, results.curves(f"7.2/{ZONES_OF}"), bottom=-0.3)
-        ax.set(xlabel="$x$", xlim=(0, 4))
-    axes[0].set(ylabel="normal pressure / applied pressure", ylim=(0, None))
-    axes[1].set_ylabel("shear stress / applied pressure")
-    axes[1].legend(fontsize=7)
-    zones = zone_legend(results.curves(f"7.2/{ZONES_OF}"))
-    fig.legend(handles=zones, loc="outside lower center", ncols=3)
-    return fig
+    return block_stresses(results, ELEMENTS, ZONES_OF)
 
 
 def caption(results: Results) -> str:

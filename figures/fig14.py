@@ -1,9 +1,8 @@
 """Reaction forces along the contact area of the rigid plate, user element."""
 
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.contact import plate_reactions
 from study.store import Results
 
 SECTION = "7.4"
@@ -13,12 +12,7 @@ NEEDS = [f"7.4/{ELEMENT}"]
 
 def draw(results: Results) -> Figure:
     """Nodal forces as bars."""
-    curves = results.curves(NEEDS[0])
-    fig, ax = plt.subplots(figsize=(FULL, 2.4))
-    ax.bar(curves["x"], curves["force_n"], 0.05, color=LOOK[ELEMENT]["color"])
-    ax.set(xlabel="$x/b$", ylabel="normal reaction / kN", ylim=(0, 6))
-    ax.grid(visible=False, axis="x")
-    return fig
+    return plate_reactions(results, ELEMENT)
 
 
 def caption(results: Results) -> str:
