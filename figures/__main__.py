@@ -62,10 +62,16 @@ def draw(name: str, results: Results) -> dict[str, Any] | None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw the named figures, or all; return 0, 1 if a script failed, 2 if nothing could start."""
+    """Draw the named figures, or all.
+
+    Returns:
+        0; 1 if a script failed, or a result is missing although all are said to be there; 2 if
+        nothing could start.
+    """
     parser = argparse.ArgumentParser(prog="python3 -m figures", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help="figures to draw (default: all)")
     parser.add_argument("--results", type=Path, default=Path("results"), metavar="DIR")
+    parser.add_argument("--complete", action="store_true", help="fail where a result is missing")
     options = parser.parse_args(arguments)
     known = scripts()
     unknown = [name for name in options.names if name not in known]
@@ -91,6 +97,7 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             if entry:
                 index[name] = entry
+            failed |= options.complete and not entry
     ordered = [index[name] for name in sorted(index, key=_natural)]
     write_json(_folder(results) / "index.json", ordered)
     if not failed and not options.names:

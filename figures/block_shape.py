@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import deformed, force_arrows, zone_legend, zone_strip
+from figures.contact import RECONSTRUCTED, deformed, force_arrows, zone_legend, zone_strip
 from figures.style import FULL
 from study.store import Results
 
@@ -31,7 +31,7 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         f"The deformed block (displacements times {SCALE:g}) and the nodal forces of the "
-        "foundation on it, to one scale: raw forces, not divided by anything."
+        f"foundation on it, to one scale: raw forces, not divided by anything. {RECONSTRUCTED}"
     )
 
 

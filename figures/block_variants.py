@@ -13,6 +13,7 @@ VARIANTS = {
     "pw-T6-pull0.15-80x40": "t/p = 0.15",
     "pw-T6-pull0.40-80x40": "t/p = 0.40",
     "pw-T6-mu0.5-pull0.50-80x40": "μ = 0.5, t/p = 0.50",
+    "pw-T6-together-80x40": "pressed and pulled at once",
     "pw-T6-smooth": "shared node smooth (20 x 10)",
     "pw-T6-strain": "plane strain (20 x 10)",
 }
@@ -24,7 +25,7 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.3))
     for number, (case, label) in enumerate(VARIANTS.items()):
         curves = results.curves(f"7.2/{case}")
-        style = {"linewidth": 2.0 if number == 0 else 1.1, "linestyle": "-" if number < 4 else "--"}
+        style = {"linewidth": 2.0 if number == 0 else 1.1, "linestyle": "-" if number < 5 else "--"}
         for ax, name in zip(axes, ("pressure", "shear"), strict=True):
             values = curves[name] / measures.BLOCK_PRESSURE
             ax.plot(curves["x"], values, label=label, color=f"C{number}", **style)
@@ -52,6 +53,6 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Curves of pressure and shear over x for six variants; they differ in where sliding begins "
-        "and by some ten per cent in pressure."
+        "Curves of pressure and shear over x for seven variants; they differ in where sliding "
+        "begins and by some ten per cent in pressure."
     )

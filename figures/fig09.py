@@ -40,8 +40,8 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Body and punch y = x²/16 with the mesh of 76 quadrilaterals. Width, height, radius and "
-        "grading are reconstructed so that the printed force follows; other sets give it too."
+        "Body and punch y = x²/16 with the mesh of 76 quadrilaterals. Width, height, base, radius "
+        "and grading are reconstructed so that the printed force follows; other sets give it too."
     )
 
 

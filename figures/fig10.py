@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import compare, zone_legend, zone_strip
+from figures.contact import RECONSTRUCTED, compare, zone_legend, zone_strip
 from figures.style import FULL
 from study.store import Results
 
@@ -37,7 +37,7 @@ def caption(results: Results) -> str:
     return (
         "Normal and shear stress below the punch after the tangential force: nodal force over "
         "tributary length, in the paper's units (E = 1000). Oden and Pires' own curves are lost "
-        "with the paper's figure. Strips: zones of pw-Q8."
+        f"with the paper's figure. Strips: zones of pw-Q8. {RECONSTRUCTED}"
     )
 
 

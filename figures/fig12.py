@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import compare, zone_legend, zone_strip
+from figures.contact import RECONSTRUCTED, compare, zone_legend, zone_strip
 from figures.style import FULL
 from study.store import Results
 
@@ -36,7 +36,7 @@ def caption(results: Results) -> str:
     return (
         f"Stresses below the plate ({angle}): nodal force over tributary length; the singular "
         "values at both edges are cut off. Unit length and thickness assumed 1 m. Strips: zones of "
-        "pw-Q8."
+        f"pw-Q8. {RECONSTRUCTED}"
     )
 
 

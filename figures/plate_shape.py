@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import deformed, force_arrows
+from figures.contact import RECONSTRUCTED, deformed, force_arrows
 from figures.style import FULL
 from study.store import Results
 
@@ -29,7 +29,7 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         f"The body around the plate, displacements times {SCALE:g}, and the nodal forces of the "
-        "plate on it, to one scale."
+        f"plate on it, to one scale. {RECONSTRUCTED}"
     )
 
 

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+from figures.contact import RECONSTRUCTED
 from figures.style import FULL, LOOK
 from study import measures
 from study.store import Results
@@ -37,7 +38,7 @@ def caption(results: Results) -> str:
     return (
         "The same two computations in the three measures of contact pressure. Divided by the "
         "integral of its own test function the standard element's sawtooth disappears: it is in "
-        "the raw nodal force and in the pressure over a tributary length."
+        f"the raw nodal force and in the pressure over a tributary length. {RECONSTRUCTED}"
     )
 
 

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import deformed, force_arrows
+from figures.contact import RECONSTRUCTED, deformed, force_arrows
 from figures.style import FULL
 from study.store import Results
 
@@ -27,7 +27,8 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "The deformed body, true to scale, and the nodal forces of the punch on it, to one scale."
+        "The deformed body, true to scale, and the nodal forces of the punch on it, to one scale. "
+        f"{RECONSTRUCTED}"
     )
 
 

@@ -78,5 +78,5 @@ def alt(results: Results) -> str:
     return (
         "Lines of the relative shift over the mode. The printed ones fall to "
         f"{last:.2f} % for the 8-node element; the unsymmetric triangle's stays at zero, the "
-        "symmetrised one's falls like the printed one, lumped masses lower modes 4 and 6 most."
+        "symmetrised one's lies below in all modes, lumped masses lower modes 4 and 6 most."
     )

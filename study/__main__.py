@@ -67,6 +67,8 @@ def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
     claims.load_claims()  # an error in them is to be known now, not at the end
     wanted = [load_section(section) for section in dict.fromkeys(sections or SECTIONS)]
     cases = [case for section in wanted for case in section.cases]
+    for section in wanted:
+        runner.discard_others(section, out)
     failed = runner.run(cases, out, jobs, force)
     return max(conclude(out, complete=not sections), int(bool(failed)))
 
@@ -103,33 +105,35 @@ def conclude(out: Path, complete: bool) -> int:
 
     Args:
         out: Folder of the results.
-        complete: Whether each claim has to have its verdict, as after a run of all sections.
+        complete: Whether nothing may be missing, as after a run of all sections.
 
     Returns:
-        1 if a verdict differs from the pinned one or a figure cannot be drawn, else 0.
+        1 if a verdict differs from the pinned one, a figure cannot be drawn, or something is
+        missing that may not; else 0.
     """
-    from study.report import (
-        build,
-    )  # its layout engine is slow to import, and workers do not need it
+    from study.report import build  # slow to import, and worker processes do not need it
 
     results = Results(out)
     verdicts = claims.judge(claims.load_claims(), results)
     claims.write(out, verdicts)
-    drawn = draw_figures(out)
-    build(results, out)
+    drawn = draw_figures(out, complete)
+    incomplete = build(results, out)
     differing = [
         verdict
         for verdict in verdicts
         if verdict.differs and (complete or verdict.verdict != "not judged")
     ]
     print(claims.table(differing) + claims.summary(verdicts))
+    for part in incomplete if complete else ():
+        print(f"report: incomplete, {part}", file=sys.stderr)
     print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
-    return int(bool(differing) or not drawn)
+    return int(bool(differing) or not drawn or (complete and bool(incomplete)))
 
 
-def draw_figures(out: Path) -> bool:
+def draw_figures(out: Path, complete: bool) -> bool:
     """Draw all figures in a process of their own; return whether none failed."""
     command = [sys.executable, "-m", "figures", "--results", str(out.resolve())]
+    command += ["--complete"] if complete else []
     return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
 
 

@@ -21,13 +21,14 @@ RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
     ">": lambda measured, value, tol: measured > value - tol,
     ">=": lambda measured, value, tol: measured >= value - tol,
 }
-PINNED = ("holds", "fails", "not yet")
+PINNED = ("holds", "fails")
 
-TEXTS = ("id", "source", "statement", "relation", "tol_why", "pinned", "why")
+TEXTS = ("id", "source", "statement", "measure", "relation", "tol_why", "pinned", "why")
 NUMBERS = ("value", "tol")
-OPTIONAL = ("measure", "args", "unit")
+FOUND = ("found", "found_tol")
+OPTIONAL = ("args", "unit")
 
-Outcome = Literal["holds", "fails", "not yet", "not judged"]
+Outcome = Literal["holds", "fails", "not judged"]
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,12 @@ class Claim:
         tol_why: Where the tolerance comes from.
         pinned: The verdict that is expected.
         why: The reason of that verdict.
-        measure: Name of a function of `study.measures`; without one it cannot be judged yet.
-        args: That function's keyword arguments.
-        unit: Unit of measure, value and tolerance.
+        measure: Name of a function of `study.measures`.
         function: The function itself.
+        args: Its keyword arguments.
+        unit: Unit of measure, value and tolerances.
+        found: What is measured where the statement fails: a finding, pinned like the verdict.
+        found_tol: How far from it still counts as the same.
     """
 
     id: str
@@ -59,15 +62,17 @@ class Claim:
     tol_why: str
     pinned: str
     why: str
-    measure: str | None = None
+    measure: str
+    function: Callable[..., float] = field(repr=False, compare=False)
     args: dict[str, Any] = field(default_factory=dict)
     unit: str = ""
-    function: Callable[..., float] | None = field(default=None, repr=False, compare=False)
+    found: float | None = None
+    found_tol: float = 0.0
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim with what was measured; None if it cannot be judged yet or a result is missing."""
+    """A claim with what was measured; None if a result is missing."""
 
     claim: Claim
     measured: float | None
@@ -75,8 +80,22 @@ class Verdict:
 
     @property
     def differs(self) -> bool:
-        """Whether the verdict is not the pinned one."""
-        return self.verdict != self.claim.pinned
+        """Whether verdict or finding are not the pinned ones."""
+        return self.verdict != self.claim.pinned or self._found_another()
+
+    @property
+    def expected(self) -> str:
+        """The pinned verdict, with the pinned finding where the statement fails."""
+        found = self.claim.found
+        if found is None:
+            return self.claim.pinned
+        return f"{self.claim.pinned} with {found:.6g} ± {self.claim.found_tol:.3g}"
+
+    def _found_another(self) -> bool:
+        found = self.claim.found
+        if found is None or self.measured is None:
+            return False
+        return abs(self.measured - found) > self.claim.found_tol
 
 
 def load_claims(path: Path = CLAIMS, measures: ModuleType | None = None) -> list[Claim]:
@@ -119,7 +138,8 @@ def write(out: Path, verdicts: list[Verdict]) -> None:
             "value": claim.value,
             "tol": claim.tol,
             "verdict": verdict.verdict,
-            "pinned": claim.pinned,
+            "pinned": verdict.expected,
+            "differs": verdict.differs,
             "why": claim.why,
             "unit": claim.unit,
             "tol_why": claim.tol_why,
@@ -137,7 +157,7 @@ def table(verdicts: list[Verdict]) -> str:
             verdict.claim.id,
             "" if verdict.measured is None else f"{verdict.measured:.6g}",
             f"{verdict.claim.relation} {verdict.claim.value:.6g} ± {verdict.claim.tol:.3g}",
-            f"{verdict.verdict}, pinned: {verdict.claim.pinned}",
+            f"{verdict.verdict}, pinned: {verdict.expected}",
         )
         for verdict in verdicts
     ]
@@ -161,48 +181,43 @@ def _claim(table: dict[str, Any], place: int, measures: ModuleType) -> Claim:
         return StudyError(f"claim {name}: {key} {what}")
 
     for key in table:
-        if key not in (*TEXTS, *NUMBERS, *OPTIONAL):
+        if key not in (*TEXTS, *NUMBERS, *FOUND, *OPTIONAL):
             raise wrong(key, "is not a key of claims")
-    for key in (*TEXTS, *NUMBERS):
+    findings = FOUND if table.get("pinned") == "fails" else ()
+    for key in (*TEXTS, *NUMBERS, *findings):
         if key not in table:
             raise wrong(key, "is missing")
-    for key in (*TEXTS, "measure", "unit"):
+    for key in (*TEXTS, "unit"):
         if not isinstance(table.get(key, ""), str) or (key in TEXTS and not table[key].strip()):
             raise wrong(key, "is no text")
-    for key in NUMBERS:
+    for key in (*NUMBERS, *findings):
         number = table[key]
         if isinstance(number, bool) or not isinstance(number, int | float):
             raise wrong(key, "is no number")
-        if not math.isfinite(number) or (key == "tol" and number < 0):
+        if not math.isfinite(number) or (key in ("tol", "found_tol") and number < 0):
             raise wrong(key, f"cannot be {number}")
     if table["relation"] not in RELATIONS:
         raise wrong("relation", f"is {table['relation']!r}, not one of {' '.join(RELATIONS)}")
     if table["pinned"] not in PINNED:
         raise wrong("pinned", f"is {table['pinned']!r}, not one of {', '.join(PINNED)}")
-    if (table["pinned"] == "not yet") == ("measure" in table):
-        raise wrong("pinned", 'has to be "not yet" if there is no measure, and only then')
+    for key in set(FOUND) & set(table) - set(findings):
+        raise wrong(key, "belongs to statements that fail")
     if not isinstance(table.get("args", {}), dict):
         raise wrong("args", "is no table")
-    if "args" in table and "measure" not in table:
-        raise wrong("args", "are there, but no measure")
-    function = None
-    if "measure" in table:
-        function = getattr(measures, table["measure"], None)
-        home = getattr(function, "__module__", "")
-        own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
-        if function is None or not own or table["measure"].startswith("_"):
-            raise wrong("measure", f"{table['measure']!r} is not in {measures.__name__}")
-        try:
-            inspect.signature(function).bind(None, **table.get("args", {}))
-        except TypeError as error:
-            raise wrong("args", f"do not suit {table['measure']}: {error}") from None
-    numbers = {key: float(table[key]) for key in NUMBERS}
+    function = getattr(measures, table["measure"], None)
+    home = getattr(function, "__module__", "")
+    own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
+    if function is None or not own or table["measure"].startswith("_"):
+        raise wrong("measure", f"{table['measure']!r} is not in {measures.__name__}")
+    try:
+        inspect.signature(function).bind(None, **table.get("args", {}))
+    except TypeError as error:
+        raise wrong("args", f"do not suit {table['measure']}: {error}") from None
+    numbers = {key: float(table[key]) for key in (*NUMBERS, *findings)}
     return Claim(**{**table, **numbers}, function=function)
 
 
 def _judged(claim: Claim, results: Results) -> Verdict:
-    if claim.function is None:
-        return Verdict(claim, None, "not yet")
     try:
         measured = float(claim.function(results, **claim.args))
     except MissingResult:

@@ -19,7 +19,8 @@ from study.store import Result
 TITLE = "Elastic block on a rigid surface"
 
 # Printed: E, nu, mu, 400 triangles or 200 quadrilaterals, the first and last contact element
-# frictionless. Reconstructed: 4 x 2 with 20 x 10 squares, pressure 200, traction 60.
+# frictionless. Reconstructed: 4 x 2 with 20 x 10 squares, pressure 200, traction 60, and that the
+# pressure comes first (the paper: "pressed ... and at the same time pulled").
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
 LENGTH, HEIGHT = 4.0, 2.0
 PRESSURE = 200.0
@@ -36,6 +37,7 @@ def block(
     divisions: tuple[int, int] = DIVISIONS,
     shared_is_rough: bool = True,
     state: str = "plane stress",
+    pressed_first: bool = True,
 ) -> Result:
     """Contact forces below the block after the last increment.
 
@@ -52,16 +54,21 @@ def block(
             Material(YOUNGS_MODULUS, POISSONS_RATIO),
             State(state),
         )
-        loads = press_and_pull(body, pull)
+        loads = press_and_pull(body, pull, pressed_first)
         states = on_foundation(body, loads, friction, shared_is_rough, states)
     return contact_result(body, states, loads[-1], lower_side, PRESSURE)
 
 
-def press_and_pull(body: Discretisation, pull: float) -> list[PETSc.Vec]:
-    """Loads at the end of each increment: the pressure, then the pull in equal steps."""
+def press_and_pull(
+    body: Discretisation, pull: float, pressed_first: bool = True
+) -> list[PETSc.Vec]:
+    """Loads at the end of each increment: the pressure, then the pull in equal steps, or both."""
     pressure = body.surface_load((0.0, -PRESSURE), _upper_side)
     traction = body.surface_load((pull * PRESSURE, 0.0), _right_side)
-    return [pressure + traction * (k / INCREMENTS) for k in range(INCREMENTS + 1)]
+    steps = [k / INCREMENTS for k in range(INCREMENTS + 1)]
+    if pressed_first:
+        return [pressure + traction * step for step in steps]
+    return [(pressure + traction) * step for step in steps[1:]]
 
 
 def on_foundation(
@@ -105,13 +112,9 @@ VARIANTS: dict[str, dict[str, object]] = {
     "-pull0.15": {"pull": 0.15},
     "-pull0.40": {"pull": 0.4},
     "-mu0.5-pull0.50": {"friction": 0.5, "pull": 0.5},
+    "-together": {"pressed_first": False},
 }
 CASES = [Case("7.2", element, block, {"element": element}) for element in ELEMENTS]
-CASES += [
-    Case("7.2", f"{element}{name}", block, {"element": element, **variant})
-    for element in ("galerkin-T6", "pw-T6")
-    for name, variant in VARIANTS.items()
-]
 CASES += [
     Case("7.2", f"pw-T6{name}-80x40", block, {"element": "pw-T6", "divisions": (80, 40), **variant})
     for name, variant in VARIANTS.items()
@@ -126,7 +129,4 @@ CASES += [
     Case("7.2", f"{element}-smooth", block, {"element": element, "shared_is_rough": False})
     for element in ("galerkin-T6", "pw-T6")
 ]
-CASES += [
-    Case("7.2", f"{element}-strain", block, {"element": element, "state": "plane strain"})
-    for element in ("galerkin-T6", "pw-T6")
-]
+CASES += [Case("7.2", "pw-T6-strain", block, {"element": "pw-T6", "state": "plane strain"})]

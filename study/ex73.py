@@ -19,7 +19,8 @@ from study.store import Result
 TITLE = "Contact of an elastic body and a parabolic rigid punch"
 
 # Printed: E, nu, mu, 76 quadrilaterals, depth 0.25, normal force about 215, tangential force a
-# tenth of it. Reconstructed: width, height, the punch's radius, the grading.
+# tenth of it. Reconstructed: width, height, the fixed base, the punch's radius, the grading, and
+# that the depth is held during the push.
 YOUNGS_MODULUS, POISSONS_RATIO, FRICTION = 1000.0, 0.25, 0.6
 DEPTH, TANGENTIAL_SHARE = 0.25, 0.1
 WIDTH, HEIGHT, RADIUS = 8.0, 4.0, 8.0

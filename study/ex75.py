@@ -8,6 +8,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from pw_elements import (
     Material,
@@ -22,7 +23,7 @@ from pw_elements import (
 from pw_elements.contact import ContactPair, ContactState, Motion, Plane, solve_contact
 from study import column
 from study.cases import Case
-from study.column import FACES, Cut
+from study.column import SECTIONS, Cut, Section
 from study.contact_result import deformation_curves, solver_scalars, surface_result
 from study.elements import Discretisation, discretise
 from study.store import Result
@@ -41,16 +42,22 @@ INCREMENTS = 10
 MODES = 6
 
 
-def stepped_column(element: str, gaps: tuple[float, float] = GAPS, refined: int = 1) -> Result:
+def stepped_column(
+    element: str,
+    gaps: tuple[float, float] = GAPS,
+    refined: int = 1,
+    section: str = "first",
+) -> Result:
     """Contact forces on all four surfaces after the last increment, and Table 1's eigenvalues.
 
     Scalars and curves of surface k end in `_k`; those without a number are of surface 4.
     """
-    body = _discretised(element, refined=refined)
-    states = _pressed(body, (gaps[0], gaps[1]))
+    geometry = SECTIONS[section]
+    body = _discretised(element, geometry, refined=refined)
+    states = _pressed(body, geometry, (gaps[0], gaps[1]))
     scalars, curves = solver_scalars(states), deformation_curves(body, states[-1])
     nothing = body.K.createVecLeft()
-    for pair, face in enumerate(FACES):
+    for pair, face in enumerate(geometry.faces):
         force = states[-1].pairs[pair].force_normal.sum()
         mean = force / (np.pi * (face.outer**2 - face.inner**2))
         numbers, lines = surface_result(body, states[-1], pair, nothing, face.holds, mean)
@@ -58,11 +65,13 @@ def stepped_column(element: str, gaps: tuple[float, float] = GAPS, refined: int 
         curves |= {f"{name}_{pair + 1}": line for name, line in lines.items()}
     scalars |= numbers
     scalars |= {"initial_gap_2": gaps[0], "initial_gap_3": gaps[1], "descent": DESCENT}
-    modes = _modes(body)
+    for k, (radius, height) in enumerate(zip(geometry.radii, geometry.heights, strict=True), 1):
+        scalars |= {f"radius_{k}": radius, f"height_{k}": height}
+    modes = _modes(body, geometry)
     scalars |= _mode_scalars(modes)
     for i, shape in enumerate(modes.shapes, start=1):
         curves[f"shape_{i}"] = shape.array_r.reshape(-1, 2)
-    return Result(scalars, _units(), curves, dofs=body.K.getSize()[0])
+    return Result(scalars, _units(YOUNGS_MODULUS), curves, dofs=body.K.getSize()[0])
 
 
 def vibration(
@@ -74,6 +83,7 @@ def vibration(
     refined: int = 1,
     quadrature_degree: int | None = None,
     youngs_modulus: float = YOUNGS_MODULUS,
+    section: str = "first",
 ) -> Result:
     """Table 1's eigenvalues alone, for a variant of an element.
 
@@ -86,21 +96,29 @@ def vibration(
         refined: factor of all divisions.
         quadrature_degree: of both matrices on each sub-triangle; 1 is one point.
         youngs_modulus: as printed or in SI.
+        section: which synthetic column.
     """
-    body = _discretised(element, refined, cut, quadrature_degree, youngs_modulus)
-    modes = _modes(body, symmetrised, mass, guyan)
-    return Result(_mode_scalars(modes), _units(), dofs=body.K.getSize()[0])
+    geometry = SECTIONS[section]
+    body = _discretised(element, geometry, refined, cut, quadrature_degree, youngs_modulus)
+    modes = _modes(body, geometry, symmetrised, mass, guyan)
+    return Result(_mode_scalars(modes), _units(youngs_modulus), dofs=body.K.getSize()[0])
+
+
+def eigenvalues(element: str, section: Section) -> npt.NDArray[np.float64]:
+    """The first six (6,) of a column on an element, in 1000/s2."""
+    return _modes(_discretised(element, section), section).eigenvalues
 
 
 def _discretised(
     element: str,
+    section: Section,
     refined: int = 1,
     cut: Cut = "right",
     quadrature_degree: int | None = None,
     youngs_modulus: float = YOUNGS_MODULUS,
 ) -> Discretisation:
     material = Material(youngs_modulus, POISSONS_RATIO, DENSITY)
-    build = partial(column.mesh, refined=refined, cut=cut)
+    build = partial(column.mesh, section, refined=refined, cut=cut)
     body = discretise(element, build, material, State.AXISYMMETRIC)
     if quadrature_degree is None:
         return body
@@ -108,14 +126,16 @@ def _discretised(
     return Discretisation(element, elastic, assemble_matrix(elastic.stiffness()))
 
 
-def _pressed(body: Discretisation, gaps: tuple[float, float]) -> list[ContactState]:
+def _pressed(
+    body: Discretisation, section: Section, gaps: tuple[float, float]
+) -> list[ContactState]:
     """The column on its three supports, the rigid plane on surface 4 moving down in equal steps."""
-    levels = [face.level - gap for face, gap in zip(FACES, (0.0, *gaps, 0.0), strict=True)]
+    levels = [face.level - gap for face, gap in zip(section.faces, (0.0, *gaps, 0.0), strict=True)]
     steps = np.arange(1, INCREMENTS + 1) / INCREMENTS
     descents = [[], [], [], [Motion((0.0, -DESCENT * s)) for s in steps]]
     pairs = [
         ContactPair(face.holds, Plane((0.0, level), (0.0, -face.outward)), FRICTION, motions)
-        for face, level, motions in zip(FACES, levels, descents, strict=True)
+        for face, level, motions in zip(section.faces, levels, descents, strict=True)
     ]
     on_axis = body.supports([support(body.space, 0, column.axis)])
     nothing = [body.K.createVecLeft()] * INCREMENTS
@@ -124,6 +144,7 @@ def _pressed(body: Discretisation, gaps: tuple[float, float]) -> list[ContactSta
 
 def _modes(
     body: Discretisation,
+    section: Section,
     symmetrised: bool = False,
     mass: Literal["consistent", "lumped"] = "consistent",
     guyan: Literal["transposed", "same"] = "transposed",
@@ -133,7 +154,7 @@ def _modes(
     if mass == "lumped":
         M = lumped_mass(M, body.space)
     standing: Reduction = body.supports(
-        [support(body.space, 0, column.axis), support(body.space, 1, FACES[0].holds)]
+        [support(body.space, 0, column.axis), support(body.space, 1, section.faces[0].holds)]
     )
     if len(body.inner_nodes()):
         standing = standing.guyan(guyan)
@@ -149,16 +170,18 @@ def _mode_scalars(modes: VibrationModes) -> dict[str, float]:
     }
 
 
-def _units() -> dict[str, str]:
-    """Units of the printed numbers: kN, m, kg; see the module's head."""
-    return {f"omega2_{i}": "1000/s²" for i in range(1, MODES + 1)}
+def _units(youngs_modulus: float) -> dict[str, str]:
+    """Of eigenvalues: with the printed numbers the force is in kN, see the module's head."""
+    unit = "1/s²" if youngs_modulus == YOUNGS_MODULUS_SI else "1000/s²"
+    return {f"omega2_{i}": unit for i in range(1, MODES + 1)}
 
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 _SYMMETRISED: dict[str, object] = {"symmetrised": True}
 _SAME: dict[str, object] = {"guyan": "same"}
 _LUMPED: dict[str, object] = {"mass": "lumped"}
-VARIANTS: dict[str, dict[str, object]] = {
+# what can be done to the matrices
+TREATMENTS: dict[str, dict[str, object]] = {
     "pwsym-T6": {"element": "pw-T6", **_SYMMETRISED},
     "pw-T6-lumped": {"element": "pw-T6", **_LUMPED},
     "pwsym-T6-lumped": {"element": "pw-T6", **_SYMMETRISED, **_LUMPED},
@@ -171,6 +194,9 @@ VARIANTS: dict[str, dict[str, object]] = {
     "pwsym-Q8-same": {"element": "pw-Q8", **_SYMMETRISED, **_SAME},
     "pwsym-Q8-lumped": {"element": "pw-Q8", **_SYMMETRISED, **_LUMPED},
     "pwsym-Q8-same-lumped": {"element": "pw-Q8", **_SYMMETRISED, **_SAME, **_LUMPED},
+}
+VARIANTS: dict[str, dict[str, object]] = {
+    **TREATMENTS,
     # what the lost mesh could change
     "galerkin-T6-left": {"element": "galerkin-T6", "cut": "left"},
     "pw-T6-left": {"element": "pw-T6", "cut": "left"},
@@ -192,3 +218,14 @@ CASES += [
     Case("7.5", "pw-T6-gaps0.2-0.2", stepped_column, {"element": "pw-T6", "gaps": (2e-4, 2e-4)}),
 ]
 CASES += [Case("7.5", name, vibration, variant) for name, variant in VARIANTS.items()]
+
+# what the lost section could change: another column with the printed eigenvalues
+_SECOND: dict[str, object] = {"section": "second"}
+CASES += [
+    Case("7.5", f"{element}-second", stepped_column, {"element": element, **_SECOND})
+    for element in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8")
+]
+CASES += [
+    Case("7.5", f"{name}-second", vibration, {**variant, **_SECOND})
+    for name, variant in TREATMENTS.items()
+]

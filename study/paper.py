@@ -23,8 +23,6 @@ TABLE_1 = {
     "8-node user element": (36390.0, 1.9310e6, 3.8080e6, 3.9723e6, 5.7537e6, 7.5789e6),
 }
 
-NOT_YET = "not yet"
-
 
 @dataclass(frozen=True)
 class Item:
@@ -34,7 +32,7 @@ class Item:
         kind: Which of them.
         number: Its number in the paper.
         content: What it shows.
-        treated: The module, figure or case that treats it, or "not yet".
+        treated: The module, figure or case that treats it.
     """
 
     kind: Literal["figure", "table", "equation"]
@@ -43,15 +41,15 @@ class Item:
     treated: str
 
 
-def _figure(number: int, content: str, treated: str = NOT_YET) -> Item:
+def _figure(number: int, content: str, treated: str) -> Item:
     return Item("figure", str(number), content, treated)
 
 
-def _table(number: int, content: str, treated: str = NOT_YET) -> Item:
+def _table(number: int, content: str, treated: str) -> Item:
     return Item("table", str(number), content, treated)
 
 
-def _equation(number: int, content: str, treated: str = NOT_YET) -> Item:
+def _equation(number: int, content: str, treated: str) -> Item:
     return Item("equation", str(number), content, treated)
 
 

@@ -14,7 +14,7 @@ from typing import Literal
 
 from tqdm import tqdm
 
-from study.cases import Case, fingerprint
+from study.cases import Case, Section, fingerprint
 from study.provenance import provenance
 from study.store import CorruptResult, Results, discard, save
 
@@ -44,6 +44,13 @@ def state(case: Case, results: Results) -> State:
     except CorruptResult:
         return "corrupt"
     return "stored" if stored.provenance.get("fingerprint") == fingerprint(case) else "outdated"
+
+
+def discard_others(section: Section, out: Path) -> None:
+    """Remove results that are no case of their section any more: measures would count them."""
+    known = {case.name for case in section.cases}
+    for stored in set(Results(out).cases(section.id)) - known:
+        discard(out, section.id, stored)
 
 
 def run(cases: list[Case], out: Path, jobs: int, force: bool) -> list[str]:

@@ -162,9 +162,12 @@ class Results:
 
     def section(self, section: str) -> list[Stored]:
         """Return all results of a section, sorted by case."""
+        return [self[f"{section}/{case}"] for case in self.cases(section)]
+
+    def cases(self, section: str) -> list[str]:
+        """Return the names of a section's results, sorted, readable or not."""
         paths = (self.folder / section).glob("*.json")
-        cases = sorted(path.stem for path in paths if not path.name.startswith("."))
-        return [self[f"{section}/{case}"] for case in cases]
+        return sorted(path.stem for path in paths if not path.name.startswith("."))
 
     def claims(self) -> list[dict[str, Any]]:
         """Return the judged claims, as `study.claims.write` left them."""

@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from study import claims
 from study.claims import judge, load_claims, summary, table, write
 from study.store import Result, Results, StudyError, save
 from tests.toystudy import MEASURED, claim
@@ -65,13 +64,15 @@ def test_arguments_reach_the_measure(load, results):
 
 
 def test_pinned_failure_that_fails_does_not_differ(load, results):
-    one = verdict(load, results, value=1, pinned='"fails"')
+    one = verdict(load, results, value=1, pinned='"fails"', found=5.1, found_tol=0.2)
     assert (one.verdict, one.differs) == ("fails", False)
 
 
-def test_claim_without_measure_is_not_yet_judged(load, results):
-    one = verdict(load, results, measure=None, args=None, pinned='"not yet"')
-    assert (one.verdict, one.measured, one.differs) == ("not yet", None, False)
+@pytest.mark.parametrize(("found", "found_tol"), [(4.5, 0.2), (5.5, 0.2)])
+def test_pinned_failure_with_another_number_differs(load, results, found, found_tol):
+    one = verdict(load, results, value=1, pinned='"fails"', found=found, found_tol=found_tol)
+    assert (one.verdict, one.differs) == ("fails", True)
+    assert one.expected == f"fails with {found} ± 0.2"
 
 
 def test_claim_without_result_is_not_judged(load, results):
@@ -93,9 +94,12 @@ def test_claim_without_result_is_not_judged(load, results):
         ({"tol": -1}, "the-claim: tol cannot be -1"),
         ({"relation": '"=="'}, "the-claim: relation is '=='"),
         ({"pinned": '"true"'}, "the-claim: pinned is 'true'"),
-        ({"pinned": '"not yet"'}, "the-claim: pinned"),
-        ({"measure": None, "args": None}, "the-claim: pinned"),
-        ({"measure": None, "pinned": '"not yet"'}, "the-claim: args"),
+        ({"measure": None}, "the-claim: measure is missing"),
+        ({"pinned": '"fails"'}, "the-claim: found is missing"),
+        ({"pinned": '"fails"', "found": 1}, "the-claim: found_tol is missing"),
+        ({"pinned": '"fails"', "found": '"1"', "found_tol": 0}, "the-claim: found is no number"),
+        ({"pinned": '"fails"', "found": 1, "found_tol": -1}, "the-claim: found_tol cannot be -1"),
+        ({"found": 1.0}, "the-claim: found belongs to statements that fail"),
         ({"measure": '"velocity"'}, "the-claim: measure 'velocity' is not in toy_measures"),
         ({"measure": '"__name__"'}, "the-claim: measure"),
         ({"args": '{ key = "1/b" }'}, "the-claim: args do not suit value: .*'name'"),
@@ -131,9 +135,7 @@ def test_measure_that_breaks_is_named_with_its_claim(load, results, changes, mes
 
 
 def test_verdicts_are_written_for_the_report(load, results):
-    found = judge(
-        load(claim(), claim(id='"other"', measure=None, args=None, pinned='"not yet"')), results
-    )
+    found = judge(load(claim(), claim(id='"other"', args='{ key = "7/no", name = "y" }')), results)
     write(results.folder, found)
     first, second = results.claims()
     assert first == {
@@ -146,6 +148,7 @@ def test_verdicts_are_written_for_the_report(load, results):
         "tol": 1e-12,
         "verdict": "holds",
         "pinned": "holds",
+        "differs": False,
         "why": "Twice 2.5.",
         "unit": "N",
         "tol_why": "Round-off.",
@@ -163,9 +166,7 @@ def test_summary_counts_and_table_names(load, results):
         ),
         results,
     )
-    assert summary(found) == (
-        "3 claims: 1 holds, 1 fails, 0 not yet, 1 not judged; 1 other than pinned"
-    )
+    assert summary(found) == ("3 claims: 1 holds, 1 fails, 1 not judged; 1 other than pinned")
     lines = table([one for one in found if one.differs]).splitlines()
     assert [line.split()[0] for line in lines] == ["wrong", "absent"]
     assert "= 4 ± 1e-12" in lines[0]
@@ -174,6 +175,4 @@ def test_summary_counts_and_table_names(load, results):
 
 
 def test_the_paper_s_own_claims_are_well_formed():
-    if not claims.CLAIMS.exists():
-        pytest.skip("no claims yet")
     assert load_claims()

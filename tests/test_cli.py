@@ -14,7 +14,7 @@ import pytest
 import study.__main__
 import study.report
 from study.__main__ import main
-from study.store import Results
+from study.store import Result, Results, save
 from tests.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch)
-    monkeypatch.setattr(study.report, "build", lambda *_: None)
+    monkeypatch.setattr(study.report, "build", lambda *_: [])
     return tmp_path
 
 
@@ -37,6 +37,8 @@ def report(toy, monkeypatch):
     """Let the report be written, which is slow and not the matter of most tests here."""
     assert toy
     monkeypatch.setattr(study.report, "build", BUILD)
+    # findings and conclusions are about the real sections
+    monkeypatch.setattr(study.report._Page, "frame", lambda *_: "")
 
 
 @pytest.fixture
@@ -70,7 +72,7 @@ def test_whole_study_leaves_everything(run, out, capsys):
     assert len(lines) == 3
     assert re.fullmatch(r"\[1/3\] 1/a     +\d\.\d\d s      6 dofs    3 iterations", lines[0])
     assert re.fullmatch(r"\[3/3\] 2/only  +\d\.\d\d s      0 dofs", lines[2])
-    assert "1 claims: 1 holds, 0 fails, 0 not yet; 0 other than pinned" in printed.out
+    assert "1 claims: 1 holds, 0 fails; 0 other than pinned" in printed.out
     assert str(out / "report.html") in printed.out
 
 
@@ -82,6 +84,23 @@ def test_second_run_reuses_and_force_does_not(run, toy, capsys):
     assert capsys.readouterr().err.count("reused") == 2
     assert run("1", "--force") == 0
     assert started(toy) == 4
+
+
+def test_result_of_a_case_that_is_no_more_is_removed(run, out):
+    save(out, "1", "former", Result({"y": 1.0}, {}), {})
+    assert run("2") == 0
+    assert Results(out).cases("1") == ["former"]
+    assert run("1") == 0
+    assert Results(out).cases("1") == ["a", "b"]
+
+
+@pytest.mark.usefixtures("report")
+def test_incomplete_report_is_1_after_the_whole_only(run, monkeypatch, capsys):
+    monkeypatch.setattr("study.report.build", lambda *_: ["section 1: no such result"])
+    assert run("1") == 0
+    assert "incomplete" not in capsys.readouterr().err
+    assert run() == 1
+    assert "report: incomplete, section 1: no such result" in capsys.readouterr().err
 
 
 def test_changed_source_is_computed_again(run, toy, out):
@@ -106,9 +125,12 @@ def test_differing_verdict_is_1_and_shown(run, toy, capsys):
     assert run("check") == 1
     assert re.search(r"^the-claim  5  = 4 .*fails, pinned: holds$", capsys.readouterr().out, re.M)
     assert run("report") == 1
-    change(toy / "claims.toml", 'pinned = "holds"', 'pinned = "fails"')
+    found = 'pinned = "fails"\nfound = 5.0\nfound_tol = 0.1'
+    change(toy / "claims.toml", 'pinned = "holds"', found)
     assert run("check") == 0
     assert run("report") == 0
+    change(toy / "claims.toml", "found = 5.0", "found = 5.5")
+    assert run("check") == 1
 
 
 def test_missing_verdict_fails_the_whole_and_the_check_but_no_subset(run, toy, capsys):
@@ -229,7 +251,7 @@ def test_options_may_stand_between_sections(toy, out):
 @pytest.mark.usefixtures("report")
 def test_figures_that_fail_are_1_and_do_not_cost_the_report(run, out, monkeypatch):
     draw = study.__main__.draw_figures
-    monkeypatch.setattr(study.__main__, "draw_figures", lambda out: not draw(out))
+    monkeypatch.setattr(study.__main__, "draw_figures", lambda *given: not draw(*given))
     assert run("1") == 1
     assert (out / "report.html").exists()
 
@@ -315,7 +337,7 @@ def test_command_line_starts_and_refuses_in_a_process_of_its_own():
 
 def test_figures_are_drawn_by_a_process_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert study.__main__.draw_figures(Path("some/results"))
+    assert study.__main__.draw_figures(Path("some/results"), complete=False)
     assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
 
 

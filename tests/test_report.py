@@ -30,7 +30,7 @@ def text(tmp_path):
     def page(fragment, out):
         (folder / "sections").mkdir(parents=True, exist_ok=True)
         (folder / "sections" / "1.html").write_text(fragment)
-        return render(Results(out), folder)
+        return render(Results(out), folder).html
 
     return page
 
@@ -54,19 +54,19 @@ def row(html, id):
 
 
 def test_page_needs_nothing_but_itself(out):
-    page = Page(render(Results(out)))
+    page = Page(render(Results(out)).html)
     assert len(page.all("img")) == 3
     for image in page.all("img"):
         assert image["src"].startswith("data:image/svg+xml;base64,")
     assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
     sources = [a[key] for tag, a in page.tags for key in ("src", "srcset", "poster") if key in a]
     assert all(source.startswith("data:") for source in sources)
-    assert "url(" not in render(Results(out))
-    assert "@import" not in render(Results(out))
+    assert "url(" not in render(Results(out)).html
+    assert "@import" not in render(Results(out)).html
 
 
 def test_page_is_accessible(out):
-    page = Page(render(Results(out)))
+    page = Page(render(Results(out)).html)
     assert page.all("html") == [{"lang": "en"}]
     viewport = {"name": "viewport", "content": "width=device-width, initial-scale=1"}
     assert viewport in page.all("meta")
@@ -81,7 +81,7 @@ def test_page_is_accessible(out):
 
 
 def test_every_internal_link_has_its_one_target(out):
-    page = Page(render(Results(out)))
+    page = Page(render(Results(out)).html)
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     links = [link["href"] for link in page.all("a")]
@@ -90,29 +90,28 @@ def test_every_internal_link_has_its_one_target(out):
 
 
 def test_only_sections_with_results_appear(out):
-    html = render(Results(out))
+    html = render(Results(out)).html
     assert "First toy" in html
     assert "Second toy" not in html
 
 
 def test_verdicts_come_first_in_words_and_differing_ones_are_marked(out):
-    html = render(Results(out))
+    html = render(Results(out)).html
     assert html.index("Summary of verdicts") < html.index("Contents") < html.index("First toy")
     counts = html.partition('<dl class="counts">')[2].partition("</dl>")[0]
-    assert [int(part.partition("<")[0]) for part in counts.split("<dd>")[1:]] == [1, 1, 1, 0, 1]
+    assert [int(part.partition("<")[0]) for part in counts.split("<dd>")[1:]] == [1, 1, 1, 1]
     assert '"verdict holds">holds<' in row(html, "the-claim")
     assert "pinned: " not in row(html, "the-claim")
     assert '"verdict fails">fails<' in row(html, "wrong")
     assert row(html, "wrong").startswith(' class="differs"')
     assert "pinned: holds" in row(html, "wrong")
-    assert '"verdict open">not yet<' in row(html, "open")
-    assert "= 5" not in row(html, "open")  # without a measure there is nothing to compare
+    assert '"verdict open">not judged<' in row(html, "open")
     assert ">5<" in row(html, "wrong")
     assert "= 4<" in row(html, "wrong")
 
 
 def test_items_of_the_paper_and_provenance_are_listed(out):
-    html = render(Results(out))
+    html = render(Results(out)).html
     assert "Equation 3" in html
     assert "A &lt; B &amp; so on" in html
     assert "<dt>A</dt><dd>dolfinx 0.9.0, numpy 2.2.4</dd>" in html
@@ -151,15 +150,27 @@ def test_text_of_a_section_can_call_for_numbers_figures_and_claims(out, text):
 
 
 def test_caption_is_numbered_as_in_the_paper_and_escaped(out):
-    html = render(Results(out))
+    html = render(Results(out)).html
     assert "<b>Figure 5</b> Caption of fig05: a &lt; b." in html
     assert "<b>Table 2</b> Caption of tab2" in html
     assert "<b>Figure S1</b> Caption of orders" in html
 
 
 def test_figure_of_no_reported_section_is_not_lost(out):
-    html = render(Results(out))
+    html = render(Results(out)).html
     assert html.index('id="others"') < html.index('id="orders"') < html.index('id="paper"')
+
+
+def test_what_is_missing_is_listed(out, tmp_path):
+    assert render(Results(out), tmp_path / "templates").incomplete == []
+    sections = tmp_path / "templates" / "sections"
+    sections.mkdir(parents=True)
+    (sections / "1.html").write_text('{{ figure("fig77") }}{{ s("1/never", "y") }}')
+    (sections / "findings.html").write_text('{{ s("2/no", "y") }}')
+    figure, section, findings = render(Results(out), tmp_path / "templates").incomplete
+    assert figure == "figure fig77 has not been drawn"
+    assert section.startswith("section 1: ")
+    assert findings.startswith("findings: ")
 
 
 def test_figure_that_was_not_drawn_is_a_remark(out, text):

@@ -153,7 +153,7 @@ def install(folder, monkeypatch):
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, path, MEASURED))
     monkeypatch.setitem(sys.modules, "study.paper", module("study.paper", "", ITEMS=ITEMS))
-    monkeypatch.setattr(study.__main__, "draw_figures", _draw_nothing)
+    monkeypatch.setattr(study.__main__, "draw_figures", lambda out, _: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):
@@ -167,7 +167,7 @@ def reported(folder, monkeypatch):
     path.write_text(
         claim()
         + claim(id='"wrong"', value=4.0, source='"Table 1"')
-        + claim(id='"open"', measure=None, args=None, pinned='"not yet"', source='"Sec. 2"')
+        + claim(id='"open"', args='{ key = "7/no", name = "y" }', source='"Sec. 2"')
     )
     claims.write(out, claims.judge(claims.load_claims(), Results(out)))
     figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))

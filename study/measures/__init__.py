@@ -41,6 +41,7 @@ from study.measures.column import (
     printed_shift,
     printed_shift_size,
     shift_misfit,
+    smallest_mean_eigenvalue_shift,
     surface_share,
 )
 from study.measures.contact import (

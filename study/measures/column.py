@@ -65,6 +65,11 @@ def mean_eigenvalue_shift(results: Results, case: str, over: str) -> float:
     return float(np.mean(eigenvalue_shifts(results, case, over)))
 
 
+def smallest_mean_eigenvalue_shift(results: Results, cases: Sequence[str], over: str) -> float:
+    """The smallest of the means of several cases."""
+    return min(mean_eigenvalue_shift(results, case, over) for case in cases)
+
+
 def shift_misfit(results: Results, case: str, over: str, element: str, printed_over: str) -> float:
     """Root mean square over the modes of computed less printed shift, in per cent points."""
     return _rms(

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import numpy as np
@@ -27,21 +27,32 @@ HERE = Path(__file__).parent
 _GENERAL = re.compile(r"Abstract|Sections? (1|8)\b")  # the paper's frame, part of no section here
 
 
-def build(results: Results, out: Path) -> None:
+class Rendered(NamedTuple):
+    """The page, and what it lacks for want of results or figures, a line for each."""
+
+    html: str
+    incomplete: list[str]
+
+
+def build(results: Results, out: Path) -> list[str]:
     """Write `<out>/report.html` and `<out>/report.pdf` from results, claims and figures.
 
     The PDF comes first: a page on disk says that the PDF of the same source is there, too, and
     is not laid out again.
+
+    Returns:
+        What the report lacks for want of results or figures.
     """
-    html = render(results)
+    html, incomplete = render(results)
     page, pdf = Path(out) / "report.html", Path(out) / "report.pdf"
     if pdf.is_file() and page.is_file() and page.read_bytes() == html.encode():
-        return
+        return incomplete
     write_whole(pdf, _pdf(html))
     write_whole(page, html.encode())
+    return incomplete
 
 
-def render(results: Results, templates: Path = HERE) -> str:
+def render(results: Results, templates: Path = HERE) -> Rendered:
     """Return the page.
 
     Args:
@@ -68,9 +79,10 @@ def render(results: Results, templates: Path = HERE) -> str:
         **_provenance(cases),
     }
     try:
-        return page.environment.get_template("base.html").render(values)
+        html = page.environment.get_template("base.html").render(values)
     except jinja2.UndefinedError as error:  # results or claims that another version wrote
         raise CorruptResult(f"{results.folder}: {error}; run ./run study --force") from error
+    return Rendered(html, page.incomplete)
 
 
 class _Page:
@@ -82,6 +94,7 @@ class _Page:
         self.claims = results.claims()
         self.figures = _figures(results)
         self.placed: set[str] = set()
+        self.incomplete: list[str] = []
         self.environment = jinja2.Environment(
             loader=jinja2.FileSystemLoader([templates, HERE]),
             undefined=jinja2.StrictUndefined,
@@ -114,6 +127,7 @@ class _Page:
                 raise
             text = Markup()
         except MissingResult as missing:
+            self.incomplete.append(f"section {section}: {missing}")
             text = Markup('<p class="note">This section is incomplete: {}.</p>').format(missing)
         except jinja2.TemplateError as error:
             raise StudyError(f"study/report/sections/{section}.html: {error}") from error
@@ -126,7 +140,8 @@ class _Page:
             return Markup()
         try:
             return Markup(self.environment.get_template(f"sections/{name}.html").render())
-        except MissingResult:
+        except MissingResult as missing:
+            self.incomplete.append(f"{name}: {missing}")
             return Markup()
 
     def others(self, sections: list[str]) -> Markup:
@@ -146,6 +161,8 @@ class _Page:
         if name in self.placed:
             raise StudyError(f"the report places figure {name} twice")
         self.placed.add(name)
+        if name not in self.figures:
+            self.incomplete.append(f"figure {name} has not been drawn")
         return self._part(
             "figure.html", name=name, figure=self.figures.get(name), label=self._label(name)
         )
@@ -198,8 +215,8 @@ def _names(source: str, section: str) -> bool:
 
 def _counts(claims: list[dict[str, Any]]) -> dict[str, int]:
     verdicts = [claim["verdict"] for claim in claims]
-    counts = {name: verdicts.count(name) for name in ("holds", "fails", "not yet", "not judged")}
-    differing = [c for c in claims if c["verdict"] not in (c["pinned"], "not judged")]
+    counts = {name: verdicts.count(name) for name in ("holds", "fails", "not judged")}
+    differing = [c for c in claims if c["differs"] and c["verdict"] != "not judged"]
     return {**counts, "differing": len(differing)}
 
 
