@@ -29,7 +29,8 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     Args:
         cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
             sub-cells), "tetrahedron" (10) or "hexahedron" (27). The nodes and their order
-            are those of the quadratic Lagrange element.
+            are those of the quadratic Lagrange element. The octahedron inside of a tetrahedron
+            is cut along one of its three diagonals: which, depends on the order of the vertices.
         shape: value shape, () for a scalar, (d,) for a vector field.
 
     Raises:

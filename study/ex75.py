@@ -199,12 +199,10 @@ VARIANTS: dict[str, dict[str, object]] = {
     **TREATMENTS,
     # what the lost mesh could change
     "galerkin-T6-left": {"element": "galerkin-T6", "cut": "left"},
-    "pw-T6-left": {"element": "pw-T6", "cut": "left"},
     "pwsym-T6-left": {"element": "pw-T6", **_SYMMETRISED, "cut": "left"},
     "galerkin-T6-fine": {"element": "galerkin-T6", "refined": 2},
     "pwsym-T6-fine": {"element": "pw-T6", **_SYMMETRISED, "refined": 2},
     "pw-T6-lumped-fine": {"element": "pw-T6", **_LUMPED, "refined": 2},
-    "galerkin-Q8-fine": {"element": "galerkin-Q8", "refined": 2},
     # quadrature for hoop strains, which are no polynomials
     "galerkin-T6-degree12": {"element": "galerkin-T6", "quadrature_degree": 12},
     "pw-T6-degree12": {"element": "pw-T6", "quadrature_degree": 12},

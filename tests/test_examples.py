@@ -87,7 +87,10 @@ def test_identity_fails(quantity):
 def test_displacements_coincide_in_plane_statics_only():
     assert t_identity.statics_2d().scalars["displacement_difference"] < 1e-11
     assert t_identity.statics_2d().scalars["reaction_difference"] < 1e-11
-    assert t_identity.statics_3d().scalars["displacement_difference"] > 1e-4
+    scalars = t_identity.statics_3d().scalars
+    assert scalars["displacement_difference"] > 1e-4
+    assert scalars["numbering_standard"] < 1e-12
+    assert 1e-4 < scalars["numbering_new"] < scalars["displacement_difference"]
 
 
 @pytest.mark.slow

@@ -120,7 +120,6 @@ SETTINGS = {
 }
 NEARLY_INCOMPRESSIBLE = {
     "incompressible": PLANE_STRAIN,
-    "incompressible-pairs": replace(PAIRS, state=State.PLANE_STRAIN),
     "incompressible-pressure": PRESSURE,
     "incompressible-axisymmetric": replace(AXISYMMETRIC, elements=TRIANGLES),
     "incompressible-ring": PLANE_STRAIN_RING,
