@@ -49,6 +49,41 @@ def quadrilaterals(
     return create_rectangle(comm, [lower, upper], divisions, CellType.quadrilateral)
 
 
+def on_lines(
+    comm: MPI.Comm,
+    x_lines: npt.NDArray[np.float64],
+    y_lines: npt.NDArray[np.float64],
+    cell: str,
+    pattern: Pattern = "right",
+) -> Mesh:
+    """Rectangle whose mesh lines are given.
+
+    Args:
+        comm: communicator.
+        x_lines: increasing coordinates (m,) of the lines x = constant.
+        y_lines: the same (n,) of the lines y = constant.
+        cell: "triangle" or "quadrilateral".
+        pattern: how rectangles are cut in triangles.
+
+    Raises:
+        ValueError: if lines do not increase, or the pattern is unknown.
+    """
+    if not (np.all(np.diff(x_lines) > 0) and np.all(np.diff(y_lines) > 0)):
+        raise ValueError("mesh lines have to increase")
+    divisions = (len(x_lines) - 1, len(y_lines) - 1)
+    corners = (0.0, 0.0), (float(divisions[0]), float(divisions[1]))
+
+    def placed(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        moved = x.copy()
+        for axis, lines in enumerate((x_lines, y_lines)):
+            moved[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
+        return moved
+
+    if cell == "triangle":
+        return mapped(triangles(comm, *corners, divisions, pattern), placed)
+    return mapped(quadrilaterals(comm, *corners, divisions), placed)
+
+
 def mapped(mesh: Mesh, image: Map) -> Mesh:
     """Moves the mesh's nodes, (n, 3) to (n, 3), in place; straight sides stay straight."""
     mesh.geometry.x[:] = image(mesh.geometry.x)

@@ -9,7 +9,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, State, support
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
-from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
+from pw_elements.meshes import Pattern, on_lines
 from study.cases import Case
 from study.contact_result import contact_result
 from study.elements import discretise
@@ -63,19 +63,7 @@ def _mesh(under_half: int, half_width: float, depth: float, pattern: Pattern, ce
     right = np.concatenate([np.linspace(0, HALF_PLATE, under_half + 1), beside[1:]])
     x_lines = np.concatenate([-right[:0:-1], right])
     y_lines = -_growing(smallest, depth)[::-1]
-    divisions = (len(x_lines) - 1, len(y_lines) - 1)
-
-    def placed(x: np.ndarray) -> np.ndarray:
-        moved = x.copy()
-        for axis, lines in enumerate((x_lines, y_lines)):
-            moved[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
-        return moved
-
-    rectangle = (MPI.COMM_SELF, (0.0, 0.0), divisions, divisions)
-    mesh = quadrilaterals(*rectangle)
-    if cell == "triangle":
-        mesh = triangles(*rectangle, pattern)
-    return mapped(mesh, placed)
+    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, pattern)
 
 
 def _growing(first: float, length: float) -> np.ndarray:

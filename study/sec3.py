@@ -1,7 +1,6 @@
 """3, 4, 6: the weight functions, Eqs (15)-(20), and the matrices made with them (Figs 1, 2)."""
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import basix.ufl
 import numpy as np
@@ -21,6 +20,7 @@ from pw_elements import (
 )
 from pw_elements.elements import PAPER_NODES
 from study.cases import Case
+from study.matrices import dense, relative_difference
 from study.store import Result
 
 TITLE = "The element: weight functions and matrices"
@@ -107,17 +107,19 @@ def element_matrices() -> Result:
             "initial_stress_uniform": body.initial_stress(uniform),
             "initial_stress_linear": body.initial_stress(uniform * x[1]),
         }
-        dense = {kind: _dense(assemble_matrix(form)) for kind, form in matrices.items()}
-        for kind, matrix in dense.items():
-            scalars[f"{name}_{kind}_unsymmetry"] = _relative(matrix, matrix.T)
-        scalars[f"{name}_rigid_motions"] = 12 - np.linalg.matrix_rank(dense["stiffness"], tol=1e-10)
-        rows = dense["mass"].sum(axis=1)[::2] / (DENSITY * _area(CORNERS))
+        entries = {kind: dense(assemble_matrix(form)) for kind, form in matrices.items()}
+        for kind, matrix in entries.items():
+            scalars[f"{name}_{kind}_unsymmetry"] = relative_difference(matrix, matrix.T)
+        scalars[f"{name}_rigid_motions"] = 12 - np.linalg.matrix_rank(
+            entries["stiffness"], tol=1e-10
+        )
+        rows = entries["mass"].sum(axis=1)[::2] / (DENSITY * _area(CORNERS))
         scalars[f"{name}_mass_row_vertex"] = rows[0]
         scalars[f"{name}_mass_row_midside"] = rows[3]
         if name == "pw":
             order = _mesh_nodes_in_paper_order(body.spaces.trial)
             by_hand = _stiffness_by_subelements(body.spaces.trial, order)
-            scalars["eq23_difference"] = _relative(dense["stiffness"], by_hand)
+            scalars["eq23_difference"] = relative_difference(entries["stiffness"], by_hand)
     return Result({name: float(value) for name, value in scalars.items()}, {}, dofs=12)
 
 
@@ -219,15 +221,6 @@ def _strain_matrix(gradients: Points) -> Points:
 def _area(corners: Points) -> float:
     (a, b), (c, d) = corners[1] - corners[0], corners[2] - corners[0]
     return float(abs(a * d - b * c) / 2)
-
-
-def _dense(matrix: PETSc.Mat) -> Points:
-    dense = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
-    return dense.getDenseArray().copy()
-
-
-def _relative(a: Points, b: Points) -> float:
-    return float(np.linalg.norm(a - b) / np.linalg.norm(a))
 
 
 CASES = [Case("3", "weights", weight_functions), Case("3", "matrices", element_matrices)]

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +22,7 @@ from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
 from pw_elements.recovery import force_transfer
 from study.cases import Case
 from study.elements import Discretisation, discretise
+from study.matrices import dense, relative_difference
 from study.store import Result
 from study.verification.t_identity import distorted
 
@@ -46,12 +46,12 @@ def element_matrix(element: str) -> Result:
     K = quadrilateral.stiffness
     scalars = {
         "unknowns": len(K),
-        "unsymmetry": _relative(K, K.T),
+        "unsymmetry": relative_difference(K, K.T),
         "rigid_motions": len(K) - np.linalg.matrix_rank(K, tol=1e-10),
     }
     for name, corners in (("square", SQUARE), ("distorted", CORNERS)):
         right = _Quadrilateral.of(element, corners, "right").stiffness
-        scalars[f"diagonal_{name}"] = _relative(
+        scalars[f"diagonal_{name}"] = relative_difference(
             right, _Quadrilateral.of(element, corners, "left").stiffness
         )
     curves: dict[str, np.ndarray] = {
@@ -86,11 +86,11 @@ def identity() -> Result:
         inner = mid_diagonal_nodes(body.space)
         reduction = Reduction.condensation(body.K, body.space, inner)
         kept = np.setdiff1d(np.arange(body.K.getSize()[0]), 2 * inner[:, None] + [0, 1])
-        condensed.append(_dense(reduction.matrix(body.K)))
-    T = _dense(force_transfer(body.space))[np.ix_(kept, kept)]
+        condensed.append(dense(reduction.matrix(body.K)))
+    T = dense(force_transfer(body.space))[np.ix_(kept, kept)]
     K, K_galerkin = condensed
-    scalars = {"difference": _relative(K, T @ K_galerkin)}
-    scalars["difference_without_T"] = _relative(K, K_galerkin)
+    scalars = {"difference": relative_difference(K, T @ K_galerkin)}
+    scalars["difference_without_T"] = relative_difference(K, K_galerkin)
     return Result(scalars, {}, dofs=len(K))
 
 
@@ -129,7 +129,7 @@ class _Quadrilateral:
         kept = np.delete(np.arange(len(nodes)), inner)
         order = np.lexsort(np.round(nodes[kept], 9).T)
         dofs = (2 * order[:, None] + np.arange(2)).ravel()
-        K = _dense(body.supports([]).matrix(body.K))[np.ix_(dofs, dofs)]
+        K = dense(body.supports([]).matrix(body.K))[np.ix_(dofs, dofs)]
         return cls(nodes, body.space.dofmap.list.copy(), inner, K)
 
 
@@ -150,15 +150,6 @@ def _square(cell: str, divisions: tuple[int, int], pattern: Pattern) -> Mesh:
 
 def _left_side(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
-
-
-def _dense(matrix: PETSc.Mat) -> Array:
-    dense = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
-    return np.array(dense.getDenseArray())
-
-
-def _relative(a: Array, b: Array) -> float:
-    return float(np.linalg.norm(a - b) / np.linalg.norm(a))
 
 
 QUADRILATERALS = ("pw-Q8", "pw-Q9")

@@ -15,7 +15,7 @@ from pw_elements import (
     boundary_measure,
     support,
 )
-from pw_elements.contact import ContactPair, FlatPunch, Motion, Parabola, Plane, solve_contact
+from pw_elements.contact import ContactPair, Parabola, Plane, solve_contact
 from pw_elements.meshes import mapped, triangles
 
 
@@ -111,54 +111,3 @@ class Greco:
         pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)
         (state,) = solve_contact(self.K, self.load, self.symmetry, [pair], self.space, **options)
         return state
-
-
-class Plate:
-    """Rigid plate of half width 1 on a body 40 x 10, finest elements under it, section 7.4."""
-
-    def __init__(self, method=Spaces.petrov_galerkin, build=triangles):
-        x = _growing(np.linspace(0.0, 1.0, 5), 20.0)
-        x = np.concatenate([-x[:0:-1], x])
-        y = 10.0 - _growing(np.array([0.0]), 10.0)[::-1]
-        n, m = len(x) - 1, len(y) - 1
-        pattern = ("left_right",) if build == triangles else ()
-        mesh = build(MPI.COMM_SELF, (0.0, 0.0), (n, m), (n, m), *pattern)
-
-        def graded(p):
-            return np.column_stack(
-                [np.interp(p[:, 0], range(n + 1), x), np.interp(p[:, 1], range(m + 1), y), p[:, 2]]
-            )
-
-        body = Body(method(mapped(mesh, graded)), Material(1.2e8, 0.25), State.PLANE_STRESS)
-        self.space = body.spaces.trial
-        self.K = assemble_matrix(body.stiffness())
-
-        def clamped(p):
-            return np.isclose(p[1], 0.0) | np.isclose(np.abs(p[0]), 20.0)
-
-        clamps = [support(self.space, i, clamped) for i in range(2)]
-        self.clamps = Reduction.dirichlet(self.space, clamps)
-
-    def right_half(self, mu, force=40.0):
-        """Nodes 0 <= x <= 1 in one step of the force: normal forces, positions, status."""
-        plate = FlatPunch((0, 10), (0, -1), 1.0)
-        pair = ContactPair(at(1, 10.0), plate, mu, [Motion((0, None), (0, -force))])
-        (state,) = solve_contact(self.K, self.K.createVecLeft(), self.clamps, [pair], self.space)
-        assert state.residuals.largest() < 1e-7  # displacements are 1e-8 of the coordinates
-        (contact,) = state.pairs
-        x = contact.position[:, 0]
-        half = (x > -1e-9) & (x < 1 + 1e-9)
-        return contact.force_normal[half], x[half], contact.status[half]
-
-
-def _growing(start, end, step=0.25, growth=1.4):
-    """Coordinates that go on from `start` to `end` with growing steps."""
-    x = list(start)
-    step *= growth if len(start) > 1 else 1.0
-    while x[-1] < end:
-        x.append(x[-1] + step)
-        step *= growth
-    if end - x[-2] < 0.6 * step / growth:
-        x.pop()
-    x[-1] = end
-    return np.array(x)

@@ -138,7 +138,6 @@ def solid():
 def tube():
     mesh = curved(triangles(comm, (1.0, 0.0), (2.0, 1.0), (6, 5)), distorted)
     body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.AXISYMMETRIC)
-    U = body.spaces.trial
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     numbers["tube_stiffness_norm"], numbers["tube_mass_norm"] = K.norm(), M.norm()
     W = fem.functionspace(mesh, macro_element("triangle"))
@@ -146,7 +145,6 @@ def tube():
     w.interpolate(lambda x: np.sin(x[0]) * x[1])
     integral = fem.assemble_scalar(fem.form(w**2 * ufl.dx))
     numbers["macro_integral"] = comm.allreduce(integral)
-    assert U.dofmap.index_map.size_global > 0
 
 
 beam(Spaces.galerkin, "galerkin")

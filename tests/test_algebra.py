@@ -23,6 +23,7 @@ from pw_elements import (
     support,
 )
 from pw_elements.algebra import factorise, symmetric_part
+from study.matrices import dense
 
 
 def left(x):
@@ -41,11 +42,6 @@ def problem(request):
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.surface_load((1.0, 0.2), boundary_measure(spaces.mesh, right)))
     return body, K, f
-
-
-def dense(matrix):
-    copy = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
-    return copy.getDenseArray().copy()
 
 
 def test_prescribed_values_against_dense_algebra(problem):

@@ -1,5 +1,4 @@
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import basix
 import basix.ufl
@@ -28,6 +27,7 @@ from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elements import composite_element
 from pw_elements.meshes import mapped, triangles
 from pw_elements.recovery import force_transfer
+from study.matrices import dense
 from study.verification.t_identity import distorted
 
 MATERIAL = Material(2.0, 0.3)
@@ -35,11 +35,6 @@ MATERIAL = Material(2.0, 0.3)
 
 def square(n=4, pattern="right"):
     return mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n), pattern), distorted)
-
-
-def dense(matrix):
-    copy = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
-    return np.array(copy.getDenseArray())
 
 
 def test_gradient_is_the_projection_of_the_piecewise_constant_one():

@@ -24,6 +24,7 @@ from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
 from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from study.elements import discretise
+from study.matrices import dense
 from study.verification.t_identity import distorted
 
 MATERIAL = Material(7.0, 0.3)
@@ -38,11 +39,6 @@ def square(cell, divisions=(3, 2), pattern="right"):
 
 def left(x):
     return np.isclose(x[0], 0.0)
-
-
-def dense(matrix):
-    copy = matrix.convert("dense", PETSc.Mat())  # outlives the view of its array
-    return np.array(copy.getDenseArray())
 
 
 @pytest.fixture(params=CONDENSED)

@@ -28,7 +28,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from tests.contact_cases import Greco, Plate, Punch, at
+from tests.contact_cases import Greco, Punch, at
 
 PW, GALERKIN = Spaces.petrov_galerkin, Spaces.galerkin
 DOWN = [Motion((0, -0.25 * k / 10)) for k in range(1, 11)]
@@ -85,33 +85,6 @@ def test_force_and_displacement_control_agree_and_the_punch_slides(fine_punch):
     # .0463 with a gap that does not follow the slide; .0481 with one that does
     assert states[-1].pairs[0].translation[0] == pytest.approx(0.0481, abs=1e-4)
     assert max(state.iterations for state in states[10:]) <= 4
-
-
-# halves of the nodal forces under the plate, from a prototype
-PLATE = {
-    "galerkin-T6": (GALERKIN, triangles, "1.029 2.066 1.070 2.189 1.163 2.543 1.449 3.386 5.620"),
-    "galerkin-Q8": (
-        Spaces.serendipity,
-        quadrilaterals,
-        "1.030 2.089 1.069 2.223 1.152 2.678 1.412 3.441 5.422",
-    ),
-    "pw-T6": (PW, triangles, "1.546 1.550 1.601 1.642 1.755 1.907 2.190 2.540 6.043"),
-}
-
-
-@pytest.mark.parametrize("case", PLATE)
-def test_plate_without_friction(case):
-    method, build, expected = PLATE[case]
-    force, _, _ = Plate(method, build).right_half(0.0)
-    assert force == pytest.approx([float(f) for f in expected.split()], abs=2e-3)
-
-
-def test_plate_with_friction():
-    force, x, status = Plate().right_half(np.tan(np.radians(20)))
-    expected = "1.663 1.664 1.718 1.772 1.892 2.018 2.311 2.457 5.336"
-    assert force == pytest.approx([float(f) for f in expected.split()], abs=3e-3)
-    assert x[status == STICK].max() == pytest.approx(0.75)
-    assert np.all(status != OPEN)
 
 
 @pytest.mark.parametrize("method", [PW, GALERKIN])

@@ -73,9 +73,6 @@ def test_orders_of_the_elements(problem):
         expected |= {("pw-Q8", "transposed"): 2, ("pw-Q8", "same"): 2}
     for (element, treatment), order in expected.items():
         result = problem(element, treatment, squares)
-        found = [
-            v for name, v in result.scalars.items() if name.startswith(("omega2", "vibration"))
-        ]
         names = [f"vibration_{n}" for n in (1, 2, 3)]
         if problem is not vibration.strip:
             names = vibration.EIGENVALUES

@@ -21,12 +21,13 @@ from pw_elements.contact import (
     Parabola,
     solve_contact,
 )
+from pw_elements.meshes import on_lines
 from pw_elements.recovery import ContactSurface
 from study.cases import Case
 from study.elements import Discretisation, discretise
 from study.store import Result
 from study.verification.friction import Cattaneo
-from study.verification.graded import growing, rectangle, with_counterpart
+from study.verification.graded import growing, with_counterpart
 from study.verification.half_space import Elastic
 
 TITLE = "Partial slip: Cattaneo and Mindlin"
@@ -222,7 +223,8 @@ def _mesh(zone_elements: int, cell: str) -> Mesh:
     half = np.linspace(0.0, ZONE, zone_elements + 1)
     half = np.concatenate([half, ZONE + growing(smallest, OUTER - ZONE, GROWTH)[1:]])
     x_lines = np.concatenate([-half[:0:-1], half])
-    lower = rectangle(x_lines, -growing(smallest, OUTER, GROWTH)[::-1], cell)
+    y_lines = -growing(smallest, OUTER, GROWTH)[::-1]
+    lower = on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
     return with_counterpart(lower, DISTANCE)
 
 

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from pw_elements import Material, State, reactions, support
 from pw_elements.contact import OPEN, ContactPair, ContactState, Motion, Surface, solve_contact
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import on_lines
 from pw_elements.recovery import ContactSurface, force_transfer, forces_along
 from study.elements import discretise
 from study.store import Result
@@ -146,16 +146,7 @@ def _mesh(lines: Array, side: float, cell: str) -> Mesh:
     sizes = np.diff(lines)
     x_lines = np.concatenate([lines, lines[-1] + growing(sizes[-1], side - lines[-1])[1:]])
     y_lines = -growing(sizes.min(), side)[::-1]
-    divisions = (len(x_lines) - 1, len(y_lines) - 1)
-
-    def placed(x: Array) -> Array:
-        moved = x.copy()
-        for axis, along in enumerate((x_lines, y_lines)):
-            moved[:, axis] = np.interp(x[:, axis], np.arange(len(along)), along)
-        return moved
-
-    build = triangles if cell == "triangle" else quadrilaterals
-    return mapped(build(MPI.COMM_SELF, (0.0, 0.0), divisions, divisions), placed)
+    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell)
 
 
 def _outer_conditions(

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -11,12 +12,13 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, State, support
 from pw_elements.contact import STICK, ContactPair, ContactState, FlatPunch, Motion, solve_contact
+from pw_elements.meshes import on_lines
 from study.cases import Case
 from study.contact_result import contact_result
 from study.elements import Discretisation, discretise
 from study.store import Result
 from study.verification.friction import SPENCE
-from study.verification.graded import growing, rectangle
+from study.verification.graded import growing
 from study.verification.half_space import Elastic
 
 TITLE = "Stick radius below a flat punch with friction"
@@ -126,7 +128,8 @@ def _mesh(elements: int, cell: str) -> Mesh:
     below = 2 / (1 + EDGE) * (s - (1 - EDGE) / 2 * s**2)
     smallest = below[-1] - below[-2]
     x_lines = np.concatenate([below, 1 + growing(smallest, OUTER - 1, GROWTH)[1:]])
-    return rectangle(x_lines, -growing(smallest, OUTER, GROWTH)[::-1], cell)
+    y_lines = -growing(smallest, OUTER, GROWTH)[::-1]
+    return on_lines(MPI.COMM_SELF, x_lines, y_lines, cell, "left_right")
 
 
 def _below(x: Array) -> npt.NDArray[np.bool_]:
