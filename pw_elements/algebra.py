@@ -90,7 +90,8 @@ class Reduction:
         """Drops the prescribed degrees of freedom; `conditions` are set on the trial space.
 
         Raises:
-            ValueError: if they leave nothing free, or a prescribed value is not finite.
+            ValueError: if they leave nothing free, a prescribed value is not finite, or a
+                condition was made on another space.
         """
         free, offset = _prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
@@ -115,8 +116,8 @@ class Reduction:
             conditions: Dirichlet conditions on the other nodes.
 
         Raises:
-            ValueError: if K couples inner nodes, a condition holds on one, nothing is left
-                free, or a prescribed value is not finite.
+            ValueError: if K couples inner nodes, a condition holds on one or was made on
+                another space, nothing is left free, or a prescribed value is not finite.
             SingularSystem: if an inner node has no stiffness.
         """
         free, offset = _prescribed(space, conditions)
@@ -260,24 +261,35 @@ def factorise(matrix: PETSc.Mat, symmetric: bool = False) -> PETSc.KSP:
     factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
     solver.setUp()
 
-    probe = matrix.createVecRight()
-    first, last = probe.getOwnershipRange()
-    probe.setArray(np.cos(np.arange(first, last, dtype=float)))  # no rigid motion, nor any mode
-    image, back = matrix.createVecLeft(), probe.duplicate()
-    matrix.mult(probe, image)
-    solver.solve(image, back)
-    back.axpy(-1.0, probe)
-    error = back.norm() / probe.norm()
-    null_pivots = factor.getMumpsInfog(28)
-    if null_pivots > 0 or not error < _LOST:
+    try:
+        check_factors(solver, matrix)
+    except SingularSystem as error:
         solver.destroy()
-        count = f"{null_pivots} zero pivots, " if null_pivots > 0 else ""
         raise SingularSystem(
-            f"the system matrix is singular ({count}a known solution came back with the relative "
-            f"error {error:.1e}): the supports leave a rigid motion free, or a node has no "
-            "stiffness; add Dirichlet conditions"
-        )
+            f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
+            "body is far too slender; add Dirichlet conditions"
+        ) from None
     return solver
+
+
+def check_factors(solver: PETSc.KSP, matrix: PETSc.Mat) -> None:
+    """Raises SingularSystem if MUMPS met zero pivots, or a known solution does not come back."""
+    known = matrix.createVecRight()
+    first, last = known.getOwnershipRange()
+    known.setArray(np.cos(np.arange(first, last, dtype=float)))  # no rigid motion, nor any mode
+    image, back = matrix.createVecLeft(), known.duplicate()
+    matrix.mult(known, image)
+    solver.solve(image, back)
+    back.axpy(-1.0, known)
+    error = back.norm() / known.norm()
+    null_pivots = solver.getPC().getFactorMatrix().getMumpsInfog(28)
+    if null_pivots > 0:
+        raise SingularSystem(f"the system matrix is singular, it has {null_pivots} zero pivots")
+    if not error <= _LOST:
+        raise SingularSystem(
+            "the system matrix is singular or too badly conditioned, a known solution came back "
+            f"with the relative error {error:.1e}"
+        )
 
 
 def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:
@@ -300,13 +312,14 @@ def _prescribed(
     """Which owned degrees of freedom are free, and the prescribed values (zero where free).
 
     Raises:
-        ValueError: if a prescribed value is not finite.
+        ValueError: if a prescribed value is not finite, or a condition is another space's.
     """
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned = index_map.size_local * block
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
     for condition in conditions:
+        _check_space(condition, space)
         dofs, first_ghost = condition.dof_indices()
         free[dofs[:first_ghost]] = False
         condition.set(values)
@@ -316,6 +329,18 @@ def _prescribed(
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
     return free, offset
+
+
+def _check_space(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a condition on another mesh, or on a space with other nodes."""
+    theirs = condition.function_space
+    other, own = theirs.dofmap.index_map, space.dofmap.index_map
+    same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
+    if theirs.mesh is not space.mesh._cpp_object or not same_nodes:
+        raise ValueError(
+            "a Dirichlet condition was made on another space: its degrees of freedom would be "
+            "taken for others here; make it on the trial space"
+        )
 
 
 def _check_any(chosen: npt.NDArray[np.bool_], space: fem.FunctionSpace, otherwise: str) -> None:

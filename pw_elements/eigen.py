@@ -18,8 +18,15 @@ _SPARE = 6
 # The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
 # each copy of a multiple rigid mode outgrows the elastic ones within a few steps
 _SHIFT = 1e-2
-# Eigenvalues below this, over that of a mode as short as an element, are zeros with round-off
-_RIGID = 1e-12
+# A slender body's lowest mode is far slower: where it is below this part of the shift, copies may
+# be missed, and the shift is taken to its size
+_SLENDER = 1e-3
+# Eigenvalues below this, over that of a mode as short as an element, are zeros with round-off.
+# Those of free bars, slender ones too, lie below 1e-16; a clamped one 500 times as long as high,
+# of elements as long as high, has 7e-13
+_RIGID = 2e-15
+# Values mu of buckling below this belong to motions without any initial stress
+_UNSTRESSED = 1e-10
 
 _UNSTABLE = (
     "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
@@ -103,13 +110,14 @@ def frequencies(
     if not (0 < mass < np.inf and 0 < stiffness < np.inf):
         raise NoModes("the mass or stiffness matrix is zero or not finite")
     short = stiffness / mass  # eigenvalue of a mode as short as an element
+    given = shift is not None
     if shift is None:
         shift = -_SHIFT * short / B.getSize()[0]
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
     B.axpy(-shift, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     mu, reduced, residuals = _largest(
-        A, B, count, symmetrised, _UNSTABLE if shift <= 0 else _TOO_HIGH, _SPARE
+        A, B, count, symmetrised, _UNSTABLE if shift <= 0 else _TOO_HIGH
     )
     if mu.real.min() <= 0:
         raise NoModes(
@@ -118,6 +126,9 @@ def frequencies(
     values = shift + short / mu
     rigid = np.abs(values) < _RIGID * short
     elastic = values[~rigid]
+    lowest = elastic.real.min(initial=np.inf)
+    if not given and 0 < lowest < -_SLENDER * shift:
+        return frequencies(K, M, reduction, count, symmetrised, -lowest)
     return VibrationModes(
         values.real,
         [_shape(reduction, mode) for mode in reduced],
@@ -159,9 +170,9 @@ def buckling(
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
     mu, reduced, residuals = _largest(A, B, count, symmetrised, _UNSTABLE)
-    if mu.real.min() <= 0:
+    if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
-            f"only {np.sum(mu.real > 0)} of {count} factors are positive: "
+            f"only {np.sum(mu.real > _UNSTRESSED)} of {count} factors are positive: "
             "the load pulls where it should press"
         )
     return BucklingModes(
@@ -173,18 +184,20 @@ def buckling(
 
 
 def _largest(
-    A: PETSc.Mat, B: PETSc.Mat, count: int, symmetric: bool, indefinite: str, spare: int = 0
+    A: PETSc.Mat, B: PETSc.Mat, count: int, symmetric: bool, indefinite: str
 ) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64]]:
     """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
 
-    The two d of a complex pair are the real and the imaginary part of one. `spare` more values
-    are to converge before it stops.
+    The two d of a complex pair are the real and the imaginary part of one.
 
     Raises:
+        ValueError: if less than one is asked for.
         SingularSystem: if B is singular.
         NoModes: if not all values converged, or B, which is to be symmetric, is not positive
             definite; `indefinite` says what that means.
     """
+    if count < 1:
+        raise ValueError(f"{count} eigenvalues: ask for one at least")
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
     solver = SLEPc.EPS().create(A.comm)
@@ -192,7 +205,7 @@ def _largest(
     kind = SLEPc.EPS.ProblemType
     solver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
     solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    solver.setDimensions(nev=min(count + spare, A.getSize()[0]))
+    solver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
     solver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
     inverse = factorise(B, symmetric=symmetric)
     if symmetric and inverse.getPC().getFactorMatrix().getInertia()[0] > 0:

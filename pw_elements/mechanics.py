@@ -45,7 +45,7 @@ class Material:
     """Isotropic elastic material; numbers, or UFL expressions where it varies in space.
 
     Raises:
-        ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2).
+        ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
     """
 
     youngs_modulus: Scalar
@@ -58,7 +58,7 @@ class Material:
             if _is_number(value) and not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} = {value}: has to be a positive number")
         nu = self.poissons_ratio
-        if _is_number(nu) and not -1 < nu < 0.5:
+        if _is_number(nu) and not -1 < nu <= 0.5:
             raise ValueError(f"poissons_ratio = {nu}: has to lie between -1 and 0.5")
 
 
@@ -69,13 +69,16 @@ class Body:
     Args:
         spaces: trial and test space of the displacements.
         material: elastic constants and density.
-        state: plane stress, plane strain, axisymmetric or solid.
+        state: a `State`, or its value as a string: "plane stress", "plane strain",
+            "axisymmetric" or "solid".
         thickness: t(x, y) of a plane body, number or UFL expression.
         quadrature_degree: exact degree is chosen for straight simplices with constant data,
             3 points a direction for straight quadrilaterals and 8 else, unless given.
 
     Raises:
-        ValueError: where dimension and state do not fit, or the thickness is not positive.
+        ValueError: where dimension and state do not fit, the mesh is a surface in space or
+            crosses the axis of rotation, an incompressible material is not in plane stress, or
+            the thickness is not positive.
     """
 
     spaces: Spaces
@@ -85,9 +88,27 @@ class Body:
     quadrature_degree: int | None = None
 
     def __post_init__(self) -> None:
-        dimension = self.spaces.mesh.geometry.dim
-        if (self.state is State.SOLID) != (dimension == 3):
+        if self.state not in list(State):
+            names = ", ".join(repr(state.value) for state in State)
+            if self.state not in [state.value for state in State]:
+                raise ValueError(f"state {self.state!r}: the states are {names}")
+            object.__setattr__(self, "state", State(self.state))
+        mesh = self.spaces.mesh
+        dimension = mesh.geometry.dim
+        if mesh.topology.dim != dimension:
+            raise ValueError(
+                f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
+                "its nodes as many coordinates as its cells have dimensions"
+            )
+        if (self.state is State.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
+        if self.state is State.AXISYMMETRIC:
+            radius = mesh.comm.allreduce(mesh.geometry.x[:, 0].min(initial=np.inf), MPI.MIN)
+            if radius < -_ROUND_OFF * np.abs(mesh.geometry.x).max(initial=0.0):
+                raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
+        nu = self.material.poissons_ratio
+        if self.state is not State.PLANE_STRESS and _is_number(nu) and nu == 0.5:
+            raise ValueError("poissons_ratio = 0.5: in plane stress only may it be 0.5")
         if _is_number(self.thickness) and not (np.isfinite(self.thickness) and self.thickness > 0):
             raise ValueError(f"thickness = {self.thickness}: has to be a positive number")
 
@@ -123,7 +144,10 @@ class Body:
         return self._integral(self._value(self.material.density) * ufl.inner(u, v), 4)
 
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
-        """Load of a traction vector (force per area), Eq (12), over a `boundary_measure`."""
+        """Load of a traction vector (force per area), Eq (12), over a `boundary_measure`.
+
+        Loads of several measures are added as vectors; a form may have one of them.
+        """
         v = ufl.TestFunction(self.spaces.test)
         return ufl.inner(self._vector(traction), v) * self._depth() * surface
 
@@ -242,8 +266,11 @@ def support(
     """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
 
     Raises:
-        ValueError: if there is no such node.
+        ValueError: if there is no such node, or no such component.
     """
+    components = space.dofmap.index_map_bs
+    if not 0 <= component < components:
+        raise ValueError(f"component {component}: the space has {components}, counted from 0")
     dofs = _nodes(space, where) * space.dofmap.index_map_bs + component
     return fem.dirichletbc(default_scalar_type(value), dofs, space.sub(component))
 
@@ -254,11 +281,12 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     It is the same for every test space with W_i(x_i) = 1.
 
     Raises:
-        ValueError: if there is no such node, or a component of the force is not finite.
+        ValueError: if there is no such node, or the force has another number of components
+            than the space, or one that is not finite.
     """
-    if not np.all(np.isfinite(force)):
-        raise ValueError(f"nodal force {list(force)}: every component has to be finite")
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    if len(force) != block or not np.all(np.isfinite(force)):
+        raise ValueError(f"nodal force {list(force)}: it needs {block} finite components")
     nodes = _nodes(space, where)
     nodes = nodes[nodes < index_map.size_local]
     first = index_map.local_range[0]

@@ -137,6 +137,13 @@ def test_refuses_what_is_not_finite_or_leaves_nothing_free(problem):
         Reduction.dirichlet(U, [support(U, 0, left, np.nan)])
     with pytest.raises(ValueError, match="no degree of freedom"):
         Reduction.dirichlet(U, [support(U, i, lambda x: x[0] > -1) for i in (0, 1)])
+    finer = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 6, 6)).trial
+    linear = fem.functionspace(body.spaces.mesh, ("Lagrange", 1, (2,)))
+    twin = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 3, 3)).trial
+    for other in (finer, linear, twin):
+        with pytest.raises(ValueError, match="made on another space"):
+            Reduction.dirichlet(U, [support(other, 0, left)])
+    Reduction.dirichlet(U, [support(body.spaces.test, 0, left)])  # its nodes are the same
     f.setValue(0, np.inf)
     f.assemble()
     with pytest.raises(ValueError, match="finite"):

@@ -2,6 +2,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
@@ -24,8 +25,8 @@ from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.elements import discretise
 from study.ex76 import HalfBeam, half_beam_body
 from study.exact import Strip
+from study.matrices import dense
 from study.verification.t_identity import distorted
-from tests.test_algebra import dense
 
 LENGTH, E = 4.0, 3.0
 
@@ -226,6 +227,33 @@ def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
     assert found == [min(count, rigid) for count in range(1, 9)]
 
 
+@pytest.mark.parametrize("slenderness", [100, 500, 1000])
+def test_slender_cantilever_is_not_taken_for_free(slenderness):
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (slenderness, 1.0), (slenderness, 1))
+    K, M, U = pair(Spaces.petrov_galerkin, mesh, State.PLANE_STRESS, Material(1.0))
+    clamped = Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)])
+    modes = frequencies(K, M, clamped, 2)
+    assert modes.rigid == 0
+    bernoulli = 1.8751040687**4 / 12 / slenderness**4
+    assert modes.eigenvalues[0] == pytest.approx(bernoulli, rel=2e-3)
+    assert frequencies(K, M, Reduction.dirichlet(U, []), 4).rigid == 3
+
+
+def test_double_buckling_factor_of_a_square_column():
+    mesh = create_box(
+        MPI.COMM_SELF, [(-0.5, -0.5, 0), (0.5, 0.5, 8)], (2, 2, 12), CellType.hexahedron
+    )
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0), State.SOLID)
+    U = body.spaces.trial
+    S = ufl.as_matrix(((0, 0, 0), (0, 0, 0), (0, 0, -1.0)))
+    K, K_sigma = (assemble_matrix(form) for form in (body.stiffness(), body.initial_stress(S)))
+    foot = Reduction.dirichlet(U, [support(U, i, lambda x: np.isclose(x[2], 0)) for i in range(3)])
+    first, second, third = buckling(K, K_sigma, foot, 3).factors
+    assert second == pytest.approx(first, rel=1e-9)
+    assert first == pytest.approx(np.pi**2 / (4 * 8**2) / 12, rel=0.02)  # Euler; shear lowers it
+    assert third > 8 * first
+
+
 @pytest.mark.parametrize("setting", BODIES)
 def test_lumped_mass_of_the_new_element(setting):
     make_mesh, state, rigid = BODIES[setting]
@@ -277,6 +305,8 @@ def test_frequencies_refuse_what_has_none():
         frequencies(K, M, free, 3, symmetrised=True, shift=high)
     with pytest.raises(NoModes, match="lie above the shift"):
         frequencies(K, M, free, M.getSize()[0], shift=high)
+    with pytest.raises(ValueError, match="0 eigenvalues: ask for one at least"):
+        frequencies(K, M, free, 0)
     with pytest.raises(NoModes, match="60 eigenvalues of 50 degrees of freedom"):
         frequencies(K, M, free, 60)
     M.scale(0.0)

@@ -1,10 +1,18 @@
 from mpi4py import MPI
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
+from dolfinx.mesh import (
+    CellType,
+    create_box,
+    create_mesh,
+    create_rectangle,
+    create_unit_interval,
+    exterior_facet_indices,
+)
 
 from pw_elements import (
     Body,
@@ -158,7 +166,7 @@ def test_rotation_costs_no_energy_but_the_geometric_one():
     [
         ({"youngs_modulus": 0.0}, "youngs_modulus"),
         ({"youngs_modulus": float("nan")}, "youngs_modulus"),
-        ({"youngs_modulus": 1.0, "poissons_ratio": 0.5}, "poissons_ratio"),
+        ({"youngs_modulus": 1.0, "poissons_ratio": 0.501}, "poissons_ratio"),
         ({"youngs_modulus": 1.0, "density": -1.0}, "density"),
     ],
 )
@@ -181,5 +189,39 @@ def test_refuses_bodies_that_make_no_sense():
         boundary_measure(spaces.mesh, nowhere)
     with pytest.raises(ValueError, match="no node"):
         support(spaces.trial, 0, nowhere)
-    with pytest.raises(ValueError, match="finite"):
-        nodal_load(spaces.trial, lambda x: np.isclose(x[0], 0), (np.inf, 0.0))
+    for force in ((np.inf, 0.0), (1.0, 0.0, 0.0), (1.0,)):
+        with pytest.raises(ValueError, match="needs 2 finite components"):
+            nodal_load(spaces.trial, lambda x: np.isclose(x[0], 0), force)
+    for component in (-1, 2):
+        with pytest.raises(ValueError, match=f"component {component}: the space has 2"):
+            support(spaces.trial, component, lambda x: np.isclose(x[0], 0))
+
+
+def test_state_may_be_a_word():
+    spaces = Spaces.galerkin(square())
+    assert Body(spaces, MATERIAL, "axisymmetric").state is State.AXISYMMETRIC
+    with pytest.raises(ValueError, match="'plane stres': the states are 'plane stress', "):
+        Body(spaces, MATERIAL, "plane stres")
+
+
+def test_incompressible_in_plane_stress_only():
+    spaces, rubber = Spaces.petrov_galerkin(square()), Material(2.0, 0.5)
+    K = assemble_matrix(Body(spaces, rubber, State.PLANE_STRESS).stiffness())
+    near = Body(spaces, Material(2.0, 0.5 - 1e-9), State.PLANE_STRESS)
+    assert (K - assemble_matrix(near.stiffness())).norm() < 1e-8 * K.norm()
+    with pytest.raises(ValueError, match="in plane stress only"):
+        Body(spaces, rubber, State.PLANE_STRAIN)
+
+
+def test_refuses_meshes_that_are_no_bodies():
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    geometry = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
+    shell = create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=corners, e=geometry)
+    with pytest.raises(ValueError, match="2-D cells in 3-D space is no body"):
+        Body(Spaces.galerkin(shell), MATERIAL, State.SOLID)
+    line = create_unit_interval(MPI.COMM_SELF, 3)
+    with pytest.raises(ValueError, match="a 1-D mesh cannot be in the state 'plane stress'"):
+        Body(Spaces.galerkin(line), MATERIAL, State.PLANE_STRESS)
+    across = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
+    with pytest.raises(ValueError, match=r"crosses the axis of rotation: its least r is -1\.0"):
+        Body(Spaces.galerkin(across), MATERIAL, State.AXISYMMETRIC)
