@@ -37,7 +37,7 @@ def test_normal_is_the_gradient_of_the_gap(name):
     x = RANDOM.uniform(-3, 3, (200, dim))
     normal = surface.normal(x)
     assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
-    h = 1e-6
+    h = 1e-5
     gradient = np.stack(
         [(surface.gap(x + h * e) - surface.gap(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=1
     )

@@ -47,7 +47,8 @@ class History:
             raise ContactNotConverged(
                 f"the iteration runs through the same {len(cycle) - 1} active sets again, also "
                 "when the nodes concerned change one at a time: there may be no solution, or "
-                "several (large friction); smaller increments may help"
+                "several (large friction); smaller increments, or a start from the states of a "
+                "smaller friction, may help"
             )
         self._slow |= cycling
         self._visited.clear()

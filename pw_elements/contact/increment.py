@@ -37,6 +37,8 @@ _ROUND_OFF = 1e-13
 _EPSILON = 4 * float(np.finfo(float).eps)
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING = 1e-9
+# How often nodes that had let go are asked to hold the body once more, in an increment
+_RESCUES = 3
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,7 @@ class Increment:
         self.load = self.reduction.load(K, load)
         self.prescribed, self.totals, self.past = prescribed, totals, past
         self.max_iterations = max_iterations
+        self.lost_holds: list[FreeBody] = []
         self.scale = system.stiffness_scale()
 
     def run(self, start: ContactState | None) -> tuple[ContactState, ReferenceState]:
@@ -105,6 +108,14 @@ class Increment:
         Raises:
             FreeBody, NotUnique, ContactNotConverged: as `solve_contact` says.
         """
+        try:
+            return self._iterated(start)
+        except ContactNotConverged:
+            if self.lost_holds:  # and nothing that was tried instead held the body
+                raise self.lost_holds[-1] from None
+            raise
+
+    def _iterated(self, start: ContactState | None) -> tuple[ContactState, ReferenceState]:
         translations = self._first_translations(start)
         self.nodes.check_supports(translations)
         past = self.past
@@ -118,6 +129,7 @@ class Increment:
                 place, linear = self._geometry(now.translations, now.displacement, now.force), place
                 now = self._seen(now.reduced, now.translations, place)
                 if self._violation(now) <= 1:
+                    self.nodes.check_supports(now.translations)
                     return self._finish(now, iteration)
                 active = _turned(active, linear.frame, place.frame)
                 history = History(self.system.comm)
@@ -238,13 +250,17 @@ class Increment:
     def _violation(self, now: Iterate) -> float:
         """Largest violation of law and balance over what is allowed."""
         comm = self.system.comm
-        wrong = np.abs(now.contact.violation()).max(initial=0.0)
-        round_off = _ROUND_OFF * np.abs(now.displacement) + _EPSILON * np.abs(self.nodes.position)
-        lost = comm.allreduce((self.scale[:, None] * round_off).max(initial=0.0), MPI.MAX)
+        wrong = np.nan_to_num(np.abs(now.contact.violation()), nan=np.inf).max(initial=0.0)
         largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
         wrong = comm.allreduce(wrong, MPI.MAX)
-        allowed = _TOLERANCE * largest + lost
-        return wrong / allowed if wrong > 0 else 0.0
+        allowed = _TOLERANCE * largest + self._lost(now)
+        return float(wrong / allowed) if wrong > 0 else 0.0
+
+    def _lost(self, now: Iterate) -> float:
+        """Force that may be nothing but round-off."""
+        round_off = _ROUND_OFF * np.abs(now.displacement) + _EPSILON * np.abs(self.nodes.position)
+        lost = (self.scale[:, None] * round_off).max(initial=0.0)
+        return float(self.system.comm.allreduce(lost, MPI.MAX))
 
     # -- rigid motions -------------------------------------------------------------------------
 
@@ -257,7 +273,8 @@ class Increment:
         """The new set, less the changes by which the body would lose its last hold.
 
         Of the nodes that let go, those that violate the law least are kept for one more
-        iteration, as many as it takes.
+        iteration, as many as it takes. If they do not suffice, nodes that slipped before stick,
+        or an open pair lands: a body may let go at one end to be held by another.
         """
         motions = self._free_motions(new, contact.frame)
         if not motions:
@@ -272,10 +289,31 @@ class Increment:
             if not self._free_motions(candidate, contact.frame):
                 return candidate
             count //= 2
-        raise FreeBody(
+        lost_hold = FreeBody(
             f"{' and '.join(motions)}: the loads lift or drag the body off, nothing holds it once "
             f"the nodes that would have to pull are open and the others slip ({self._count(new)})"
         )
+        if len(self.lost_holds) < _RESCUES:
+            self.lost_holds.append(lost_hold)
+            gripping = (new.status == SLIP) & ~loosened & (self.nodes.friction > 0)
+            stuck = self._sticking(gripping)
+            candidate = mixed(gripping, stuck, new)
+            landing = self._landing(new, contact.gap)
+            for held in (candidate, mixed(landing, self._sticking(landing), candidate)):
+                if not self._free_motions(held, contact.frame):
+                    return held
+        raise lost_hold
+
+    def _landing(self, active: ActiveSet, gap: Array) -> Mask:
+        """The nearest node of each pair that is open everywhere."""
+        landing = np.zeros(len(gap), dtype=bool)
+        for k in range(len(self.nodes.pairs)):
+            mine = (self.nodes.pair == k) & np.isfinite(gap)
+            closed = int(np.any(active.status[mine] != OPEN))
+            nearest = self.system.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
+            if not self.system.comm.allreduce(closed, MPI.MAX):
+                landing |= mine & (gap <= nearest)
+        return landing
 
     def _count(self, active: ActiveSet) -> str:
         counts = [
@@ -308,9 +346,13 @@ class Increment:
         friction, slip = np.linalg.norm(tangential, axis=1), np.linalg.norm(contact.slip, axis=1)
         limit = self.nodes.friction * contact.force[:, 0]
         against = slip[:, None] * tangential + limit[:, None] * contact.slip
-        force = largest(np.linalg.norm(now.force, axis=1)) or 1.0
-        moved = now.displacement - self.nodes.shifts(now.translations)
-        length = largest(np.linalg.norm(moved, axis=1)) or 1.0
+        force = largest(np.linalg.norm(now.force, axis=1))
+        moved = np.concatenate([now.displacement, self.nodes.shifts(now.translations)])
+        length = largest(np.linalg.norm(moved, axis=1))
+        if force <= self._lost(now):
+            force = 1.0
+        if length <= _EPSILON * largest(np.abs(self.nodes.position)):
+            length = 1.0
         pressed = contact.force[:, 0]
         apart = np.where(np.isfinite(contact.gap), contact.gap, 0.0) / length
         balance = np.abs(self.system.totals(now.force) - self.totals)

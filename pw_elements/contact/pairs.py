@@ -8,7 +8,8 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.errors import listed
@@ -21,6 +22,8 @@ Array = npt.NDArray[np.float64]
 _PENETRATION = 1e-6
 # Largest normal component of a prescribed displacement, a cosine
 _TANGENTIAL = 1e-8
+# Largest difference of a normal's length from one
+_UNIT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -66,15 +69,15 @@ class ContactPair:
     """Nodes of the body that may touch a rigid surface.
 
     Args:
-        nodes: marker of their positions, or their local numbers in the space (ghosts are
-            passed over, so that every process may give all it knows).
+        nodes: marker of their positions, or their local numbers in the space, or a mask of
+            these (ghosts are passed over, so that every process may give all it knows).
         surface: the rigid surface at its initial place.
         friction: Coulomb's mu, or a function of positions (3, n) that gives it per node. A
             node between a smooth and a rough part is thereby assigned to one of them.
         motions: one per increment; the surface rests where there are none.
     """
 
-    nodes: Marker | npt.NDArray[np.int32]
+    nodes: Marker | npt.NDArray[np.int32] | npt.NDArray[np.bool_]
     surface: Surface
     friction: float | Callable[[Array], Array] = 0.0
     motions: Sequence[Motion] = ()
@@ -110,21 +113,28 @@ class ContactNodes:
         """Looks the nodes up and checks what can be checked before any computation.
 
         Raises:
-            ValueError: for no nodes, a node in two pairs, friction that is negative or not a
-                number, a prescribed normal displacement, or a surface that cuts the body.
+            ValueError: for no nodes, a node that does not exist, lies inside of the body or
+                in two pairs, friction that is negative or not a number, a prescribed normal
+                displacement, a surface of another dimension, without gap or unit normal at a
+                node, or one that cuts the body.
         """
         dim = space.mesh.geometry.dim
         if space.dofmap.index_map_bs != dim:
             raise ValueError("contact is stated on displacements: the space has to be a vector's")
         if not pairs:
             raise ValueError("there is no contact pair")
-        owned = space.dofmap.index_map.size_local
+        for k, pair in enumerate(pairs):
+            _check_dimension(k, pair.surface, dim)
+        comm = space.mesh.comm
         x = space.tabulate_dof_coordinates()
-        found = [_owned_nodes(pair, space, owned) for pair in pairs]
+        found = [_owned_nodes(k, pair, space) for k, pair in enumerate(pairs)]
         node = np.concatenate(found).astype(np.int32)
         number = np.repeat(np.arange(len(pairs), dtype=np.int32), [len(f) for f in found])
-        friction = np.concatenate(
-            [_friction(pair, x[f].T) for pair, f in zip(pairs, found, strict=True)]
+        friction = _together(
+            comm,
+            lambda: np.concatenate(
+                [_friction(pair, x[f].T) for pair, f in zip(pairs, found, strict=True)]
+            ),
         )
         nodes = cls(
             pairs,
@@ -133,8 +143,9 @@ class ContactNodes:
             x[node, :dim],
             friction,
             _columns(reduction, node, dim),
-            space.mesh.comm,
+            comm,
         )
+        nodes.refuse(~_on_boundary(space)[node], "lie inside of the body, not on its boundary")
         nodes.check(_diagonal(space))
         return nodes
 
@@ -157,8 +168,11 @@ class ContactNodes:
 
     def check_supports(self, translations: Array | None) -> None:
         """Raises ValueError if a node that a surface faces cannot move along its normal."""
-        normal, faced = self.normals(translations), np.isfinite(self.gaps(translations))
-        self.refuse(np.any(~np.isfinite(normal), axis=1), "see a surface without a finite normal")
+        normal, gap = self.normals(translations), self.gaps(translations)
+        self.refuse(np.isnan(gap), "see a surface whose gap is not a number")
+        faced = np.isfinite(gap)
+        length = np.linalg.norm(normal, axis=1)
+        self.refuse(~(np.abs(length - 1) < _UNIT), "see a surface whose normal is no unit vector")
         held = np.abs(np.where(self.column < 0, normal, 0.0)).max(axis=1, initial=0) > _TANGENTIAL
         self.refuse(
             held & faced, "have a prescribed normal displacement: they cannot be in contact"
@@ -197,19 +211,80 @@ class ContactNodes:
     ) -> Array:
         x = self.position - self.shifts(translations)
         values = np.empty((len(x), *shape))
-        for k, pair in enumerate(self.pairs):
-            mine = self.pair == k
-            if mine.any():
-                values[mine] = ask(pair.surface, x[mine])
-        return values
+
+        def fill() -> Array:
+            for k, pair in enumerate(self.pairs):
+                mine = self.pair == k
+                if mine.any():
+                    values[mine] = ask(pair.surface, x[mine])
+            return values
+
+        return _together(self.comm, fill)
 
 
-def _owned_nodes(pair: ContactPair, space: fem.FunctionSpace, owned: int) -> npt.NDArray[np.int32]:
+def _together(comm: MPI.Comm, ask: Callable[[], Array]) -> Array:
+    """What the user's functions give; where they fail on one process, all of them stop.
+
+    Raises:
+        ValueError: on the other processes.
+    """
+    error, values = None, np.empty(0)
+    try:
+        values = ask()
+    except Exception as raised:
+        error = raised
+    if comm.allreduce(int(error is not None), MPI.MAX):
+        raise error or ValueError("a surface or friction function failed on another process")
+    return values
+
+
+def _check_dimension(number: int, surface: Surface, dim: int) -> None:
+    for name in ("point", "direction", "apex", "centre"):
+        vector = getattr(surface, name, None)
+        if vector is not None and len(vector) != dim:
+            raise ValueError(
+                f"contact pair {number}: the {name} of its surface has {len(vector)} components "
+                f"in {dim}-D"
+            )
+
+
+def _owned_nodes(number: int, pair: ContactPair, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Local numbers of a pair's nodes that this process owns.
+
+    Raises:
+        ValueError: for numbers that are no node's.
+    """
+    index_map = space.dofmap.index_map
     if callable(pair.nodes):
         nodes = fem.locate_dofs_geometrical(space, pair.nodes)
-    else:
-        nodes = np.unique(np.asarray(pair.nodes, dtype=np.int32))
-    return nodes[nodes < owned]
+        return nodes[nodes < index_map.size_local]
+    nodes, known = np.asarray(pair.nodes), index_map.size_local + index_map.num_ghosts
+    wrong = False
+    if nodes.dtype == bool:
+        wrong = len(nodes) != known
+        nodes = np.flatnonzero(nodes)
+    elif len(nodes):
+        wrong = nodes.min() < 0 or nodes.max() >= known
+    if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
+        raise ValueError(
+            f"contact pair {number}: its nodes are no local numbers of the space's {known} nodes, "
+            "nor a mask of these"
+        )
+    nodes = np.unique(nodes).astype(np.int32)
+    return nodes[nodes < index_map.size_local]
+
+
+def _on_boundary(space: fem.FunctionSpace) -> npt.NDArray[np.bool_]:
+    """Which owned nodes lie on an exterior facet, of whichever process."""
+    mesh = space.mesh
+    facet = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(facet, mesh.topology.dim)
+    facets = exterior_facet_indices(mesh.topology)
+    count = la.vector(space.dofmap.index_map, 1)
+    count.array[:] = 0.0
+    count.array[fem.locate_dofs_topological(space, facet, facets, remote=False)] = 1.0
+    count.scatter_reverse(la.InsertMode.add)
+    return np.asarray(count.array[: space.dofmap.index_map.size_local] > 0)
 
 
 def _friction(pair: ContactPair, x: Array) -> Array:

@@ -19,6 +19,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.checks import check_mesh
+from pw_elements.contact.errors import ContactNotConverged, FreeBody, NotUnique
 from pw_elements.contact.increment import Increment, ReferenceState
 from pw_elements.contact.pairs import ContactNodes, ContactPair
 from pw_elements.contact.rigid import RigidMotions
@@ -32,9 +33,9 @@ def solve_contact(
     K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
     reduction: Reduction,
-    pairs: Sequence[ContactPair],
+    pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
-    start: Sequence[ContactState] = (),
+    start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
@@ -53,14 +54,20 @@ def solve_contact(
 
     Raises:
         ValueError: for input that states no contact problem (see `ContactNodes.collect`),
-            loads that are not finite, or motions or starts that are not one per increment.
+            loads that are not finite, motions or starts that are not one per increment, or no
+            iterations.
         DegenerateMesh: for cells without volume or turned inside out.
         FreeBody: if a rigid motion is held by nothing, or no longer once the nodes that
             would pull have opened and those that cannot hold have slipped.
         NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
         ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+        The last three name the increment, counted from 0.
     """
     loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
+    pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
+    start = [start] if isinstance(start, ContactState) else list(start)
+    if max_iterations < 1:
+        raise ValueError(f"max_iterations = {max_iterations}: one at least")
     check_mesh(space.mesh)
     nodes = ContactNodes.collect(pairs, space, reduction)
     _check_increments(loads, pairs, space.mesh.geometry.dim, start)
@@ -77,7 +84,10 @@ def solve_contact(
             systems[free] = system, RigidMotions(system, space)
         totals = np.array([forces[at] for at in free])
         step = Increment(*systems[free], K, load, prescribed, totals, past, max_iterations)
-        state, past = step.run(start[k] if start else None)
+        try:
+            state, past = step.run(start[k] if start else None)
+        except (FreeBody, NotUnique, ContactNotConverged) as error:
+            raise type(error)(f"increment {k}: {error}") from error
         states.append(state)
     return states
 

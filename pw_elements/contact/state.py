@@ -49,7 +49,8 @@ class Residuals:
     """How well each condition holds, largest value over all nodes.
 
     Forces over the largest nodal contact force, lengths over the largest displacement of a
-    contact node; a contact without any force or displacement is measured in its own units.
+    contact node or its surface; a contact without any force or displacement but round-off is
+    measured in its own units.
 
     Args:
         equilibrium: unbalanced force of nodes that are not in contact.

@@ -23,7 +23,7 @@ class Surface(Protocol):
         ...
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, dim) in which the surface pushes a point at x; finite everywhere."""
+        """Unit vectors (n, dim) in which the surface pushes a point at x, anywhere."""
         ...
 
 
@@ -237,8 +237,11 @@ class Polyline:
 class SignedDistance:
     """A surface given as a function of points: positive in the body, negative in the rigid.
 
+    The gap is the function over the size of its gradient, which near the surface is the
+    distance whatever the function's scale: x² + y² - R² will do for a circle.
+
     Args:
-        function: (n, dim) to (n,); a distance at first order near the surface.
+        function: (n, dim) to (n,), zero on the surface; infinite where nothing faces x.
         gradient: (n, dim) to (n, dim); by central differences unless given.
         step: of the differences, a small part of the smallest radius of the surface.
     """
@@ -248,16 +251,27 @@ class SignedDistance:
     step: float = 1e-6
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """The function's value (n,)."""
-        return np.asarray(self.function(x), dtype=float)
+        """Distance (n,) at first order."""
+        value = np.asarray(self.function(x), dtype=float)
+        faced = np.isfinite(value)
+        gap = value.copy()
+        gap[faced] = value[faced] / np.linalg.norm(self._slope(x[faced]), axis=1)
+        return gap
 
     def normal(self, x: Points) -> Points:
-        """The gradient's unit vectors (n, dim)."""
+        """The gradient's unit vectors (n, dim); any where nothing faces x."""
+        faced = np.isfinite(np.asarray(self.function(x), dtype=float))
+        normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
+        normal[faced] = _normalised(self._slope(x[faced]))
+        return normal
+
+    def _slope(self, x: Points) -> Points:
+        """Gradient (n, dim)."""
         if self.gradient is not None:
-            return _normalised(np.asarray(self.gradient(x), dtype=float))
+            return np.asarray(self.gradient(x), dtype=float)
         steps = self.step * np.eye(x.shape[1])
         differences = [self.function(x + h) - self.function(x - h) for h in steps]
-        return _normalised(np.stack(differences, axis=1))
+        return np.stack(differences, axis=1) / (2 * self.step)
 
 
 def _unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
