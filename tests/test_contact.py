@@ -18,7 +18,17 @@ from pw_elements import (
     boundary_measure,
     support,
 )
-from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, solve_contact
+from pw_elements.contact import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactPair,
+    Motion,
+    Plane,
+    SignedDistance,
+    Sphere,
+    solve_contact,
+)
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, at
 
@@ -250,3 +260,86 @@ def test_tilted_world_gives_the_same_contact():
         tangential = b.pairs[0].force_tangential @ turn.T
         assert a.pairs[0].force_tangential == pytest.approx(tangential, abs=1e-9)
         assert a.pairs[0].status.tolist() == b.pairs[0].status.tolist()
+
+
+def test_residuals_of_contacts_without_force_or_displacement():
+    block, nothing = Block(4), Block(4).K.createVecLeft()
+    pressed = block.pulled(0.0, increments=1)[0]
+    foot = Reduction.dirichlet(block.space, [support(block.space, 0, at(0, 0.0))])
+    states = solve_contact(
+        block.K, [pressed, nothing, pressed], foot, [block.pair(0.3)], block.space
+    )
+    assert max(state.residuals.largest() for state in states) < 1e-9
+    # all nodes stick between two walls, and never move against them
+    walls = [
+        ContactPair(
+            at(0, 0.0), Plane((0, 0), (1, 0)), 2.0, [Motion((0.01 * k, 0)) for k in (1, 2)]
+        ),
+        ContactPair(
+            at(0, 4.0), Plane((4, 0), (-1, 0)), 2.0, [Motion((-0.01 * k, 0)) for k in (1, 2)]
+        ),
+    ]
+    states = solve_contact(block.K, [nothing] * 2, block.free, walls, block.space)
+    assert all(np.all(pair.status == STICK) for state in states for pair in state.pairs)
+    assert max(state.residuals.largest() for state in states) < 1e-9
+
+
+@pytest.mark.parametrize("gap", [1e-4, 0.01, 0.2])
+@pytest.mark.parametrize("force", [1.0, 100.0])
+def test_block_tips_from_one_pad_to_another(gap, force):
+    """Held by friction on three pads, the right one lower by a gap, and loaded left, then right."""
+    block = Block(16)
+
+    def pad(low, high, level):
+        def marker(x):
+            return np.isclose(x[1], 0) & (x[0] > low - 1e-9) & (x[0] < high + 1e-9)
+
+        return ContactPair(marker, Plane((0, -level), (0, 1)), 0.3)
+
+    pads = [pad(0, 0.5, 0.0), pad(1.75, 2.25, 0.0), pad(3.5, 4.0, gap)]
+    left = block.load((0, -force), lambda x: np.isclose(x[1], 2) & (x[0] < 1 + 1e-9))
+    right = block.load((0, -force), lambda x: np.isclose(x[1], 2) & (x[0] > 3 - 1e-9))
+    states = solve_contact(block.K, [left, right], block.free, pads, block.space)
+    for state, x in zip(states, (0.5, 3.5), strict=True):
+        assert state.residuals.largest() < 1e-8
+        normal = np.concatenate([pair.force_normal for pair in state.pairs])
+        place = np.concatenate([pair.position[:, 0] for pair in state.pairs])
+        assert normal.sum() == pytest.approx(force, rel=1e-7)
+        assert normal @ place == pytest.approx(force * x, rel=2e-2)  # and friction's arm
+    assert states[1].pairs[2].force[1] > 0
+
+
+def test_any_level_set_is_a_surface():
+    block = Block(16)
+    foot = Reduction.dirichlet(block.space, [support(block.space, i, at(1, 2.0)) for i in (0, 1)])
+    centre, radius = np.array([2.0, -5.0]), 5.0
+    up = [Motion((0, 0.02))]
+    quadric = SignedDistance(lambda x: np.sum((x - centre) ** 2, axis=1) - radius**2)
+    circle, level_set = (
+        solve_contact(
+            block.K,
+            block.K.createVecLeft(),
+            foot,
+            ContactPair(at(1, 0.0), surface, 0.3, up),
+            block.space,
+        )[0].pairs[0]
+        for surface in (Sphere(centre, radius), quadric)
+    )
+    assert level_set.force == pytest.approx(circle.force, rel=0.01)
+
+
+def test_level_set_may_face_a_part_only():
+    def low(x):
+        return np.where(np.abs(x[:, 0] - 2.0) < 1.0, x[:, 1], np.inf)
+
+    block = Block(8)
+    (state,) = solve_contact(
+        block.K,
+        block.pressure,
+        block.free,
+        ContactPair(at(1, 0.0), SignedDistance(low), 0.3),
+        block.space,
+    )
+    (pair,) = state.pairs
+    assert np.all((pair.status != OPEN) <= (np.abs(pair.position[:, 0] - 2.0) < 1.0))
+    assert pair.force[1] == pytest.approx(800)

@@ -24,6 +24,7 @@ from pw_elements.contact import (
     FreeBody,
     Motion,
     NotUnique,
+    Parabola,
     Plane,
     Sphere,
     solve_contact,
@@ -267,3 +268,67 @@ def test_prescribed_values_have_to_be_tangential_for_every_pair():
     wall = ContactPair(at(0, 0.0), Plane((0, 0), (1, 0)))
     with pytest.raises(ValueError, match="prescribed normal displacement"):
         solved(wall, reduction=Reduction.dirichlet(BLOCK.space, [left]))
+
+
+class Gap:
+    """A surface whose gap and normal are given."""
+
+    def __init__(self, gap, normal=(0.0, 1.0)):
+        self.gap, self._normal = gap, normal
+
+    def normal(self, x):
+        return np.tile(np.asarray(self._normal), (len(x), 1))
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_gap_that_is_no_number_is_refused_wherever_it_comes_up():
+    with pytest.raises(ValueError, match=r"\(0, 0\).* see a surface whose gap is not a number"):
+        solved(ContactPair(at(1, 0.0), Gap(lambda x: np.sqrt(x[:, 0] - 0.1))))
+    arc = Gap(lambda x: x[:, 1] - np.sqrt(36 - (x[:, 0] - 2.0) ** 2) + 6.0)
+    moved = ContactPair(at(1, 0.0), arc, 0.3, [Motion((0, 0)), Motion((-5, 0))])
+    with pytest.raises(ValueError, match="gap is not a number"):
+        solved(moved, [BLOCK.pressure] * 2)
+
+
+@pytest.mark.parametrize("normal", [(0.0, 2.0), (0.0, 0.0), (np.nan, 1.0)])
+def test_normal_has_to_be_a_unit_vector(normal):
+    with pytest.raises(ValueError, match="whose normal is no unit vector"):
+        solved(ContactPair(at(1, 0.0), Gap(lambda x: x[:, 1], normal)))
+
+
+def test_surface_has_the_dimension_of_the_body():
+    with pytest.raises(
+        ValueError, match="pair 0: the point of its surface has 3 components in 2-D"
+    ):
+        solved(ContactPair(at(1, 0.0), Plane((0, 0, 0), (0, 1, 0))))
+    with pytest.raises(ValueError, match="the apex of its surface has 1 components in 2-D"):
+        solved(ContactPair(at(1, 0.0), Parabola((0.0,), -1.0)))
+
+
+def test_nodes_by_number_and_by_mask():
+    marked = np.isclose(BLOCK.space.tabulate_dof_coordinates()[:, 1], 0.0)
+    (state,) = solved(floor())
+    for nodes in (marked, np.flatnonzero(marked)):
+        (again,) = solved(ContactPair(nodes, FLOOR, 0.3))
+        assert again.pairs[0].force_normal == pytest.approx(state.pairs[0].force_normal)
+    count = len(marked)
+    for nodes in ([-1], [count], marked[:-1]):
+        with pytest.raises(ValueError, match=f"no local numbers of the space's {count} nodes"):
+            solved(ContactPair(np.array(nodes), FLOOR))
+    with pytest.raises(ValueError, match="lie inside of the body, not on its boundary"):
+        solved(ContactPair(lambda x: x[1] < 0.6, FLOOR))
+
+
+def test_error_names_its_increment():
+    lifted = BLOCK.pressure * -1.0
+    with pytest.raises(FreeBody, match=r"^increment 2: "):
+        solved(floor(), [BLOCK.pressure, BLOCK.pressure, lifted])
+
+
+def test_one_pair_and_one_start_need_no_list():
+    pair = floor()
+    (state,) = solve_contact(BLOCK.K, BLOCK.pressure, BLOCK.free, pair, BLOCK.space)
+    (again,) = solve_contact(BLOCK.K, BLOCK.pressure, BLOCK.free, pair, BLOCK.space, state)
+    assert again.iterations == 1
+    with pytest.raises(ValueError, match="max_iterations = 0: one at least"):
+        solved(floor(), max_iterations=0)
