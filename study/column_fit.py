@@ -47,14 +47,14 @@ def distances(column: Section) -> npt.NDArray[np.float64]:
 
 def fitted(start: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Lengths (8,) that fit, to 0.01 mm."""
+    first = np.asarray(start, dtype=float)
 
     def residuals(factors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        misfit = distances(section(start * factors)).ravel()
+        misfit = distances(section(first * factors)).ravel()
         return np.append(misfit, WEIGHT_OF_CHANGE * (factors - 1))
 
-    start = np.asarray(start)
-    fit = least_squares(residuals, np.ones(len(start)), diff_step=1e-4, xtol=1e-4, ftol=1e-4)
-    return np.round(start * fit.x, 5)
+    fit = least_squares(residuals, np.ones(len(first)), diff_step=1e-4, xtol=1e-4, ftol=1e-4)
+    return np.asarray(np.round(first * fit.x, 5))
 
 
 def main() -> None:
@@ -62,8 +62,9 @@ def main() -> None:
     for name, start in STARTS.items():
         lengths = fitted(start)
         print(f"{name}: radii {lengths[:4].tolist()} m, heights {lengths[4:].tolist()} m")
-        for printed, row in zip(ELEMENT, distances(section(lengths)), strict=True):
-            print(f"  {printed:20s}", *(f"{value:+7.3f} %" for value in row))
+        found = distances(section(lengths))
+        for row, printed in enumerate(ELEMENT):
+            print(f"  {printed:20s}", *(f"{distance:+7.3f} %" for distance in found[row, :]))
 
 
 if __name__ == "__main__":

@@ -228,7 +228,8 @@ def _together(comm: MPI.Comm, ask: Callable[[], Array]) -> Array:
     Raises:
         ValueError: on the other processes.
     """
-    error, values = None, np.empty(0)
+    error: Exception | None = None
+    values: Array = np.empty(0)
     try:
         values = ask()
     except Exception as raised:

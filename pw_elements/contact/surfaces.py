@@ -271,7 +271,7 @@ class SignedDistance:
             return np.asarray(self.gradient(x), dtype=float)
         steps = self.step * np.eye(x.shape[1])
         differences = [self.function(x + h) - self.function(x - h) for h in steps]
-        return np.stack(differences, axis=1) / (2 * self.step)
+        return np.asarray(np.stack(differences, axis=1) / (2 * self.step), dtype=float)
 
 
 def _unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
