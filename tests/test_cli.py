@@ -284,10 +284,12 @@ def test_killed_worker_is_named_and_finished_results_are_kept(run, toy, out, cap
 
 
 DRIVER = """
+import signal
 import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     import pytest
     from tests.toystudy import install
     folder = Path(sys.argv[2])

@@ -49,7 +49,8 @@ class Page(HTMLParser):
 
 
 def row(html, id):
-    (one,) = [part for part in html.split("<tr") if f"<code>{id}</code>" in part]
+    """The first row of a claim: exceptions stand in the summary, too."""
+    one = next(part for part in html.split("<tr") if f"<code>{id}</code>" in part)
     return one.partition("</tr>")[0]
 
 

@@ -31,6 +31,7 @@ from study.measures.column import (
     eigenvalue_over_printed,
     eigenvalue_shift,
     eigenvalue_shifts,
+    farthest_sawtooth,
     highest_eigenvalue_shift,
     largest_eigenvalue_over_printed,
     largest_eigenvalue_shift,

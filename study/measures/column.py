@@ -114,6 +114,12 @@ def column_height(results: Results, reading: str) -> float:
     return float(height * np.sqrt(ratio))
 
 
+def farthest_sawtooth(results: Results, element: str, value: float) -> float:
+    """Mid-side over corner force, on that surface where it is farthest from a value."""
+    found = [results.scalar(f"7.5/{element}", f"sawtooth_{k}") for k in (1, 2, 3, 4)]
+    return max(found, key=lambda ratio: abs(ratio - value))
+
+
 def surface_share(results: Results, key: str, surface: int) -> float:
     """Part of the force on surface 4 that a surface carries, in per cent."""
     force = results.scalar(key, f"force_normal_{surface}")

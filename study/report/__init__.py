@@ -68,7 +68,8 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
     cases = [case for section in stored.values() for case in section]
     values = {
         "claims": page.claims,
-        "general": [claim for claim in page.claims if _GENERAL.match(claim["source"])],
+        "general": page.general(),
+        "exceptions": [c for c in page.claims if c["verdict"] != "holds" or c["differs"]],
         "counts": _counts(page.claims),
         "sections": sections,
         "others": page.others(list(stored)),
@@ -94,6 +95,7 @@ class _Page:
         self.claims = results.claims()
         self.figures = _figures(results)
         self.placed: set[str] = set()
+        self.listed: set[str] = set()
         self.incomplete: list[str] = []
         self.environment = jinja2.Environment(
             loader=jinja2.FileSystemLoader([templates, HERE]),
@@ -169,7 +171,17 @@ class _Page:
 
     def claims_of(self, section: str) -> list[dict[str, Any]]:
         """Return the claims whose source names the section."""
-        return [claim for claim in self.claims if _names(claim["source"], section)]
+        mine = [claim for claim in self.claims if _names(claim["source"], section)]
+        self.listed |= {claim["id"] for claim in mine}
+        return mine
+
+    def general(self) -> list[dict[str, Any]]:
+        """Return the claims of the paper's frame, and those that no section's text has listed."""
+        return [
+            claim
+            for claim in self.claims
+            if _GENERAL.match(claim["source"]) or claim["id"] not in self.listed
+        ]
 
     def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
         """Return a table of claims, with or without the reasons of verdicts and tolerances."""
@@ -216,6 +228,8 @@ def _names(source: str, section: str) -> bool:
 def _counts(claims: list[dict[str, Any]]) -> dict[str, int]:
     verdicts = [claim["verdict"] for claim in claims]
     counts = {name: verdicts.count(name) for name in ("holds", "fails", "not judged")}
+    own = [claim["verdict"] for claim in claims if claim["source"].startswith("This study")]
+    counts |= {"own": len(own), "own_holds": own.count("holds")}
     differing = [c for c in claims if c["differs"] and c["verdict"] != "not judged"]
     return {**counts, "differing": len(differing)}
 
