@@ -7,9 +7,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
-from matplotlib.ticker import EngFormatter
 
 matplotlib.use("Agg")
 
@@ -69,16 +67,10 @@ def style() -> Iterator[None]:
         yield
 
 
-def si_axis(axis: Axis, unit: str) -> None:
-    """Write the ticks of an axis with SI prefixes, as in "2.5 GPa"."""
-    axis.set_major_formatter(EngFormatter(unit=unit, sep="\N{NO-BREAK SPACE}"))
-
-
 def mesh_plot(
     ax: Axes,
     x: np.ndarray,
     cells: np.ndarray,
-    color: str = "#555555",
     linewidth: float = 0.6,
 ) -> None:
     """Draw a mesh of quadratic cells with its corner and mid-side nodes, to scale.
@@ -91,8 +83,7 @@ def mesh_plot(
         x: Coordinates of the nodes, shape (nodes, 2 or 3).
         cells: Nodes of each cell, shape (cells, 3 or 6) for triangles, (cells, 4, 8 or 9) for
             quadrilaterals. Without mid-side nodes the middles of the sides are drawn.
-        color: Colour of the lines.
-        linewidth: Their width in points.
+        linewidth: Width of the lines in points.
     """
     x = np.asarray(x)[:, :2]
     cells = np.asarray(cells)
@@ -106,7 +97,7 @@ def mesh_plot(
             sides.append((1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * m + t * (2 * t - 1) * b)
         tips.append(around)
         middles.append(between)
-    ax.add_collection(LineCollection(sides, colors=color, linewidths=linewidth))
+    ax.add_collection(LineCollection(sides, colors="#555555", linewidths=linewidth))
     for nodes, size, face in ((tips, 3.0, "#333333"), (middles, 2.6, "white")):
         unique = np.unique(np.round(np.concatenate(nodes), 12), axis=0)
         ax.plot(*unique.T, "o", ms=size, mfc=face, mec="#333333", mew=0.6, ls="none")

@@ -28,12 +28,12 @@ def roller(ax: Axes, point: tuple[float, float], towards: Direction, size: float
     ax.plot(*place([(-0.9, -1.5), (0.9, -1.5)]).T, color=INK, linewidth=0.8)
 
 
-def load_arrows(ax: Axes, x: Iterable[float], y: float, length: float, color: str = INK) -> None:
+def load_arrows(ax: Axes, x: Iterable[float], y: float, length: float) -> None:
     """A uniform load pressing down on a line at height y."""
     x = list(x)
     for foot in x:
-        arrow(ax, (foot, y + length), (foot, y), color)
-    ax.plot([x[0], x[-1]], [y + length] * 2, color=color, linewidth=0.9)
+        arrow(ax, (foot, y + length), (foot, y))
+    ax.plot([x[0], x[-1]], [y + length] * 2, color=INK, linewidth=0.9)
 
 
 def arrow(

@@ -21,7 +21,7 @@ from pw_elements import (
     boundary_measure,
 )
 from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
-from pw_elements.mechanics import Marker, Scalar, Vector
+from pw_elements.mechanics import Marker, Vector
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
 _SPACES = {
@@ -86,11 +86,10 @@ def discretise(
     build: Callable[[str], Mesh],
     material: Material,
     state: State,
-    thickness: Scalar = 1.0,
 ) -> Discretisation:
     """A body on an element; `build` makes a mesh of "triangle" or "quadrilateral" cells."""
     mesh = build("quadrilateral" if is_quadrilateral(element) else "triangle")
-    body = Body(spaces(element, mesh), material, state, thickness)
+    body = Body(spaces(element, mesh), material, state)
     return Discretisation(element, body, assemble_matrix(body.stiffness()))
 
 

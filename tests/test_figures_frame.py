@@ -11,7 +11,7 @@ import pytest
 
 import figures
 from figures.__main__ import main, scripts
-from figures.style import COLUMN, LOOK, mesh_plot, si_axis, style
+from figures.style import COLUMN, LOOK, mesh_plot, style
 from study.store import Result, save
 
 SCRIPT = '''"""Force over place.
@@ -255,11 +255,3 @@ def test_quadrilateral_is_drawn_around_not_across(corners):
     sides, _ = drawn(x, [corners])
     lengths = [np.linalg.norm(side[-1] - side[0]) for side in sides]
     assert lengths == pytest.approx([1, 1, 1, 1])
-
-
-def test_ticks_have_si_prefixes():
-    with style():
-        figure, ax = plt.subplots()
-        si_axis(ax.yaxis, "Pa")
-        assert ax.yaxis.get_major_formatter()(2.5e9) == "2.5\N{NO-BREAK SPACE}GPa"
-        plt.close(figure)

@@ -1,7 +1,6 @@
 """What the claims measure: functions of the stored results, each giving one number."""
 
 from study.measures.beam import (
-    computed_over_exact,
     computed_over_printed,
     computed_ratio,
     euler_difference,
@@ -56,7 +55,6 @@ from study.measures.contact import (
     smallest_sawtooth_of_standard,
     stress_difference,
     transfer_defect,
-    worst_residual,
 )
 from study.measures.general import (
     cells,
@@ -77,7 +75,6 @@ from study.measures.known import (
     greco_deviation,
     greco_known,
     highest_mode_error,
-    identity_defect,
     largest_error_ratio,
     largest_mode_error_ratio,
     largest_ratio_on_meshes,

@@ -24,12 +24,6 @@ def printed_over_exact(results: Results, element: str, mode: int, reference: str
     return 100 * (TABLE_2[element][mode - 1] / exact - 1)
 
 
-def computed_over_exact(results: Results, case: str, mode: int, reference: str) -> float:
-    """Relative distance of a computed critical stress from an exact one, in per cent."""
-    exact = results.scalar("7.6/exact", f"{reference}_{mode}")
-    return 100 * (results.scalar(f"7.6/{case}", f"sigma_cr_{mode}") / exact - 1)
-
-
 def computed_over_printed(results: Results, case: str, element: str, mode: int) -> float:
     """Relative distance of a computed critical stress from a printed one, in per cent."""
     computed = results.scalar(f"7.6/{case}", f"sigma_cr_{mode}")

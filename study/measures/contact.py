@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.measures.selection import T6, of_section
+from study.measures.selection import T6
 from study.store import Results
 
 BLOCK_PRESSURE = 200.0
@@ -85,8 +85,3 @@ def condensation_change(results: Results, section: str) -> float:
     a, b = (results.curves(f"{section}/{element}") for element in ("pw-Q8", "pw-T6"))
     differences = [np.abs(a[name] - b[name]).max() for name in ("force_n", "force_t")]
     return float(max(differences) / b["force_n"].max())
-
-
-def worst_residual(results: Results, section: str) -> float:
-    """Largest residual of all contact conditions over all cases of a section."""
-    return max(stored.scalars["residual"] for stored in of_section(results, section))

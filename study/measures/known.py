@@ -9,11 +9,6 @@ from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUB
 OPEN, STICK = 0, 1  # contact status as the library numbers it
 
 
-def identity_defect(results: Results, quantity: str) -> float:
-    """|A_PW - T A_Galerkin| / |A_PW|."""
-    return results.scalar(f"T/{quantity}", "difference")
-
-
 def greco_deviation(results: Results, cases: str, reference: str) -> float:
     """Largest deviation of a displacement of the GRECO plate from known ones, in per cent.
 

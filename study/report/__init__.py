@@ -24,6 +24,15 @@ from study.store import (
 )
 
 HERE = Path(__file__).parent
+ELEMENTS = {
+    "galerkin-T6": "standard T6",
+    "pw-T6": "new T6",
+    "composite-T6": "composite T6",
+    "galerkin-Q8": "standard Q8",
+    "pw-Q8": "new Q8, condensed pair",
+    "pw-Q9": "new quadrilateral, condensed centre",
+}
+"""Plane elements and their names in tables."""
 _GENERAL = re.compile(r"Abstract|Sections? (1|8)\b")  # the paper's frame, part of no section here
 
 
@@ -112,6 +121,7 @@ class _Page:
         }
         self.environment.filters |= words
         self.environment.globals |= words | {
+            "elements": list(ELEMENTS.items()),
             "s": results.scalar,
             "curves": self.curves,
             "measure": self.measure,
