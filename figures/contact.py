@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -45,10 +46,14 @@ def zone_strip(ax: Axes, curves: Curves, bottom: float = -0.16, height: float = 
     x = curves["x"]
     borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
     smooth = (curves["friction"] == 0) & (curves["status"] == 2)
-    for left, right, status, free in zip(
-        borders, borders[1:], curves["status"], smooth, strict=False
-    ):
-        colour = SMOOTH[1] if free else ZONES[int(status)][1]
+    colours = [
+        SMOOTH[1] if free else ZONES[int(status)][1]
+        for status, free in zip(curves["status"], smooth, strict=True)
+    ]
+    place = 0
+    for colour, run in groupby(colours):
+        first, place = place, place + len(list(run))
+        left, right = borders[first], borders[place]
         ax.axvspan(left, right, bottom, bottom + height, color=colour, clip_on=False, lw=0)
 
 
