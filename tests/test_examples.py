@@ -89,8 +89,8 @@ def test_displacements_coincide_in_plane_statics_only():
     assert t_identity.statics_2d().scalars["reaction_difference"] < 1e-11
     scalars = t_identity.statics_3d().scalars
     assert scalars["displacement_difference"] > 1e-4
-    assert scalars["numbering_standard"] < 1e-12
-    assert 1e-4 < scalars["numbering_new"] < scalars["displacement_difference"]
+    assert scalars["numbering_difference_standard"] < 1e-12
+    assert 1e-4 < scalars["numbering_difference_new"] < scalars["displacement_difference"]
 
 
 @pytest.mark.slow

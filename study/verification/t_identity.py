@@ -169,7 +169,7 @@ def statics_3d() -> Result:
     """Displacements of both elements on a clamped cube of tetrahedra.
 
     Four of the eight sub-tetrahedra share one of three diagonals of an octahedron. Which one is a
-    matter of the vertices' order: `numbering` compares the new element with itself, its cells'
+    matter of the vertices' order: `numbering_difference` compares the new element with itself, its cells'
     vertices in another order.
     """
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (3, 3, 3), CellType.tetrahedron)
@@ -181,7 +181,9 @@ def statics_3d() -> Result:
     scalars = {"displacement_difference": _relative(a_pw, a)}
     for element, spaces in (("standard", Spaces.galerkin), ("new", Spaces.petrov_galerkin)):
         ours, other = (_by_place(spaces(m)) for m in (mesh, turned))
-        scalars[f"numbering_{element}"] = float(np.linalg.norm(ours - other) / np.linalg.norm(ours))
+        scalars[f"numbering_difference_{element}"] = float(
+            np.linalg.norm(ours - other) / np.linalg.norm(ours)
+        )
     return Result(scalars, {}, dofs=a.getSize())
 
 
