@@ -41,12 +41,12 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     stick = ", ".join(
-        f"{label}: {results.scalar(f'7.2/{case}', 'stick_to'):.3f}"
+        f"{results.scalar(f'7.2/{case}', 'stick_to'):.3f} ({label})"
         for case, label in VARIANTS.items()
     )
     return (
         "The new element's stresses when reconstructed data move (pressure over own test function; "
-        f"the axis is cut at the ends' peaks). Sticking ends at x = {stick}."
+        f"the axis is cut at the ends' peaks). x where sticking ends: {stick}."
     )
 
 

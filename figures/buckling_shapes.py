@@ -41,7 +41,7 @@ def draw(results: Results) -> Figure:
             )
         stress = results.scalar(CASE, f"sigma_cr_{mode}")
         ax.set_title(f"mode {mode}: {stress / 1e9:.4f} GPa", loc="left")
-        ax.set(aspect="equal", ylabel="$y/h$", xlim=(-0.2, 2 * middle + 0.2), ylim=(-1.25, 1.25))
+        ax.set(aspect="equal", ylabel="$y/h$", xlim=(-0.3, 2 * middle + 0.3), ylim=(-1.25, 1.25))
         ax.grid(visible=False)
     axes[-1].set_xlabel("$x/h$")
     return fig

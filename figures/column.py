@@ -79,6 +79,8 @@ class Along:
             force.legend(fontsize=7)
             stress.set_xlabel("$r$ / mm")
             zone_strip_mm(stress, surface(results.curves(f"7.5/{family[1]}"), self.surface))
+        low, high = axes[0, 0].get_ylim()
+        axes[0, 0].set_ylim(low, high + 0.3 * (high - low))  # room for the legends
         axes[1, 0].legend(handles=axes[1, 0].lines[:1], fontsize=7)
         words = {"pressure": "normal", "shear": "tangential"}[self.quantity]
         axes[0, 0].set_ylabel(f"{words} force / kN")

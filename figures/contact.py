@@ -36,7 +36,7 @@ def compare(
     for key in keys:
         curves = results.curves(key)
         look = LOOK[key.partition("/")[2]]
-        if "composite" in key:  # nearly coincides with the new element
+        if "composite" in key or (keys[-1] == key == "7.3/pw-T6"):  # coincides with another one
             look = {**look, "markerfacecolor": "none", "markersize": 7, "linewidth": 0.6}
         ax.plot(curves["x"], scale * reported(curves, quantity), **look)
 

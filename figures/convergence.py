@@ -16,7 +16,7 @@ def prepare(ax: Axes, results: Results, key: str) -> None:
     ticks = [int(n) for n in results.curves(key)["elements"]]
     ax.set_xticks(ticks, [str(n) for n in ticks])
     ax.set_xticks([], minor=True)
-    ax.set_xlim(0.85 * ticks[0], 1.35 * ticks[-1])
+    ax.set_xlim(0.85 * ticks[0], 1.9 * ticks[-1])
 
 
 def errors(ax: Axes, results: Results, keys: dict[str, str], name: str, **look: str) -> None:
@@ -34,7 +34,7 @@ def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> N
     heights = start * (elements / elements[0]) ** -order
     ax.plot(elements, heights, color="#777777", linewidth=0.9, linestyle=":")
     end = (float(elements[1]), float(heights[1]))
-    ax.annotate(f" {order:g}", end, fontsize=7, va="center")
+    ax.annotate(f" order {order:g}", end, fontsize=7, va="center")
 
 
 def legend(fig: Figure, ax: Axes) -> None:

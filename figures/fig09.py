@@ -41,7 +41,7 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "Body and punch y = x²/16 with the mesh of 76 quadrilaterals. Width, height, base, radius "
-        "and grading are reconstructed so that the printed force follows; other sets give it too."
+        "and grading are reconstructed so that the printed force follows; it does not tell them."
     )
 
 

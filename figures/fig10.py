@@ -26,6 +26,7 @@ def draw(results: Results) -> Figure:
         ax.set(xlabel="$x$", xlim=(-2.2, 2.2))
     axes[0].set_ylabel("normal pressure")
     axes[1].set_ylabel("shear stress, body on punch")
+    axes[1].legend(fontsize=7, loc="lower right")
     fig.legend(
         handles=zone_legend(results.curves("7.3/pw-Q8")), loc="outside lower center", ncols=3
     )

@@ -24,6 +24,7 @@ def draw(results: Results) -> Figure:
         ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03))
     axes[0].set(ylabel="normal pressure / (kN/m²)", ylim=(0, 90))
     axes[1].set(ylabel="shear stress / (kN/m²)", ylim=(-26, 26))
+    axes[1].legend(fontsize=7)
     fig.legend(
         handles=zone_legend(results.curves("7.4/pw-Q8")), loc="outside lower center", ncols=3
     )

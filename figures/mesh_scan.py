@@ -36,7 +36,7 @@ def draw(results: Results) -> Figure:
         ax.axhline(0, color="black", linewidth=0.8)
         ax.axvline(0, color="black", linewidth=0.8)
         ax.set(xlabel="mode 1: deviation / %", xlim=(-WINDOW, WINDOW), ylim=(-WINDOW, WINDOW))
-        ax.legend(loc="lower right", fontsize=7)
+        ax.legend(loc="lower right", fontsize=7, framealpha=0.95)
     return fig
 
 

@@ -45,8 +45,9 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     finest = results.scalar("7.6/galerkin-T6-point-80x32", "sigma_cr_2") / 1e9
     return (
-        "Critical stresses under the paper's point load on crossed meshes. They do not converge: "
-        "the stress below A grows under refinement until a mode of the few elements there is the "
+        "Critical stresses under a point load as in the paper, on reconstructed crossed meshes. "
+        "They do not converge: the stress below A grows under refinement until a mode of the few "
+        "elements there is the "
         f"lowest (standard element, form G, mode 2 on the finest mesh: {finest:.3f} GPa)."
     )
 

@@ -65,7 +65,7 @@ def caption(results: Results) -> str:
         results, "pwsym-T6", "galerkin-T6", "6-node user element", "CAX6"
     )
     return (
-        "Table 1 as differences: eigenvalues of the user elements over CAX6 and CAX8 as printed "
+        "Differences: eigenvalues of the user elements over CAX6 and CAX8 as printed "
         "(stars), and of the new elements over the standard ones on the synthetic column, with the "
         "matrices treated in several ways. The symmetrised triangle comes nearest to the printed "
         f"one (root mean square {misfit:.3f} %). {SYNTHETIC}"

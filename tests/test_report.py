@@ -153,7 +153,7 @@ def test_text_of_a_section_can_call_for_numbers_figures_and_claims(out, text):
 def test_caption_is_numbered_as_in_the_paper_and_escaped(out):
     html = render(Results(out)).html
     assert "<b>Figure 5</b> Caption of fig05: a &lt; b." in html
-    assert "<b>Table 2</b> Caption of tab2" in html
+    assert "<b>Figure to Table 2</b> Caption of tab2" in html
     assert "<b>Figure S1</b> Caption of orders" in html
 
 
@@ -293,6 +293,14 @@ def flat(outline):
         (numbers.num(2.549732978e9, 5), "2.5497 × 10<sup>9</sup>"),
         (numbers.num(-1.25e-7, 2), "−1.2 × 10<sup>−7</sup>"),
         (numbers.num(0.25), "0.2500"),
+        (numbers.most(0.2749), "0.28"),
+        (numbers.most(7.47e-4, 1), "8 × 10<sup>−4</sup>"),
+        (numbers.most(0.3), "0.30"),
+        (numbers.most(-0.2749), "−0.27"),
+        (numbers.most(None), "–"),
+        (numbers.least(1.9474), "1.94"),
+        (numbers.least(2.0), "2.00"),
+        (numbers.least(0.0), "0"),
         (numbers.num(2 / 3, 3), "0.667"),
         (numbers.num(0.99996), "1.000"),
         (numbers.num(9999.6), "1.000 × 10<sup>4</sup>"),

@@ -118,6 +118,8 @@ class _Page:
             "short": numbers.short,
             "pct": numbers.pct,
             "fixed": numbers.fixed,
+            "most": numbers.most,
+            "least": numbers.least,
         }
         self.environment.filters |= words
         self.environment.globals |= words | {
@@ -204,10 +206,10 @@ class _Page:
         return Markup(self.environment.get_template(template).render(values))
 
     def _label(self, name: str) -> str:
-        """Return "Figure 5" for fig05, "Table 2" for tab2 as in the paper; for others S1, S2 …."""
+        """Return "Figure 5" for fig05, "Figure to Table 2" for tab02; for others S1, S2 …."""
         numbered = re.compile(r"(fig|tab)(?:ure|le)?_?0*(\d+\w*)")
         if match := numbered.fullmatch(name):
-            return f"{'Figure' if match[1] == 'fig' else 'Table'} {match[2]}"
+            return f"{'Figure' if match[1] == 'fig' else 'Figure to Table'} {match[2]}"
         own = [other for other in self.figures if not numbered.fullmatch(other)]
         return f"Figure S{own.index(name) + 1}" if name in own else name
 
@@ -238,10 +240,18 @@ def _names(source: str, section: str) -> bool:
 def _counts(claims: list[dict[str, Any]]) -> dict[str, int]:
     verdicts = [claim["verdict"] for claim in claims]
     counts = {name: verdicts.count(name) for name in ("holds", "fails", "not judged")}
-    own = [claim["verdict"] for claim in claims if claim["source"].startswith("This study")]
-    counts |= {"own": len(own), "own_holds": own.count("holds")}
+    for kind in ("own", "implied", "printed"):
+        mine = [claim["verdict"] for claim in claims if _kind(claim["source"]) == kind]
+        counts |= {kind: len(mine), f"{kind}_holds": mine.count("holds")}
     differing = [c for c in claims if c["differs"] and c["verdict"] != "not judged"]
     return {**counts, "differing": len(differing)}
+
+
+def _kind(source: str) -> str:
+    """Tell whether a statement is printed in the paper, read into it, or this study's own."""
+    if source.startswith("This study"):
+        return "own"
+    return "implied" if "implied" in source else "printed"
 
 
 def _provenance(cases: list[Stored]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """How the report writes numbers."""
 
 import math
+from collections.abc import Callable
 
 from markupsafe import Markup
 
@@ -21,6 +22,16 @@ def short(x: float | None, digits: int = 6) -> Markup:
 def pct(x: float | None, digits: int = 2) -> Markup:
     """Write a fraction in per cent, with so many significant digits."""
     return num(None if x is None else 100 * x, digits) + ("" if x is None else f"{THIN}%")
+
+
+def most(x: float | None, digits: int = 2) -> Markup:
+    """Write an upper bound: rounded up to so many significant digits."""
+    return num(x if x is None else _rounded(x, digits, math.ceil), digits)
+
+
+def least(x: float | None, digits: int = 3) -> Markup:
+    """Write a lower bound: rounded down to so many significant digits."""
+    return num(x if x is None else _rounded(x, digits, math.floor), digits)
 
 
 def fixed(x: float | None, decimals: int) -> Markup:
@@ -50,6 +61,14 @@ def _written(x: float | None, digits: int, padded: bool) -> Markup:
     if not scientific:
         return Markup(text)
     return Markup(f"{text}{THIN}×{THIN}10<sup>{_signed(str(exponent))}</sup>")
+
+
+def _rounded(x: float, digits: int, towards: Callable[[float], int]) -> float:
+    if x == 0 or not math.isfinite(x):
+        return x
+    unit = 10.0 ** (math.floor(math.log10(abs(x))) - digits + 1)
+    whole = round(x / unit, 6)  # what is a whole number but for round-off stays one
+    return towards(whole) * unit
 
 
 def _decimals(exponent: int, digits: int) -> int:

@@ -30,6 +30,7 @@ from pw_elements import (
     solve,
     support,
 )
+from pw_elements._compat import cell_nodes
 from pw_elements.meshes import curved, mapped, triangles
 from pw_elements.recovery import force_transfer
 from study.cases import Case
@@ -169,11 +170,11 @@ def statics_3d() -> Result:
     """Displacements of both elements on a clamped cube of tetrahedra.
 
     Four of the eight sub-tetrahedra share one of three diagonals of an octahedron. Which one is a
-    matter of the vertices' order: `numbering_difference` compares the new element with itself, its cells'
-    vertices in another order.
+    matter of the vertices' order: `numbering_difference` compares an element with itself, its
+    cells' vertices in another order.
     """
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (3, 3, 3), CellType.tetrahedron)
-    cells = mesh.geometry.dofmap[:, [1, 2, 0, 3]].astype(np.int64)
+    cells = cell_nodes(mesh)[:, [1, 2, 0, 3]].astype(np.int64)
     geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
     turned = create_mesh(MPI.COMM_SELF, cells=cells, x=mesh.geometry.x, e=geometry)
     a, _ = _clamped(Spaces.galerkin(mesh), State.SOLID)
