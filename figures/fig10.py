@@ -21,15 +21,13 @@ def draw(results: Results) -> Figure:
         ax.plot(
             fine["x"], fine[quantity], color="black", lw=0.9, label="piecewise linear, 114 x 24"
         )
-        compare(ax, results, NEEDS[:-1], quantity)
+        compare(ax, results, NEEDS[:-1], quantity, hollow="pw-T6")
         zone_strip(ax, results.curves("7.3/pw-Q8"), bottom=-0.3)
         ax.set(xlabel="$x$", xlim=(-2.2, 2.2))
     axes[0].set_ylabel("normal pressure")
     axes[1].set_ylabel("shear stress, body on punch")
-    axes[1].legend(fontsize=7, loc="lower right")
-    fig.legend(
-        handles=zone_legend(results.curves("7.3/pw-Q8")), loc="outside lower center", ncols=3
-    )
+    handles = [*axes[0].lines, *zone_legend(results.curves("7.3/pw-Q8"))]
+    fig.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
 
