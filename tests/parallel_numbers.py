@@ -130,6 +130,9 @@ def solid():
     f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
     foot = [support(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     numbers["solid"] = solve(K, f, Reduction.dirichlet(U, foot)).norm()
+    nodes = fem.locate_dofs_geometrical(U, lambda x: np.isclose(x[2], 0.0))
+    whole = [fem.dirichletbc(np.zeros(3), nodes, U)]
+    numbers["solid_held_as_vectors"] = solve(K, f, Reduction.dirichlet(U, whole)).norm()
     free = frequencies(K, assemble_matrix(body.mass()), Reduction.dirichlet(U, []), 8)
     numbers["solid_rigid"] = free.rigid
     numbers["solid_frequencies"] = free.eigenvalues[6:].tolist()

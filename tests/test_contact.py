@@ -29,7 +29,7 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, at
 
 PRESSURE = 3.0
@@ -282,6 +282,34 @@ def test_residuals_of_contacts_without_force_or_displacement():
     states = solve_contact(block.K, [nothing] * 2, block.free, walls, block.space)
     assert all(np.all(pair.status == STICK) for state in states for pair in state.pairs)
     assert max(state.residuals.largest() for state in states) < 1e-9
+
+
+@pytest.mark.parametrize("divisions", [(90, 12), (100, 12)])
+def test_soft_ring_between_plates(divisions):
+    """Large displacements of a soft body: round-off of gaps counts for more than elsewhere."""
+
+    def bent(x):
+        return np.column_stack((x[:, 0] * np.cos(x[:, 1]), x[:, 0] * np.sin(x[:, 1]), x[:, 2]))
+
+    around, across = divisions
+    sector = quadrilaterals(MPI.COMM_SELF, (14.0, 0.0), (20.0, np.pi / 2), (across, around))
+    body = Body(
+        Spaces.petrov_galerkin(curved(sector, bent)), Material(2.0, 0.49), State.PLANE_STRAIN
+    )
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    symmetry = Reduction.dirichlet(U, [support(U, 1, at(1, 0.0)), support(U, 0, at(0, 0.0))])
+    steps = 8
+    plate = ContactPair(
+        lambda x: (np.hypot(x[0], x[1]) > 20 - 1e-6) & (x[1] > 17.0),
+        Plane((0, 20), (0, -1)),
+        0.2,
+        [Motion((0, -0.6 * k / steps)) for k in range(1, steps + 1)],
+    )
+    states = solve_contact(K, [K.createVecLeft()] * steps, symmetry, [plate], U)
+    assert max(state.residuals.largest() for state in states) < 1e-8
+    force = [-state.pairs[0].force[1] for state in states]
+    assert np.all(np.diff(force) > 0)
 
 
 @pytest.mark.parametrize("gap", [1e-4, 0.01, 0.2])
