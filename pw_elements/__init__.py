@@ -22,6 +22,7 @@ from pw_elements.algebra import (
     assemble_vector,
     reactions,
     solve,
+    symmetric_part,
 )
 from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, frequencies
 from pw_elements.elements import (
@@ -66,5 +67,6 @@ __all__ = [
     "serendipity_element",
     "solve",
     "support",
+    "symmetric_part",
     "test_space",
 ]

@@ -301,10 +301,14 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
 
 
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
-    """Diagonal matrix (n, n) of the row sums of a mass matrix, for explicit dynamics.
+    """Diagonal matrix (n, n) of the row sums of a mass matrix.
 
     They are integrals of density times test function: positive with piecewise-linear weights
     (A/12 and A/4 on a 6-node triangle), zero at the vertices of the standard triangle.
+
+    In explicit dynamics combine it with the symmetric part of the stiffness or with the standard
+    one: with the unsymmetric stiffness the upper spectrum is complex, and undamped vibrations
+    grow whatever the time step (section V9 of the study).
 
     Raises:
         ValueError: if a row sum is not positive; it names the nodes.

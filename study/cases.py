@@ -32,6 +32,7 @@ SECTIONS = {
     "V6": "study.verification.greco",
     "V7": "study.verification.wedge",
     "V8": "study.verification.vibration",
+    "V9": "study.verification.explicit",
     "P": "study.peers.compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""

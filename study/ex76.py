@@ -24,8 +24,8 @@ from pw_elements import (
     nodal_load,
     solve,
     support,
+    symmetric_part,
 )
-from pw_elements.algebra import symmetric_part
 from pw_elements.meshes import PATTERNS, Pattern, quadrilaterals, triangles
 from study.cases import Case
 from study.elements import is_quadrilateral, is_symmetrised, spaces

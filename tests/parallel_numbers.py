@@ -29,8 +29,8 @@ from pw_elements import (
     reactions,
     solve,
     support,
+    symmetric_part,
 )
-from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.recovery import force_transfer, forces_along

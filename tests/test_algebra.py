@@ -21,8 +21,9 @@ from pw_elements import (
     reactions,
     solve,
     support,
+    symmetric_part,
 )
-from pw_elements.algebra import factorise, symmetric_part
+from pw_elements.algebra import factorise
 from study.matrices import dense
 
 

@@ -19,8 +19,8 @@ from pw_elements import (
     frequencies,
     lumped_mass,
     support,
+    symmetric_part,
 )
-from pw_elements.algebra import symmetric_part
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.elements import discretise
 from study.ex76 import HalfBeam, half_beam_body
