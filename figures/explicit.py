@@ -27,7 +27,8 @@ def draw(results: Results) -> Figure:
         # the largest displacement within each stretch, so that no maximum is passed over
         starts = np.arange(0, len(curves["time"]), SHOWN)
         envelope = np.maximum.reduceat(curves["amplitude"], starts)
-        motion.semilogy(curves["time"][starts], envelope, color=color, lw=1.2, label=label)
+        dashes = "--" if case == "galerkin-lumped" else "-"
+        motion.semilogy(curves["time"][starts], envelope, dashes, color=color, lw=1.2, label=label)
     spectrum.set(xlabel="Re ω²", ylabel="Im ω²")
     motion.set(xlabel="time / slowest period", ylabel="largest displacement / initial one")
     motion.legend(fontsize=7)

@@ -18,6 +18,7 @@ if find_spec("dolfinx") is None:
 from pw_elements.algebra import (
     Reduction,
     SingularSystem,
+    as_function,
     assemble_matrix,
     assemble_vector,
     reactions,
@@ -53,6 +54,7 @@ __all__ = [
     "Spaces",
     "State",
     "VibrationModes",
+    "as_function",
     "assemble_matrix",
     "assemble_vector",
     "boundary_measure",

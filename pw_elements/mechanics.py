@@ -23,6 +23,7 @@ from pw_elements.spaces import Spaces
 Scalar: TypeAlias = float | Expr
 Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 Marker: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
+Part: TypeAlias = Marker | npt.NDArray[np.int32]  # of the boundary: a marker, or facets
 
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
@@ -233,21 +234,43 @@ class Body:
         return value
 
 
-def boundary_measure(mesh: Mesh, where: Marker, quadrature_degree: int = 4) -> ufl.Measure:
-    """Surface measure of the exterior facets on which the marker holds at every vertex.
+def exterior_facets(mesh: Mesh, where: Part) -> npt.NDArray[np.int32]:
+    """Local numbers of a part of the boundary's facets, of owned cells.
 
     Args:
         mesh: the mesh.
-        where: takes points (3, n), returns n booleans.
+        where: marker, which takes points (3, n) and has to hold at every vertex of a facet, or
+            local numbers of facets, as `MeshTags.find` gives them.
+
+    Raises:
+        ValueError: if a number is none of a facet.
+    """
+    dimension = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(dimension, mesh.topology.dim)
+    if callable(where):
+        marked = locate_entities_boundary(mesh, dimension, where)
+    else:
+        marked = np.asarray(where)
+        index_map = mesh.topology.index_map(dimension)
+        count = index_map.size_local + index_map.num_ghosts
+        if len(marked) and (marked.min() < 0 or marked.max() >= count):
+            raise ValueError(f"facets: there are {count} of them on this process, counted from 0")
+    return np.intersect1d(marked, exterior_facet_indices(mesh.topology)).astype(np.int32)
+
+
+def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
+    """Surface measure of a part of the boundary, see `exterior_facets`.
+
+    Args:
+        mesh: the mesh.
+        where: marker, or facets.
         quadrature_degree: of the facet integrals.
 
     Raises:
         ValueError: if no exterior facet is marked.
     """
     dimension = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(dimension, mesh.topology.dim)
-    marked = locate_entities_boundary(mesh, dimension, where)
-    facets = np.intersect1d(marked, exterior_facet_indices(mesh.topology)).astype(np.int32)
+    facets = exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
         raise ValueError("the marker holds on no exterior facet of the mesh: nothing to load")
     tags = meshtags(mesh, dimension, facets, np.ones(len(facets), dtype=np.int32))

@@ -20,11 +20,10 @@ import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
 from scipy.spatial import cKDTree
 
 from pw_elements.algebra import assemble_vector
-from pw_elements.mechanics import Body, Marker, boundary_measure
+from pw_elements.mechanics import Body, Marker, Part, boundary_measure, exterior_facets
 from pw_elements.spaces import Spaces
 
 Array = npt.NDArray[np.float64]
@@ -123,8 +122,10 @@ class ContactSurface:
     rim: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(cls, body: Body, where: Marker) -> "ContactSurface":
-        """The exterior facets on which a marker holds at every vertex.
+    def of(cls, body: Body, where: Part) -> "ContactSurface":
+        """A part of the boundary: facets, or a marker that holds at every vertex of one.
+
+        Nodes of a `ContactPair` with the same marker are the same if it ends at vertices.
 
         Raises:
             ValueError: if there are none.
@@ -140,12 +141,14 @@ class ContactSurface:
 
     def pressure(self, force: Array) -> Array:
         """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight."""
+        self._check(force)
         weightless = self.own_area < 1e-9 * self.tributary_area
         area = np.where(weightless, np.nan, self.own_area)
         return (force.T / area).T
 
     def tributary_pressure(self, force: Array) -> Array:
         """Measure 3 of forces (m,) or (m, components)."""
+        self._check(force)
         return (force.T / self.tributary_area).T
 
     def sawtooth(self, force: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
@@ -174,9 +177,18 @@ class ContactSurface:
 
     def _inner(self, values: Array, closed: npt.NDArray[np.bool_] | None) -> tuple[Array, Array]:
         """Mid-side values, and means of both corners', of edges that count."""
+        self._check(values)
         counts = ~self.rim if closed is None else closed & ~self.rim
         edges = self.edges[counts[self.edges].all(axis=1)]
         return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
+
+    def _check(self, values: Array) -> None:
+        """Raises ValueError if there is not one value for each node."""
+        if len(values) != len(self.position):
+            raise ValueError(
+                f"{len(values)} values for the {len(self.position)} nodes of the surface: the "
+                "marker of a contact pair has to end at vertices to have the surface's nodes"
+            )
 
 
 def by_position(position: Array) -> npt.NDArray[np.intp]:
@@ -189,13 +201,13 @@ def by_position(position: Array) -> npt.NDArray[np.intp]:
     return np.lexsort(digits.T[::-1])
 
 
-def _areas(body: Body, where: Marker) -> tuple[Array, Array]:
+def _areas(body: Body, where: Part) -> tuple[Array, Array]:
     """Positions (m, dim) of the nodes of a surface and integrals (m,) of their functions."""
     space, mesh = body.spaces.trial, body.spaces.mesh
     dim = mesh.geometry.dim
     surface = boundary_measure(mesh, where)
     area = assemble_vector(body.surface_load(np.eye(dim)[-1], surface))
-    facets = _facets(space, where)
+    facets = exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
     comm = mesh.comm
@@ -205,17 +217,8 @@ def _areas(body: Body, where: Marker) -> tuple[Array, Array]:
     return position[order], areas[order]
 
 
-def _facets(space: fem.FunctionSpace, where: Marker) -> npt.NDArray[np.int32]:
-    """Exterior facets of owned cells on which the marker holds."""
-    mesh = space.mesh
-    dim = mesh.topology.dim
-    mesh.topology.create_connectivity(dim - 1, dim)
-    marked = locate_entities_boundary(mesh, dim - 1, where)
-    return np.intersect1d(marked, exterior_facet_indices(mesh.topology)).astype(np.int32)
-
-
 def _edges(
-    space: fem.FunctionSpace, where: Marker, nodes: cKDTree
+    space: fem.FunctionSpace, where: Part, nodes: cKDTree
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Edges (e, 3) of a surface as numbers of its nodes, and its rim's nodes.
 
@@ -237,7 +240,7 @@ def _edges(
         return [e for e, vertices in enumerate(sub[d]) if set(vertices) <= corners]
 
     edges, ends = [], []
-    for facet in _facets(space, where):
+    for facet in exterior_facets(space.mesh, where):
         cell = facet_cells.links(facet)[0]
         local = int(np.flatnonzero(cell_facets.links(cell) == facet)[0])
         dofs = space.dofmap.cell_dofs(cell)

@@ -17,6 +17,7 @@ from pw_elements import (
     NoModes,
     Reduction,
     State,
+    as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -96,10 +97,7 @@ class HalfBeam:
     def prestress(self, K: PETSc.Mat, mode: int) -> fem.Function:
         """Displacements under unit nominal stress."""
         a = solve(K, self.load_vector(mode), self.supports(mode))
-        displacement = fem.Function(self.body.spaces.trial)
-        displacement.x.array[: a.getLocalSize()] = a.array_r
-        displacement.x.scatter_forward()
-        return displacement
+        return as_function(self.body.spaces.trial, a)
 
     def critical_stress(
         self, K: PETSc.Mat, displacement: fem.Function, mode: int, form: Form

@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx.mesh import CellType, create_box
 
 from pw_elements import (
     Body,
@@ -26,6 +27,8 @@ from pw_elements.contact import (
     NotUnique,
     Parabola,
     Plane,
+    Polyline,
+    SignedDistance,
     Sphere,
     solve_contact,
 )
@@ -305,6 +308,16 @@ def test_surface_has_the_dimension_of_the_body():
         solved(ContactPair(at(1, 0.0), Parabola((0.0,), -1.0)))
 
 
+def test_broken_line_is_no_surface_in_space():
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [1, 1, 1], CellType.tetrahedron)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0), State.SOLID)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    pair = ContactPair(at(2, 0.0), Polyline([(0, 0), (1, 0)]))
+    with pytest.raises(ValueError, match="the first point of its surface has 2 components in 3-D"):
+        solve_contact(K, K.createVecLeft(), Reduction.dirichlet(U, []), pair, U)
+
+
 def test_nodes_by_number_and_by_mask():
     marked = np.isclose(BLOCK.space.tabulate_dof_coordinates()[:, 1], 0.0)
     (state,) = solved(floor())
@@ -321,8 +334,29 @@ def test_nodes_by_number_and_by_mask():
 
 def test_error_names_its_increment():
     lifted = BLOCK.pressure * -1.0
-    with pytest.raises(FreeBody, match=r"^increment 2: "):
+    with pytest.raises(FreeBody, match=r"^increment 2: ") as caught:
         solved(floor(), [BLOCK.pressure, BLOCK.pressure, lifted])
+    assert len(caught.value.states) == 2
+    assert caught.value.states[1].pairs[0].force[1] == pytest.approx(800)
+
+
+def test_surface_that_faces_the_wrong_way_is_refused():
+    with pytest.raises(ValueError, match="pair 0 pushes the body outwards at each of its nodes"):
+        solved(ContactPair(at(1, 0.0), Plane((0, 0), (0, -1)), 0.3))
+    above = SignedDistance(lambda x: x[:, 1] - 2.0)
+    with pytest.raises(ValueError, match="reverse it"):
+        solved(ContactPair(at(1, 2.0), above))
+
+
+def test_shapes_of_users_functions_are_told():
+    with pytest.raises(
+        ValueError, match=r"of the shape \(2,\) .* takes points as rows"
+    ):
+        solved(ContactPair(at(1, 0.0), SignedDistance(lambda x: x[1])))
+    with pytest.raises(ValueError, match=r"pair 0 answers with the shape \(1,\)"):
+        solved(ContactPair(at(1, 0.0), Gap(lambda x: x[:1, 1])))
+    with pytest.raises(ValueError, match=r"friction function .* takes points as columns"):
+        solved(floor(lambda x: np.full(len(x), 0.3)))
 
 
 def test_one_pair_and_one_start_need_no_list():

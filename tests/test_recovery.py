@@ -9,9 +9,11 @@ from pw_elements import (
     Material,
     Spaces,
     State,
+    as_function,
     assemble_vector,
     boundary_measure,
 )
+from pw_elements.mechanics import exterior_facets
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.recovery import ContactSurface, by_position
 from tests.contact_cases import Block, at
@@ -128,3 +130,35 @@ def test_sawtooth_under_the_block(method, expected):
     assert surface.sawtooth(contact.force_normal) == pytest.approx(expected, abs=0.02)
     rough = surface.unevenness(surface.tributary_pressure(contact.force_normal))
     assert rough > 0.6 if method == GALERKIN else rough < 0.01
+
+
+def test_surface_by_facets_is_that_of_the_marker():
+    body = body_of(triangles, PW, State.PLANE_STRAIN)
+    mesh = body.spaces.mesh
+    facets = exterior_facets(mesh, at(1, 0.0))
+    marked, tagged = (ContactSurface.of(body, where) for where in (at(1, 0.0), facets))
+    assert tagged.position == pytest.approx(marked.position)
+    assert tagged.tributary_area == pytest.approx(marked.tributary_area)
+    loads = [
+        assemble_vector(body.surface_load((0.0, 1.0), boundary_measure(mesh, where)))
+        for where in (at(1, 0.0), facets)
+    ]
+    assert (loads[0] - loads[1]).norm() < 1e-14
+    with pytest.raises(ValueError, match="counted from 0"):
+        boundary_measure(mesh, np.array([-1]))
+
+
+def test_values_of_another_length_are_refused():
+    surface = ContactSurface.of(body_of(triangles, PW, State.PLANE_STRAIN), at(1, 0.0))
+    force = np.ones(len(surface.position) + 1)
+    for measure in (surface.pressure, surface.tributary_pressure, surface.sawtooth):
+        with pytest.raises(ValueError, match="12 values for the 11 nodes of the surface"):
+            measure(force)
+
+
+def test_vector_as_a_function():
+    body = body_of(triangles, PW, State.PLANE_STRAIN)
+    f = assemble_vector(body.body_load((1.0, 2.0)))
+    function = as_function(body.spaces.trial, f, "load")
+    assert function.name == "load"
+    assert function.x.array == pytest.approx(f.array_r)

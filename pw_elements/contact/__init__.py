@@ -16,6 +16,7 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
 """
 
 from pw_elements.contact.errors import (
+    ContactFailed,
     ContactNotConverged,
     DegenerateMesh,
     FreeBody,
@@ -39,6 +40,7 @@ __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
+    "ContactFailed",
     "ContactNotConverged",
     "ContactPair",
     "ContactState",

@@ -1,20 +1,36 @@
 """What a contact computation says instead of a result."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra import SingularSystem
 
+if TYPE_CHECKING:
+    from pw_elements.contact.state import ContactState
 
-class ContactNotConverged(RuntimeError):
+
+class ContactFailed(RuntimeError):
+    """An increment has no state to give: one of the three below.
+
+    Attributes:
+        states: of the increments before.
+    """
+
+    states: Sequence["ContactState"] = ()
+
+
+class ContactNotConverged(ContactFailed):
     """No active set satisfies all contact conditions within the iterations allowed."""
 
 
-class FreeBody(SingularSystem):
+class FreeBody(ContactFailed, SingularSystem):
     """A rigid motion is held neither by supports nor by contact: never, or no longer."""
 
 
-class NotUnique(SingularSystem):
+class NotUnique(ContactFailed, SingularSystem):
     """The tangent of the contact problem is singular although no rigid motion is free."""
 
 

@@ -140,7 +140,7 @@ class Increment:
         raise ContactNotConverged(
             f"no active set satisfies the contact conditions after {self.max_iterations} "
             f"iterations; the last one violates them {self._violation(now):.1e} times the "
-            "tolerance: smaller increments or a start from a coarser mesh may help"
+            "tolerance: more iterations, smaller increments or a start from a coarser mesh may help"
         )
 
     # -- starts ----------------------------------------------------------------------------

@@ -8,12 +8,13 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, assemble_vector
 from pw_elements.contact.errors import listed
-from pw_elements.contact.surfaces import Surface
+from pw_elements.contact.surfaces import Polyline, Surface
 from pw_elements.mechanics import Marker
 
 Array = npt.NDArray[np.float64]
@@ -24,6 +25,10 @@ _PENETRATION = 1e-6
 _TANGENTIAL = 1e-8
 # Largest difference of a normal's length from one
 _UNIT = 1e-6
+# Cosine from which on a push counts as outwards
+_OUTWARDS = 0.1
+# What surfaces have one component of per dimension
+_VECTORS = ("point", "direction", "apex", "centre")
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,8 @@ class Motion:
     Args:
         translation: (dim,); None for a component that is free and follows from its force.
         force: (dim,), total force of the surface on the body in the free components (on the
-            whole circumference in axisymmetry); without meaning in prescribed ones.
+            whole circumference in axisymmetry, where radial ones are sums of nodal forces round
+            the axis); without meaning in prescribed ones.
 
     Raises:
         ValueError: for values that are not finite, or a force in a prescribed component.
@@ -69,8 +75,9 @@ class ContactPair:
     """Nodes of the body that may touch a rigid surface.
 
     Args:
-        nodes: marker of their positions, or their local numbers in the space, or a mask of
-            these (ghosts are passed over, so that every process may give all it knows).
+        nodes: marker of their positions, or their local numbers in the space, such as
+            `fem.locate_dofs_topological` gives for tagged facets, or a mask of these (ghosts are
+            passed over, so that every process may give all it knows).
         surface: the rigid surface at its initial place.
         friction: Coulomb's mu, or a function of positions (3, n) that gives it per node. A
             node between a smooth and a rough part is thereby assigned to one of them.
@@ -147,6 +154,7 @@ class ContactNodes:
         )
         nodes.refuse(~_on_boundary(space)[node], "lie inside of the body, not on its boundary")
         nodes.check(_diagonal(space))
+        nodes.check_sides(_outward(space)[node])
         return nodes
 
     def check(self, diagonal: float) -> None:
@@ -177,6 +185,25 @@ class ContactNodes:
         self.refuse(
             held & faced, "have a prescribed normal displacement: they cannot be in contact"
         )
+
+    def check_sides(self, outward: Array) -> None:
+        """Raises ValueError for a pair whose surface pushes the body outwards at every node.
+
+        `outward` (n, dim) has the direction of the body's normal, zero where there is none.
+        """
+        pushed = np.sum(self.normals(None) * outward, axis=1)
+        wrong = pushed > _OUTWARDS * np.linalg.norm(outward, axis=1)
+        known = np.any(outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        for k in range(len(self.pairs)):
+            mine = known & (self.pair == k)
+            some, right = (
+                self.comm.allreduce(int(np.sum(flags)), MPI.SUM) for flags in (mine, mine & ~wrong)
+            )
+            if some and not right:
+                raise ValueError(
+                    f"the surface of contact pair {k} pushes the body outwards at each of its "
+                    "nodes: its direction is to point from the rigid into the body; reverse it"
+                )
 
     def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
         """Raises a ValueError that names the positions of nodes, if there are any."""
@@ -216,7 +243,13 @@ class ContactNodes:
             for k, pair in enumerate(self.pairs):
                 mine = self.pair == k
                 if mine.any():
-                    values[mine] = ask(pair.surface, x[mine])
+                    answer = np.asarray(ask(pair.surface, x[mine]))
+                    if answer.shape != (mine.sum(), *shape):
+                        raise ValueError(
+                            f"the surface of contact pair {k} answers with the shape "
+                            f"{answer.shape} to {mine.sum()} points, which are rows (n, dim)"
+                        )
+                    values[mine] = answer
             return values
 
         return _together(self.comm, fill)
@@ -240,8 +273,10 @@ def _together(comm: MPI.Comm, ask: Callable[[], Array]) -> Array:
 
 
 def _check_dimension(number: int, surface: Surface, dim: int) -> None:
-    for name in ("point", "direction", "apex", "centre"):
-        vector = getattr(surface, name, None)
+    vectors = {name: getattr(surface, name, None) for name in _VECTORS}
+    if isinstance(surface, Polyline):
+        vectors["first point"] = surface.points[0]
+    for name, vector in vectors.items():
         if vector is not None and len(vector) != dim:
             raise ValueError(
                 f"contact pair {number}: the {name} of its surface has {len(vector)} components "
@@ -289,8 +324,13 @@ def _on_boundary(space: fem.FunctionSpace) -> npt.NDArray[np.bool_]:
 
 
 def _friction(pair: ContactPair, x: Array) -> Array:
-    mu = pair.friction(x) if callable(pair.friction) else pair.friction
-    return np.broadcast_to(np.asarray(mu, dtype=float), (x.shape[1],))
+    mu = np.asarray(pair.friction(x) if callable(pair.friction) else pair.friction, dtype=float)
+    if mu.shape not in ((), (x.shape[1],)):
+        raise ValueError(
+            f"the friction function gave values of the shape {mu.shape} for {x.shape[1]} points: "
+            "it takes points as columns (3, n) and gives (n,)"
+        )
+    return np.broadcast_to(mu, (x.shape[1],))
 
 
 def _columns(reduction: Reduction, node: npt.NDArray[np.int32], dim: int) -> npt.NDArray[np.int64]:
@@ -321,6 +361,13 @@ def free_columns(right: PETSc.Mat) -> npt.NDArray[np.int64]:
     kept = single[data[indptr[single]] == 1.0]
     column[kept] = indices[indptr[kept]]
     return column
+
+
+def _outward(space: fem.FunctionSpace) -> Array:
+    """Outward normals (owned nodes, dim), integrated with the shape functions of the nodes."""
+    v = ufl.TestFunction(space)
+    total = assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+    return np.asarray(total.array_r.reshape(-1, space.mesh.geometry.dim))
 
 
 def _diagonal(space: fem.FunctionSpace) -> float:

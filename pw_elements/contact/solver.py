@@ -19,7 +19,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.checks import check_mesh
-from pw_elements.contact.errors import ContactNotConverged, FreeBody, NotUnique
+from pw_elements.contact.errors import ContactFailed
 from pw_elements.contact.increment import Increment, ReferenceState
 from pw_elements.contact.pairs import ContactNodes, ContactPair
 from pw_elements.contact.rigid import RigidMotions
@@ -48,8 +48,9 @@ def solve_contact(
         pairs: contact pairs; a node belongs to one of them.
         space: trial space of the displacements.
         start: states of the same increments, from a coarser mesh, say: each increment starts
-            from the status of the nearest node. Without it the first increment starts from the
-            nodes that touch, and every other one from the previous increment.
+            from the status of the nearest node. It is a guess, no history: slip counts from the
+            undeformed body in the first increment, whatever it starts from. Without it the first
+            increment starts from the nodes that touch, every other one from the previous one.
         max_iterations: linear systems per increment.
 
     Raises:
@@ -61,7 +62,8 @@ def solve_contact(
             would pull have opened and those that cannot hold have slipped.
         NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
         ContactNotConverged: if the active sets repeat themselves, or no end is reached.
-        The last three name the increment, counted from 0.
+        The last three name the increment, counted from 0, and have the states before it as
+            `states`.
     """
     loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
     pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
@@ -74,7 +76,7 @@ def solve_contact(
 
     systems: dict[Free, tuple[ContactSystem, RigidMotions]] = {}
     past = ReferenceState.undeformed(nodes)
-    states = []
+    states: list[ContactState] = []
     for k, load in enumerate(loads):
         prescribed, forces = _motions(nodes, k)
         free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
@@ -86,8 +88,10 @@ def solve_contact(
         step = Increment(*systems[free], K, load, prescribed, totals, past, max_iterations)
         try:
             state, past = step.run(start[k] if start else None)
-        except (FreeBody, NotUnique, ContactNotConverged) as error:
-            raise type(error)(f"increment {k}: {error}") from error
+        except ContactFailed as error:
+            named = type(error)(f"increment {k}: {error}")
+            named.states = states
+            raise named from error
         states.append(state)
     return states
 

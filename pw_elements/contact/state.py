@@ -29,7 +29,8 @@ class PairState:
         friction: (m,), Coulomb's mu.
         status: (m,), OPEN, STICK or SLIP.
         translation: (dim,) of the surface from its initial place.
-        force: (dim,), total force of the surface on the body.
+        force: (dim,), total force of the surface on the body; in axisymmetry sums round the
+            axis, so that the radial one is no resultant.
     """
 
     position: Array

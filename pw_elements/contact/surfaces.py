@@ -241,7 +241,8 @@ class SignedDistance:
     distance whatever the function's scale: x² + y² - R² will do for a circle.
 
     Args:
-        function: (n, dim) to (n,), zero on the surface; infinite where nothing faces x.
+        function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
+            faces x.
         gradient: (n, dim) to (n, dim); by central differences unless given.
         step: of the differences, a small part of the smallest radius of the surface.
     """
@@ -252,18 +253,26 @@ class SignedDistance:
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) at first order."""
-        value = np.asarray(self.function(x), dtype=float)
-        faced = np.isfinite(value)
-        gap = value.copy()
-        gap[faced] = value[faced] / np.linalg.norm(self._slope(x[faced]), axis=1)
+        gap = self._values(x)
+        faced = np.isfinite(gap)
+        gap[faced] /= np.linalg.norm(self._slope(x[faced]), axis=1)
         return gap
 
     def normal(self, x: Points) -> Points:
         """The gradient's unit vectors (n, dim); any where nothing faces x."""
-        faced = np.isfinite(np.asarray(self.function(x), dtype=float))
+        faced = np.isfinite(self._values(x))
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
         normal[faced] = _normalised(self._slope(x[faced]))
         return normal
+
+    def _values(self, x: Points) -> npt.NDArray[np.float64]:
+        values = np.array(self.function(x), dtype=float)
+        if values.shape != (len(x),):
+            raise ValueError(
+                f"the function of a signed distance gave values of the shape {values.shape} for "
+                f"{len(x)} points: it takes points as rows (n, {x.shape[1]}) and gives (n,)"
+            )
+        return values
 
     def _slope(self, x: Points) -> Points:
         """Gradient (n, dim)."""

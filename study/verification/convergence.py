@@ -8,7 +8,16 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Body, Material, State, assemble_matrix, macro_element, solve, support
+from pw_elements import (
+    Body,
+    Material,
+    State,
+    as_function,
+    assemble_matrix,
+    macro_element,
+    solve,
+    support,
+)
 from pw_elements.mechanics import Marker
 from study.cases import Case
 from study.elements import Discretisation, spaces
@@ -188,12 +197,10 @@ def errors(element: str, setting: Setting, side: float) -> dict[str, float]:
     supports = discretisation.supports(conditions)
     a = solve(K, f, supports)
 
-    u = fem.Function(U)
-    u.x.array[:] = a.array
+    u = as_function(U, a)
     piecewise_linear = u
     if element == "composite-T6":  # its own gradient is an assumed one
-        piecewise_linear = fem.Function(fem.functionspace(mesh, macro_element("triangle", (2,))))
-        piecewise_linear.x.array[:] = a.array
+        piecewise_linear = as_function(fem.functionspace(mesh, macro_element("triangle", (2,))), a)
     found = known.errors(u, piecewise_linear)
 
     # reactions are integrals of the traction times test functions: f has it on the held side, too

@@ -11,7 +11,14 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, assemble_matrix, assemble_vector, boundary_measure
+from pw_elements import (
+    Material,
+    State,
+    as_function,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+)
 from pw_elements.contact import (
     OPEN,
     SLIP,
@@ -163,8 +170,7 @@ def _springs(wedge: Discretisation, stiffness: float) -> PETSc.Mat:
 
 def _mean_displacement(wedge: Discretisation, displacement: PETSc.Vec) -> float:
     """Horizontal displacement of the left side."""
-    u = fem.Function(wedge.space)
-    u.x.array[:] = displacement.array_r
+    u = as_function(wedge.space, displacement)
     side = boundary_measure(wedge.body.spaces.mesh, _left)
     return float(fem.assemble_scalar(fem.form(u[0] / HEIGHT * side)))
 
