@@ -73,6 +73,11 @@ def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> Active
     )
 
 
+def same(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
+    """Whether two active sets are one, on all processes."""
+    return not comm.allreduce(int(np.any(_differs(a, b))), MPI.MAX)
+
+
 def _differs(a: ActiveSet, b: ActiveSet) -> npt.NDArray[np.bool_]:
     turned = np.abs(a.direction - b.direction).max(axis=1) > 10.0**-_DIGITS
     return (a.status != b.status) | turned

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from pw_elements.algebra import SingularSystem
 from pw_elements.contact.errors import ContactNotConverged, FreeBody, NotUnique
 from pw_elements.contact.geometry import Geometry
-from pw_elements.contact.history import History, mixed
+from pw_elements.contact.history import History, mixed, same
 from pw_elements.contact.law import (
     OPEN,
     SLIP,
@@ -134,6 +134,9 @@ class Increment:
                 active = _turned(active, linear.frame, place.frame)
                 history = History(self.system.comm)
             new = self._held(history.slowed(active, now.contact), active, now.contact)
+            if not self.system.own_factors and same(new, active, self.system.comm):
+                self.system.forget_factors()
+                continue
             if history.repeats(new):
                 new = self._held(history.slowed(active, now.contact), active, now.contact)
             active = new

@@ -40,6 +40,8 @@ class ContactSystem:
     Attributes:
         stiffness: L^T K R.
         matrix: of the last active set.
+        own_factors: whether the last solution is by factors of its own matrix. With others its
+            error is small against all displacements, but perhaps not against a single gap.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class ContactSystem:
         self.matrix = self._assembled(local)
         self._tangent = TangentSolver(self.matrix)
         self._factorised: Array | None = None  # combinations (n, 3, dim, dim) at that time
+        self.own_factors = False
 
     @property
     def unique(self) -> bool:
@@ -209,7 +212,12 @@ class ContactSystem:
             rows = self.comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
             solution = self._tangent.solve_as_changed(right, rows)
             if solution is not None:
+                self.own_factors = False
                 return solution
         solution = self._tangent.solve(right)
-        self._factorised = combinations
+        self._factorised, self.own_factors = combinations, True
         return solution
+
+    def forget_factors(self) -> None:
+        """Has the next matrix factorised, whatever it is."""
+        self._factorised = None

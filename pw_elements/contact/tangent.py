@@ -9,7 +9,6 @@ from pw_elements.algebra import check_factors
 # An iteration per changed row is exact, for the change has that rank; round-off needs some more
 _SPARE = 5
 _CONVERGED = 1e-13
-_REFINED = 1e-3
 # Operations of a factorisation are done faster than those of a solve, by about this (measured)
 _FASTER = 6
 
@@ -49,17 +48,7 @@ class TangentSolver:
         self._preconditioner.setReusePreconditioner(True)
         solution = right.duplicate()
         self._solver.solve(right, solution)
-        if self._solver.getConvergedReason() <= 0:
-            return None
-        # that tolerance is one of the norm of all displacements, too coarse for a single gap
-        residual, correction = right.duplicate(), right.duplicate()
-        self._matrix.mult(solution, residual)
-        residual.aypx(-1.0, right)
-        self._solver.setTolerances(rtol=_REFINED)
-        self._solver.solve(residual, correction)
-        self._solver.setTolerances(rtol=_CONVERGED)
-        solution.axpy(1.0, correction)
-        return solution
+        return solution if self._solver.getConvergedReason() > 0 else None
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
         """Solution with new factors.
