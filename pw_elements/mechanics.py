@@ -89,11 +89,11 @@ class Body:
     quadrature_degree: int | None = None
 
     def __post_init__(self) -> None:
-        if self.state not in list(State):
-            names = ", ".join(repr(state.value) for state in State)
-            if self.state not in [state.value for state in State]:
-                raise ValueError(f"state {self.state!r}: the states are {names}")
+        try:
             object.__setattr__(self, "state", State(self.state))
+        except ValueError:
+            names = ", ".join(repr(state.value) for state in State)
+            raise ValueError(f"state {self.state!r}: the states are {names}") from None
         mesh = self.spaces.mesh
         dimension = mesh.geometry.dim
         if mesh.topology.dim != dimension:
@@ -104,8 +104,10 @@ class Body:
         if (self.state is State.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
         if self.state is State.AXISYMMETRIC:
-            radius = mesh.comm.allreduce(mesh.geometry.x[:, 0].min(initial=np.inf), MPI.MIN)
-            if radius < -_ROUND_OFF * np.abs(mesh.geometry.x).max(initial=0.0):
+            r = mesh.geometry.x[:, 0]
+            radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
+            size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
+            if radius < -_ROUND_OFF * size:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         nu = self.material.poissons_ratio
         if self.state is not State.PLANE_STRESS and _is_number(nu) and nu == 0.5:

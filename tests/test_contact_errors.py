@@ -349,9 +349,7 @@ def test_surface_that_faces_the_wrong_way_is_refused():
 
 
 def test_shapes_of_users_functions_are_told():
-    with pytest.raises(
-        ValueError, match=r"of the shape \(2,\) .* takes points as rows"
-    ):
+    with pytest.raises(ValueError, match=r"of the shape \(2,\) .* takes points as rows"):
         solved(ContactPair(at(1, 0.0), SignedDistance(lambda x: x[1])))
     with pytest.raises(ValueError, match=r"pair 0 answers with the shape \(1,\)"):
         solved(ContactPair(at(1, 0.0), Gap(lambda x: x[:1, 1])))
