@@ -18,7 +18,6 @@ if find_spec("dolfinx") is None:
 from pw_elements.algebra import (
     Reduction,
     SingularSystem,
-    as_function,
     assemble_matrix,
     assemble_vector,
     reactions,
@@ -41,7 +40,7 @@ from pw_elements.mechanics import (
     nodal_load,
     support,
 )
-from pw_elements.spaces import NumberingError, Spaces, test_space
+from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
 __all__ = [
     "Body",

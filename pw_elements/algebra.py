@@ -225,14 +225,6 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction) -> PETSc.Vec:
     return reduction.expand(solution)
 
 
-def as_function(space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f") -> fem.Function:
-    """A vector (n,) in a space's numbering as a function, its ghosts too; for forms and files."""
-    function = fem.Function(space, name=name)
-    function.x.array[: values.getLocalSize()] = values.array_r
-    function.x.scatter_forward()
-    return function
-
-
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Nodal forces r = K a - f (n,) that supports exert on the body."""
     r = f.duplicate()

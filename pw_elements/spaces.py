@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from dolfinx import fem
@@ -93,6 +94,14 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 
 
 test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
+
+
+def as_function(space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f") -> fem.Function:
+    """A vector (n,) in a space's numbering as a function, its ghosts too; for forms and files."""
+    function = fem.Function(space, name=name)
+    function.x.array[: values.getLocalSize()] = values.array_r
+    function.x.scatter_forward()
+    return function
 
 
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:

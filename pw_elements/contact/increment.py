@@ -299,10 +299,9 @@ class Increment:
         if len(self.lost_holds) < _RESCUES:
             self.lost_holds.append(lost_hold)
             gripping = (new.status == SLIP) & ~loosened & (self.nodes.friction > 0)
-            stuck = self._sticking(gripping)
-            candidate = mixed(gripping, stuck, new)
             landing = self._landing(new, contact.gap)
-            for held in (candidate, mixed(landing, self._sticking(landing), candidate)):
+            for touching in (gripping, gripping | landing):
+                held = mixed(touching, self._sticking(touching), new)
                 if not self._free_motions(held, contact.frame):
                     return held
         raise lost_hold

@@ -104,11 +104,12 @@ def _matrices(
     pw = Body(Spaces.petrov_galerkin(mesh), MATERIAL, State.PLANE_STRESS)
     galerkin = Body(Spaces.galerkin(mesh), MATERIAL, State.PLANE_STRESS)
     K_galerkin = assemble_matrix(galerkin.stiffness())
+    K_pw = assemble_matrix(pw.stiffness())
     K = {
-        "unsymmetric": lambda: assemble_matrix(pw.stiffness()),
-        "symmetric part": lambda: symmetric_part(assemble_matrix(pw.stiffness())),
-        "standard": lambda: K_galerkin,
-    }[stiffness]()
+        "unsymmetric": K_pw,
+        "symmetric part": symmetric_part(K_pw),
+        "standard": K_galerkin,
+    }[stiffness]
     M = assemble_matrix(pw.mass())
     if mass == "lumped":
         M = lumped_mass(M, pw.spaces.trial)
