@@ -1,0 +1,20 @@
+"""How many random examples are tried: few in the suite, always the same; many in `--nightly`."""
+
+from hypothesis import HealthCheck, settings
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--nightly",
+        action="store_true",
+        help="1 600 random contact problems and 5 000 random examples of each property, new ones "
+        "each time, in place of 60 and 200 that are always the same",
+    )
+
+
+def pytest_configure(config):
+    slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
+    common = {"deadline": None, "database": None, "suppress_health_check": slow}
+    settings.register_profile("suite", max_examples=200, derandomize=True, **common)
+    settings.register_profile("nightly", max_examples=5000, print_blob=True, **common)
+    settings.load_profile("nightly" if config.getoption("--nightly") else "suite")
