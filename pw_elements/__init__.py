@@ -31,6 +31,7 @@ from pw_elements.elements import (
     quadratic_element,
     serendipity_element,
 )
+from pw_elements.linear_solver import Direct, LinearSolver, SolverReport
 from pw_elements.mechanics import (
     Body,
     Material,
@@ -45,11 +46,14 @@ from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 __all__ = [
     "Body",
     "BucklingModes",
+    "Direct",
+    "LinearSolver",
     "Material",
     "NoModes",
     "NumberingError",
     "Reduction",
     "SingularSystem",
+    "SolverReport",
     "Spaces",
     "State",
     "VibrationModes",

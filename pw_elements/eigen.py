@@ -1,6 +1,6 @@
 """Natural frequencies and buckling factors of unsymmetric pairs, Eqs (14) and (24), by SLEPc."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 from slepc4py import SLEPc
@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra import Reduction, factorise, symmetric_part
+from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
 
 _TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
@@ -48,12 +49,14 @@ class BucklingModes:
         shapes: n full vectors, in the trial space's numbering, largest entry 1.
         residuals: (n,), |K d + factor K_sigma d| / |K d|.
         imaginary: largest |Im| / |Re| of them: 0 where the unsymmetric pair stays real.
+        report: what solved the linear systems.
     """
 
     factors: npt.NDArray[np.float64]
     shapes: list[PETSc.Vec]
     residuals: npt.NDArray[np.float64]
     imaginary: float
+    report: SolverReport
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class VibrationModes:
             the imaginary part of one.
         rigid: how many of them are rigid motions: the first ones, unless a symmetrised pair has
             negative eigenvalues.
+        report: what solved the linear systems.
     """
 
     eigenvalues: npt.NDArray[np.float64]
@@ -76,6 +80,7 @@ class VibrationModes:
     residuals: npt.NDArray[np.float64]
     imaginary: float
     rigid: int
+    report: SolverReport
 
 
 def frequencies(
@@ -85,6 +90,7 @@ def frequencies(
     count: int = 1,
     symmetrised: bool = False,
     shift: float | None = None,
+    solver: LinearSolver | None = None,
 ) -> VibrationModes:
     """Smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
 
@@ -97,6 +103,7 @@ def frequencies(
             solver does with an unsymmetric element.
         shift: a number below the wanted eigenvalues, at which the pair is inverted: the nearer
             to them the faster; a small negative one unless given.
+        solver: of the systems with K - shift M; `Direct()` unless given.
 
     Raises:
         SingularSystem: if the shift is an eigenvalue.
@@ -116,9 +123,8 @@ def frequencies(
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
     B.axpy(-shift, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
-    mu, reduced, residuals = _largest(
-        A, B, count, symmetrised, _UNSTABLE if shift <= 0 else _TOO_HIGH
-    )
+    indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
+    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, indefinite, solver)
     if mu.real.min() <= 0:
         raise NoModes(
             f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
@@ -128,13 +134,15 @@ def frequencies(
     elastic = values[~rigid]
     lowest = elastic.real.min(initial=np.inf)
     if not given and 0 < lowest < -_SLENDER * shift:
-        return frequencies(K, M, reduction, count, symmetrised, -lowest)
+        again = frequencies(K, M, reduction, count, symmetrised, -lowest, solver)
+        return replace(again, report=again.report.after(report))
     return VibrationModes(
         values.real,
         [_shape(reduction, mode) for mode in reduced],
         residuals,
         float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0)),
         int(rigid.sum()),
+        report,
     )
 
 
@@ -144,6 +152,7 @@ def buckling(
     reduction: Reduction,
     count: int = 1,
     symmetrised: bool = False,
+    solver: LinearSolver | None = None,
 ) -> BucklingModes:
     """Smallest positive factors of (K + factor K_sigma) d = 0.
 
@@ -154,6 +163,7 @@ def buckling(
         count: how many factors.
         symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
             solver does with an unsymmetric element.
+        solver: of the systems with K; `Direct()` unless given.
 
     Raises:
         SingularSystem: if the supports leave the body a rigid motion.
@@ -169,7 +179,7 @@ def buckling(
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
-    mu, reduced, residuals = _largest(A, B, count, symmetrised, _UNSTABLE)
+    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, _UNSTABLE, solver)
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
             f"only {np.sum(mu.real > _UNSTRESSED)} of {count} factors are positive: "
@@ -180,18 +190,25 @@ def buckling(
         [_shape(reduction, mode) for mode in reduced],
         residuals,
         float(np.max(np.abs(mu.imag) / mu.real)),
+        report,
     )
 
 
 def _largest(
-    A: PETSc.Mat, B: PETSc.Mat, count: int, symmetric: bool, indefinite: str
-) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64]]:
+    A: PETSc.Mat,
+    B: PETSc.Mat,
+    count: int,
+    symmetric: bool,
+    indefinite: str,
+    solver: LinearSolver | None,
+) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
     """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
 
     The two d of a complex pair are the real and the imaginary part of one.
 
     Raises:
-        ValueError: if less than one is asked for.
+        ValueError: if less than one is asked for, or the solver of a symmetric pair cannot tell
+            whether B is positive definite.
         SingularSystem: if B is singular.
         NoModes: if not all values converged, or B, which is to be symmetric, is not positive
             definite; `indefinite` says what that means.
@@ -200,31 +217,41 @@ def _largest(
         raise ValueError(f"{count} eigenvalues: ask for one at least")
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
-    solver = SLEPc.EPS().create(A.comm)
-    solver.setOperators(A, B)
+    eigensolver = SLEPc.EPS().create(A.comm)
+    eigensolver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
-    solver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    solver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
-    solver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
-    inverse = factorise(B, symmetric=symmetric)
-    if symmetric and inverse.getPC().getFactorMatrix().getInertia()[0] > 0:
-        raise NoModes(indefinite)
-    solver.getST().setKSP(inverse)
-    solver.solve()
-    if solver.getConverged() < count:
+    eigensolver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
+    eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
+    eigensolver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
+    eigensolver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
+    inverse = factorise(B, symmetric, solver)
+    if symmetric:
+        _refuse_indefinite(inverse, indefinite)
+    eigensolver.getST().setKSP(inverse.ksp)
+    eigensolver.solve()
+    if eigensolver.getConverged() < count:
         raise NoModes(
-            f"only {solver.getConverged()} of {count} eigenvalues converged "
-            f"in {solver.getIterationNumber()} iterations"
+            f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
+            f"in {eigensolver.getIterationNumber()} iterations"
         )
     values, residuals, modes = np.empty(count, dtype=complex), np.empty(count), []
     for i in range(count):
         real, imaginary = B.createVecRight(), B.createVecRight()
-        values[i] = solver.getEigenpair(i, real, imaginary)
+        values[i] = eigensolver.getEigenpair(i, real, imaginary)
         residuals[i] = _residual(A, B, values[i], real, imaginary)
         modes.append(imaginary if values[i].imag < 0 else real)
-    solver.destroy()
-    return values, modes, residuals
+    eigensolver.destroy()
+    return values, modes, residuals, inverse.report
+
+
+def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:
+    if inverse.negative_pivots is None:
+        raise ValueError(
+            f"{inverse.report.method} does not count negative pivots, without which a symmetrised "
+            "pair is not known to be positive definite: take Direct() with MUMPS"
+        )
+    if inverse.negative_pivots > 0:
+        raise NoModes(otherwise)
 
 
 def _residual(

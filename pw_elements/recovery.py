@@ -191,14 +191,15 @@ class ContactSurface:
             )
 
 
-def by_position(position: Array) -> npt.NDArray[np.intp]:
+def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.intp]:
     """Order of nodes (m, dim) by their first coordinate, then the next.
 
-    Round-off of mid-side positions depends on the partition; the order does not.
+    Round-off of mid-side positions depends on the partition; the order does not. Nodes that
+    coincide are in the order of a second position `beside`, if it is given.
     """
     size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
-    digits = np.round(position / (size or 1.0), 9)
-    return np.lexsort(digits.T[::-1])
+    keys = position if beside is None else np.hstack([position, beside])
+    return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
 
 
 def _areas(body: Body, where: Part) -> tuple[Array, Array]:

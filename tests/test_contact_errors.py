@@ -33,7 +33,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.checks import check_mesh
-from pw_elements.contact.history import History
+from pw_elements.contact.globalisation import Cycles
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Greco, at
@@ -193,7 +193,7 @@ def test_cycles_and_exhausted_iterations_are_errors():
 
 def test_cycling_nodes_change_one_at_a_time():
     """Two nodes that swap their states: the remedy lets the worse one go first."""
-    history = History(MPI.COMM_SELF)
+    history = Cycles(MPI.COMM_SELF)
     one, two = (
         ActiveSet(np.array(s, dtype=np.int8), np.zeros((2, 1)), np.zeros(2))
         for s in ([OPEN, STICK], [STICK, OPEN])

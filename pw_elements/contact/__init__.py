@@ -23,9 +23,9 @@ from pw_elements.contact.errors import (
     NotUnique,
 )
 from pw_elements.contact.law import OPEN, SLIP, STICK
-from pw_elements.contact.pairs import ContactPair, Motion
-from pw_elements.contact.solver import solve_contact
+from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.contact.stepping import ContactProblem, solve_contact
 from pw_elements.contact.surfaces import (
     FlatPunch,
     Parabola,
@@ -43,10 +43,12 @@ __all__ = [
     "ContactFailed",
     "ContactNotConverged",
     "ContactPair",
+    "ContactProblem",
     "ContactState",
     "DegenerateMesh",
     "FlatPunch",
     "FreeBody",
+    "MatchingNodes",
     "Motion",
     "NotUnique",
     "PairState",

@@ -1,25 +1,22 @@
-"""What a contact computation says instead of a result."""
+"""Errors of contact computations, and positions in words for their messages."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.algebra import SingularSystem
-
-if TYPE_CHECKING:
-    from pw_elements.contact.state import ContactState
+from pw_elements.linear_solver import SingularSystem
 
 
 class ContactFailed(RuntimeError):
-    """An increment has no state to give: one of the three below.
+    """An increment has no state: the reason is one of the three classes below.
 
     Attributes:
-        states: of the increments before.
+        states: `ContactState`s of the increments before the one that failed.
     """
 
-    states: Sequence["ContactState"] = ()
+    states: Sequence[Any] = ()
 
 
 class ContactNotConverged(ContactFailed):

@@ -105,6 +105,13 @@ class Contact:
         return np.hstack([normal, self.force[:, 1:] - shrink[:, None] * s])
 
 
+def sticking(closed: npt.NDArray[np.bool_], friction: Array, tangents: int) -> ActiveSet:
+    """The set in which closed nodes (n,) stick, or slip where there is no friction (n,)."""
+    n = len(closed)
+    status = np.where(closed, np.where(friction > 0, STICK, SLIP), OPEN).astype(np.int8)
+    return ActiveSet(status, np.zeros((n, tangents)), np.zeros(n))
+
+
 def equations(active: ActiveSet, friction: Array, scale: Array) -> tuple[Array, Array]:
     """Linear equations A force + B (gap; slip) = 0 of every node in its frame.
 
@@ -143,3 +150,10 @@ def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
     values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
     tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2)
     return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)
+
+
+def turned(active: ActiveSet, old: Array, new: Array) -> ActiveSet:
+    """An active set that refers to frames (n, dim, dim), in new ones."""
+    turn = np.einsum("nai,nbi->nab", new[:, 1:], old[:, 1:])
+    direction = np.einsum("nab,nb->na", turn, active.direction)
+    return ActiveSet(active.status, direction, active.turning)

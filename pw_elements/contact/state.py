@@ -1,22 +1,24 @@
-"""Results of a contact computation, the same on every process."""
+"""States of a contact computation: results, and all that the next increment has to know."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.law import OPEN, Contact
-from pw_elements.contact.pairs import ContactNodes
-from pw_elements.recovery import by_position
+from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
+Free: TypeAlias = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
 class PairState:
     """One pair at the end of one increment; its m nodes in the order of their positions.
+
+    Arrays are read-only and the same on every process.
 
     Args:
         position: (m, dim), undeformed, sorted by the first coordinate, then the next.
@@ -31,6 +33,9 @@ class PairState:
         translation: (dim,) of the surface from its initial place.
         force: (dim,), total force of the surface on the body; in axisymmetry sums round the
             axis, so that the radial one is no resultant.
+        displacement: (m, dim), of the nodes; relative to what they face where nodes match.
+        direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
+        turning: (m,), of the law's linearisation at slipping nodes, see `law.ActiveSet`.
     """
 
     position: Array
@@ -43,6 +48,13 @@ class PairState:
     status: npt.NDArray[np.int8]
     translation: Array
     force: Array
+    displacement: Array
+    direction: Array
+    turning: Array
+
+    def __post_init__(self) -> None:
+        for values in vars(self).values():
+            values.flags.writeable = False
 
 
 @dataclass(frozen=True)
@@ -80,7 +92,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class ContactState:
-    """The body at the end of one increment.
+    """The body at the end of one increment; `ContactProblem.step` goes on from it.
 
     Args:
         displacement: full vector (n,) in the trial space's numbering.
@@ -88,48 +100,21 @@ class ContactState:
         iterations: linear systems solved.
         unique: False if determinants of tangents factorised so far have different signs.
             Then the friction is so large that several states can be in equilibrium with the
-            same loads; another start or smaller increments may lead to another one.
+            same loads; another start or smaller increments may lead to another one. None if the
+            linear solver knows no determinants.
         residuals: of all conditions.
+        report: what solved the linear systems of this increment.
+        increment: number of increments from the undeformed body, where it is 0.
+        free: (pair, component) of the surfaces' free translations.
+        orientations: signs of the determinants that `unique` compares.
     """
 
     displacement: PETSc.Vec
     pairs: tuple[PairState, ...]
     iterations: int
-    unique: bool
+    unique: bool | None
     residuals: Residuals
-
-
-def pair_states(
-    nodes: ContactNodes,
-    contact: Contact,
-    status: npt.NDArray[np.int8],
-    force: Array,
-    translations: Array,
-) -> tuple[PairState, ...]:
-    """Gathers the contact nodes of all processes, sorted by position."""
-    normal, tangents = contact.frame[:, 0], contact.frame[:, 1:]
-    slip = np.einsum("nab,na->nb", tangents, contact.slip)
-    slip[status == OPEN] = 0.0
-    friction = np.einsum("nab,na->nb", tangents, contact.force[:, 1:])
-    states = []
-    for k in range(len(nodes.pairs)):
-        mine = nodes.pair == k
-        position = nodes.gathered(nodes.position[mine])
-        order = by_position(position)
-        columns = (normal, contact.force[:, 0], friction, contact.gap, slip)
-        n, r_n, r_t, gap, v = (nodes.gathered(values[mine])[order] for values in columns)
-        states.append(
-            PairState(
-                position[order],
-                n,
-                r_n,
-                r_t,
-                gap,
-                v,
-                nodes.gathered(nodes.friction[mine])[order],
-                nodes.gathered(status[mine])[order],
-                translations[k].copy(),
-                nodes.gathered(force[mine]).sum(axis=0),
-            )
-        )
-    return tuple(states)
+    report: SolverReport
+    increment: int
+    free: Free
+    orientations: frozenset[int]

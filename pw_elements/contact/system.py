@@ -1,11 +1,18 @@
-"""The linear system of one active set: E K + C, bordered by free surface translations.
+"""The linear system of one active set: the law in place of one equation per component of force.
 
-K is reduced by the supports once. E combines the equations of each contact node, C adds its
-constraints on displacements; all other rows stay as they are. The nonzero pattern is that
-of all active sets, so the matrix is built once, and MUMPS analyses it once.
+With K and f reduced by the supports, the forces at the contact points are read from their own
+equations, r = L (K a - f), and taken out of all others, K' = K - H L K without these. The law's
+linearisation E r + C G a - D U = c stands in the places that have become free, and the balance of
+the free translations U at the end:
+
+    K' a                    = f'        all equations but the contact points' own
+    (E L K + C G) a - D U   = c + E L f     theirs
+    sum L K a               = totals + sum L f
+
+G couples a point to as many nodes as it likes. The nonzero pattern is that of all active sets, so
+the matrix is made once, and analysed once by a direct solver. A solver that would not have it
+assembled takes the place of `Tangent`: it needs K', L K, G and the combinations E, C, D.
 """
-
-from collections.abc import Sequence
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -15,18 +22,26 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.pairs import ContactNodes
-from pw_elements.contact.rows import ContactRows
-from pw_elements.contact.tangent import TangentSolver
+from pw_elements.contact.assembly import (
+    balance_rows,
+    blocks_of,
+    local_rows,
+    structure_of,
+    with_replaced,
+)
+from pw_elements.contact.interface import Interface
+from pw_elements.linear_solver import LinearSolver, SolverReport
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Free = tuple[tuple[int, int], ...]
 
 # What does not count as different
 _SAME = 1e-12
 
 
 class ContactSystem:
-    """Equations of the reduced displacements and of the free translations.
+    """Equations of the reduced displacements and of the free translations of surfaces.
 
     The free translations come last, on the last process. Their equations say that the
     contact forces of a pair add up to the given total in that direction.
@@ -34,116 +49,65 @@ class ContactSystem:
     Args:
         K: free stiffness, (n, n).
         reduction: supports.
-        nodes: contact nodes.
+        interface: contact points, m of this process.
         free: (pair, component) of each free translation.
+        solver: of the linear systems.
 
     Attributes:
-        stiffness: L^T K R.
-        matrix: of the last active set.
-        own_factors: whether the last solution is by factors of its own matrix. With others its
-            error is small against all displacements, but perhaps not against a single gap.
+        stiffness: K reduced, L^T K R of the reduction.
+        scale: c of the law, (m,): mean stiffness of a point's components, or 1 without any.
     """
 
     def __init__(
         self,
         K: PETSc.Mat,
         reduction: Reduction,
-        nodes: ContactNodes,
-        free: Sequence[tuple[int, int]],
+        interface: Interface,
+        free: Free,
+        solver: LinearSolver,
     ) -> None:
-        self.reduction, self.nodes, self.free = reduction, nodes, list(free)
+        self.reduction, self.interface, self.free = reduction, interface, free
         self.stiffness = reduction.matrix(K)
-        self.comm: MPI.Comm = nodes.comm
+        self.comm: MPI.Comm = interface.comm
         first, last = self.stiffness.getOwnershipRange()
-        self._own = last - first
-        self._holds_border = self.comm.rank == self.comm.size - 1
-        self._row = np.where(nodes.column < 0, -1, nodes.column - first)
-        outside = (self._row < -1) | (self._row >= self._own)
+        stated = interface.equation >= 0
+        self._own = np.where(stated, interface.equation - first, -1)
+        outside = stated & ((self._own < 0) | (self._own >= last - first))
         if self.comm.allreduce(int(outside.any()), MPI.MAX):
             raise ValueError("the reduction moves a contact node to another process")
-        local = self._rows_of_stiffness()
-        self._contact = ContactRows(local, self._row, nodes.column, self._translation_columns())
-        self._pointers = self._contact.compressed(first)
-        self.matrix = self._assembled(local)
-        self._tangent = TangentSolver(self.matrix)
-        self._factorised: Array | None = None  # combinations (n, 3, dim, dim) at that time
-        self.own_factors = False
+        motion = interface.motion.matMult(reduction.right)
+        force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
+        self._flexible, self._spread = self._read_and_spread(force)
+        reading = self._reading()
+        forces = reading.matMult(self.stiffness)
+        fixed = self.stiffness
+        if self._spread is not None:
+            fixed = self._spread.transposeMatMult(forces)
+            fixed.axpy(1.0, self.stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        read, moved = local_rows(forces, len(free)), local_rows(motion, len(free))
+        self.scale = self._stiffness_scale(read, moved)
+        self._tangent = Tangent(
+            local_rows(fixed, len(free)), read, moved, self._borders(), self._own, first,
+            self.comm, solver,
+        )  # fmt: skip
 
     @property
-    def unique(self) -> bool:
-        """Whether all tangents factorised so far have determinants of one sign."""
-        return len(self._tangent.orientations) <= 1
+    def own_factors(self) -> bool:
+        """Whether the last solution is by factors of its own matrix.
 
-    def _rows_of_stiffness(self) -> sp.csr_matrix:
-        """Owned rows, with empty columns for the free translations."""
-        indptr, indices, data = self.stiffness.getValuesCSR()
-        columns = self.stiffness.getSize()[1] + len(self.free)
-        rows = sp.csr_matrix((data, indices, indptr), shape=(self._own, columns))
-        rows.sort_indices()
-        return rows
-
-    def _translation_columns(self) -> npt.NDArray[np.int64]:
-        """Column (n, dim) of the free translation of each node's surface, -1: prescribed."""
-        columns = np.full(self._row.shape, -1, dtype=np.int64)
-        for k, (pair, axis) in enumerate(self.free):
-            columns[self.nodes.pair == pair, axis] = self.stiffness.getSize()[1] + k
-        return columns
-
-    def _assembled(self, K: sp.csr_matrix) -> PETSc.Mat:
-        """The matrix with its final pattern; values of the contact rows are set later."""
-        border = self._balance(K)
-        contact = np.zeros(self._own, dtype=bool)
-        contact[self._contact.row] = True
-        counts = np.diff(K.indptr)
-        counts[contact] = np.bincount(self._contact.row, minlength=self._own)[contact]
-        counts = np.concatenate([counts, np.diff(border.indptr)])
-        fixed = np.repeat(np.concatenate([~contact, np.ones(border.shape[0], bool)]), counts)
-        kept = np.repeat(~contact, np.diff(K.indptr))
-
-        indptr = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
-        indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
-        indices[fixed] = np.concatenate([K.indices[kept], border.indices])
-        indices[~fixed] = self._contact.column
-        data[fixed] = np.concatenate([K.data[kept], border.data])
-        sizes = (len(counts), K.shape[1])
-        return PETSc.Mat().createAIJ((sizes, sizes), csr=(indptr, indices, data), comm=self.comm)
-
-    def _balance(self, K: sp.csr_matrix) -> sp.csr_matrix:
-        """Equations of the free translations: sums of a pair's rows, and a diagonal of zeros.
-
-        There are none on all processes but the last.
+        With others its error is small against all displacements, but perhaps not against a gap.
         """
-        select = sp.lil_matrix((len(self.free), self._own))
-        for k, (pair, axis) in enumerate(self.free):
-            row = self._row[self.nodes.pair == pair, axis]
-            select[k, row[row >= 0]] = 1.0
-        parts = self.comm.gather(sp.csr_matrix(select) @ K, root=self.comm.size - 1)
-        if parts is None:
-            return sp.csr_matrix((0, K.shape[1]))
-        total = sum(parts[1:], start=parts[0]).tocoo()
-        own = np.arange(len(self.free))
-        row = np.concatenate([total.row, own])
-        column = np.concatenate([total.col, K.shape[1] - len(own) + own])
-        data = np.append(total.data, np.zeros(len(own)))
-        balance = sp.csr_matrix((data, (row, column)), total.shape)
-        balance.sort_indices()
-        return balance
+        return self._tangent.own_factors
 
-    def stiffness_scale(self) -> Array:
-        """Mean stiffness diagonal (n,) of the free components of each contact node, or 1."""
-        diagonal = self.at_nodes(self.stiffness.getDiagonal().array_r)
-        count = np.sum(self._row >= 0, axis=1)
-        return np.where(count > 0, diagonal.sum(axis=1) / np.maximum(count, 1), 1.0)
+    @property
+    def report(self) -> SolverReport:
+        """What the linear solver has done so far."""
+        return self._tangent.solver.report
 
-    def at_nodes(self, reduced: Array) -> Array:
-        """Values (n, dim) of a reduced local array at the contact nodes; 0 where prescribed."""
-        return np.where(self._row >= 0, reduced[self._row], 0.0)
-
-    def elsewhere(self, reduced: Array) -> float:
-        """Largest entry, on this process, of a reduced local array outside the contact nodes."""
-        rest = np.abs(reduced)
-        rest[self._row[self._row >= 0]] = 0.0
-        return float(rest.max(initial=0.0))
+    @property
+    def orientations(self) -> frozenset[int]:
+        """Signs of the determinants of all tangents factorised so far; empty if unknown."""
+        return self._tangent.solver.orientations
 
     def solve(
         self,
@@ -154,14 +118,14 @@ class ContactSystem:
         constraint: Array,
         totals: Array,
     ) -> tuple[PETSc.Vec, Array]:
-        """Solves E r + C a - D U = constraint with r = K a - load at every contact node.
+        """Solves E r + C G a - D U = constraint at every contact point, with equilibrium.
 
         Args:
-            load: reduced load.
-            E: (n, dim, dim), combines a node's forces.
-            C: (n, dim, dim), combines its displacements.
-            D: (n, dim, dim), combines the free translations of its surface.
-            constraint: (n, dim), prescribed translations included.
+            load: reduced load f.
+            E: (m, dim, dim), combines a point's forces.
+            C: (m, dim, dim), combines its motion.
+            D: (m, dim, dim), combines the free translations of its surface.
+            constraint: (m, dim), prescribed translations included.
             totals: total forces, one per free translation.
 
         Returns:
@@ -170,54 +134,196 @@ class ContactSystem:
         Raises:
             SingularSystem: if there is no unique solution.
         """
-        pointers, columns, rows = self._pointers
-        values = self._contact.values(E, C, D)
-        self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
-        self.matrix.assemble()
-
-        right = self.matrix.createVecRight()
-        f = load.array_r
-        local = right.array
-        local[: len(f)] = f
-        node, component = np.nonzero(self._row >= 0)
-        mixed = np.einsum("nab,nb->na", E, self.at_nodes(f)) + constraint
-        local[self._row[node, component]] = mixed[node, component]
-        loads = self.totals(self.at_nodes(f))
-        if self._holds_border:
-            local[len(f) :] = totals + loads
-        del local
-        solution = self._solution(right, np.stack([E, C, D], axis=1))
-        free = self.comm.bcast(
-            solution.array_r[len(f) :] if self._holds_border else None, root=self.comm.size - 1
-        )
+        loads, right = self._read(load), self._spread_load(load)
+        stated = self._own >= 0
+        right[self._own[stated]] = (np.einsum("nab,nb->na", E, loads) + constraint)[stated]
+        balance = totals + self.totals(loads)
+        solution = self._tangent.solve(right, balance, E, C, D)
         reduced = load.duplicate()
-        reduced.setArray(solution.array_r[: len(f)])
+        reduced.setArray(solution[: len(right)])
+        free = self.comm.bcast(solution[len(right) :], root=self.comm.size - 1)
         return reduced, np.array(free)
 
+    def forces(self, reduced: PETSc.Vec, load: PETSc.Vec) -> tuple[Array, float]:
+        """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
+        unbalanced = load.duplicate()
+        self.stiffness.mult(reduced, unbalanced)
+        unbalanced.axpy(-1.0, load)
+        force = self._read(unbalanced)
+        rest = np.abs(self._spread_load(unbalanced))
+        rest[self._own[self._own >= 0]] = 0.0
+        return force, float(rest.max(initial=0.0))
+
     def totals(self, forces: Array) -> Array:
-        """Sums of nodal forces (n, dim) over all processes, one per free translation."""
-        nodes = self.nodes
-        sums = np.array([forces[nodes.pair == pair, axis].sum() for pair, axis in self.free])
+        """Sums of forces (m, dim) at the points of all processes, one per free translation."""
+        pair = self.interface.pair
+        sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
 
-    def _solution(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec:
-        """Solution for the nodes' combinations (n, 3, dim, dim) that are in the matrix.
+    def forget_factors(self) -> None:
+        """Has the next matrix factorised, whatever it is."""
+        self._tangent.factorised = None
+
+    def _read(self, equations: PETSc.Vec) -> Array:
+        """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""
+        local = equations.array_r
+        return np.where(self._own >= 0, local[self._own] * self._flexible, 0.0)
+
+    def _spread_load(self, equations: PETSc.Vec) -> Array:
+        """What `_read` takes is taken out of all other equations: (I - H L) x on this process."""
+        local: Array = equations.array_r.copy()
+        if self._spread is None:
+            return local
+        read, spread = self._spread.createVecLeft(), equations.duplicate()
+        read.setArray(self._read(equations))
+        self._spread.multTranspose(read, spread)
+        return local + spread.array_r
+
+    def _read_and_spread(self, force: PETSc.Mat) -> tuple[Array, PETSc.Mat | None]:
+        """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is."""
+        indptr, column, value = force.getValuesCSR()
+        value = value.copy()
+        equation = np.repeat(self.interface.equation.ravel(), np.diff(indptr))
+        own = column == equation
+        diagonal = np.ones(len(indptr) - 1)
+        diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[own]] = value[own]
+        value[own | (equation < 0)] = 0.0
+        flexible = 1 / diagonal.reshape(self._own.shape)
+        if not self.comm.allreduce(int(np.any(value != 0)), MPI.MAX):
+            return flexible, None
+        csr = (indptr, column, -value)
+        return flexible, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+
+    def _reading(self) -> PETSc.Mat:
+        """L, (points dim, equations)."""
+        equation = self.interface.equation.ravel()
+        stated = equation >= 0
+        indptr = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+        csr = (indptr, equation[stated].astype(PETSc.IntType), self._flexible.ravel()[stated])
+        sizes = (self.interface.motion.getSizes()[0], self.stiffness.getSizes()[0])
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.stiffness.comm)
+
+    def _borders(self) -> sp.csr_matrix:
+        """(free translations, m dim), ones at the components that a translation moves."""
+        m, dim = self._own.shape
+        points = [np.flatnonzero(self.interface.pair == pair) for pair, _ in self.free]
+        column = [at * dim + axis for at, (_, axis) in zip(points, self.free, strict=True)]
+        indptr = np.concatenate([[0], np.cumsum([len(c) for c in column])]).astype(np.int64)
+        columns = np.concatenate([np.empty(0, dtype=np.int64), *column])
+        return sp.csr_matrix((np.ones(len(columns)), columns, indptr), (len(self.free), m * dim))
+
+    def _stiffness_scale(self, forces: sp.csr_matrix, motion: sp.csr_matrix) -> Array:
+        """Mean of (L K) / G at each point's own unknowns; 1 where it has none."""
+        own = self.interface.equation.ravel()
+        row = np.arange(len(own))
+        stated = own >= 0
+        stiffness, unit = np.zeros(len(own)), np.ones(len(own))
+        stiffness[stated] = np.asarray(forces[row[stated], own[stated]]).ravel()
+        unit[stated] = np.asarray(motion[row[stated], own[stated]]).ravel()
+        values = (stiffness / unit).reshape(self._own.shape)
+        count = np.sum(self._own >= 0, axis=1)
+        return np.where(count > 0, values.sum(axis=1) / np.maximum(count, 1), 1.0)
+
+
+class Tangent:
+    """The assembled matrix of any active set, and its solver.
+
+    Args:
+        fixed: K', rows of this process, with columns for the free translations, as all below.
+        forces: L K, (m dim, unknowns).
+        motion: G, (m dim, unknowns).
+        borders: (free translations, m dim), ones where a translation moves a point.
+        own: (m, dim), local number of each point's own equations, -1 where there is none.
+        first: number of this process' first equation.
+        comm: of the processes; the last of them has the free translations.
+        solver: of the systems.
+
+    Attributes:
+        solver: that is bound to the matrix.
+        own_factors: whether the last solution is by factors of its own matrix.
+        factorised: combinations (m, 3, dim, dim) at the last factorisation.
+    """
+
+    def __init__(
+        self,
+        fixed: sp.csr_matrix,
+        forces: sp.csr_matrix,
+        motion: sp.csr_matrix,
+        borders: sp.csr_matrix,
+        own: Indices,
+        first: int,
+        comm: MPI.Comm,
+        solver: LinearSolver,
+    ) -> None:
+        self._comm, (m, dim), free = comm, own.shape, borders.shape[0]
+        unknowns = fixed.shape[1] - free
+        moved = borders.T.tocsr()
+        moved = sp.csr_matrix((moved.data, moved.indices + unknowns, moved.indptr), forces.shape)
+        of_point = np.repeat(np.arange(m), dim)
+        parts = (forces, motion, -moved)
+        pattern = sum(structure_of(part, of_point, m) for part in parts)
+        pattern.sort_indices()
+        self._point = np.repeat(np.arange(m), np.diff(pattern.indptr))
+        self._parts = [blocks_of(part, pattern, dim) for part in parts]
+        # entries of the points' equations, row by row
+        entry, axis = np.nonzero(own[self._point] >= 0)
+        row = own[self._point[entry], axis]
+        order = np.argsort(row, kind="stable")
+        row, self._entries = row[order], (entry[order], axis[order])
+        column = pattern.indices[self._entries[0]]
+        rows, counts = np.unique(row, return_counts=True)
+        self._place = tuple(
+            part.astype(PETSc.IntType)
+            for part in (np.concatenate([[0], np.cumsum(counts)]), column, first + rows)
+        )
+        border = balance_rows(borders @ forces, comm)
+        self._borders = border.shape[0]
+        replaced = np.zeros(fixed.shape[0], dtype=bool)
+        replaced[rows] = True
+        csr = with_replaced(fixed, border, replaced, column, counts)
+        sizes = (len(csr[0]) - 1, fixed.shape[1])
+        self.matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
+        self.solver = solver.prepare(self.matrix)
+        self.factorised: Array | None = None
+        self.own_factors = False
+
+    def solve(self, right: Array, balance: Array, E: Array, C: Array, D: Array) -> Array:
+        """Unknowns of this process, those of free translations at the end of the last one.
+
+        Args:
+            right: of this process' equations.
+            balance: right-hand sides of the free translations.
+            E: (m, dim, dim), combines a point's forces.
+            C: (m, dim, dim), combines its motion.
+            D: (m, dim, dim), combines the free translations of its surface.
 
         A few rows that differ from those of the last factorisation are cheaper to correct.
+
+        Raises:
+            SingularSystem: if there is no unique solution.
         """
-        if self._factorised is not None:  # no process differs in this
-            size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
-            change = np.abs(combinations - self._factorised) > _SAME * size
-            rows = self.comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
-            solution = self._tangent.solve_as_changed(right, rows)
+        combinations = np.stack([E, C, D], axis=1)
+        values = sum(
+            np.einsum("eab,eb->ea", combinations[self._point, k], part)
+            for k, part in enumerate(self._parts)
+        )
+        pointers, columns, rows = self._place
+        self.matrix.setValuesIJV(pointers, columns, values[self._entries], rowmap=rows)
+        self.matrix.assemble()
+        known = self.matrix.createVecRight()
+        known.setArray(np.append(right, balance[: self._borders]))
+        return np.asarray(self._solution(known, combinations).array_r)
+
+    def _solution(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec:
+        if self.factorised is not None:  # no process differs in this
+            size = np.abs(self.factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
+            change = np.abs(combinations - self.factorised) > _SAME * size
+            rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
+            solution = self.solver.solve_changed(right, rows)
             if solution is not None:
                 self.own_factors = False
                 return solution
-        solution = self._tangent.solve(right)
-        self._factorised, self.own_factors = combinations, True
+        solution = self.solver.solve(right)
+        self.factorised, self.own_factors = combinations, True
         return solution
-
-    def forget_factors(self) -> None:
-        """Has the next matrix factorised, whatever it is."""
-        self._factorised = None

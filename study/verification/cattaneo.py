@@ -17,6 +17,7 @@ from pw_elements.contact import (
     STICK,
     ContactPair,
     ContactState,
+    MatchingNodes,
     Motion,
     Parabola,
     solve_contact,
@@ -62,45 +63,20 @@ def partial_slip(
     shares = SHARE * np.arange(increments + 1) / increments
     motions = [Motion((0.0, None), (0.0, -FORCE))]
     motions += [Motion((None, None), (s * FRICTION * FORCE, -FORCE)) for s in shares[1:]]
-    pair = ContactPair(_touching, Parabola((0.0, 0.0), RADIUS), FRICTION, motions)
+    upper = MatchingNodes(_opposite, Parabola((0.0, 0.0), RADIUS), offset=(0.0, DISTANCE))
+    pair = ContactPair(_touching, upper, FRICTION, motions)
     states: list[ContactState] = []
     for level in COARSEST * 2 ** np.arange(1 + int(np.log2(zone_elements // COARSEST))):
-        body = _relative(
-            discretise(
-                element,
-                partial(_mesh, int(level)),
-                Material(YOUNGS_MODULUS, POISSONS_RATIO),
-                State.PLANE_STRAIN,
-            )
+        body = discretise(
+            element,
+            partial(_mesh, int(level)),
+            Material(YOUNGS_MODULUS, POISSONS_RATIO),
+            State.PLANE_STRAIN,
         )
         loads = [_held_sides(body, share, far_field) for share in shares]
         sides = body.supports([support(body.space, i, _sides) for i in (0, 1)])
         states = solve_contact(body.K, loads, sides, [pair], body.space, states)
     return _result(body, states)
-
-
-def _relative(body: Discretisation) -> Discretisation:
-    """Contact nodes of the lower body get displacements relative to the upper one's.
-
-    Their equations stay, so that their reactions are contact forces; each opposite node's
-    equation becomes the sum of both, in which these forces cancel.
-    """
-    lower, upper = (
-        fem.locate_dofs_geometrical(body.space, where) for where in (_touching, _opposite)
-    )
-    x = body.space.tabulate_dof_coordinates()
-    lower, upper = (nodes[np.argsort(x[nodes, 0])] for nodes in (lower, upper))
-    n = body.K.getSize()[0]
-    R = PETSc.Mat().createAIJ((n, n), nnz=2, comm=MPI.COMM_SELF)
-    for i in range(n):
-        R.setValue(i, i, 1.0)
-    for below, above in zip(lower, upper, strict=True):
-        for component in range(2):
-            R.setValue(2 * below + component, 2 * above + component, 1.0)
-    R.assemble()
-    K = R.transposeMatMult(body.K.matMult(R))
-    K.setAttr("form", body.K.getAttr("form"))
-    return Discretisation(body.element, body.body, K)
 
 
 def _held_sides(body: Discretisation, share: float, far_field: bool) -> PETSc.Vec:

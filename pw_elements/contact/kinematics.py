@@ -1,12 +1,12 @@
-"""Gap, slip and force of the contact nodes, linearised at a place of the surfaces."""
+"""Gap, slip and force of the contact points, linearised at a place of the surfaces."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import frames
-from pw_elements.contact.pairs import ContactNodes
 
 Array = npt.NDArray[np.float64]
 
@@ -15,7 +15,7 @@ _STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Geometry:
+class Kinematics:
     """Gap, slip and force components as linear functions of a, U and r.
 
     a and r are displacements and forces of the contact nodes, U the translations of their
@@ -27,7 +27,7 @@ class Geometry:
         force = [n_0; T_0] r + sum turned_force_k (U_k - U_0k).
 
     Args:
-        nodes: the contact nodes (n).
+        interface: the contact points (m).
         translations: U_0, (pairs, dim).
         past: displacements less translations (n, dim) from which slip counts.
         frame: normals n_0 and tangents T_0, (n, dim, dim).
@@ -37,7 +37,7 @@ class Geometry:
         turned_force: (n, dim, dim), by the turning of the frame per translation.
     """
 
-    nodes: ContactNodes
+    interface: Interface
     translations: Array
     past: Array
     frame: Array
@@ -49,42 +49,42 @@ class Geometry:
     @classmethod
     def at(
         cls,
-        nodes: ContactNodes,
+        interface: Interface,
         past: Array,
         translations: Array,
         free: Array,
         displacement: Array,
         force: Array,
-    ) -> "Geometry":
+    ) -> "Kinematics":
         """Linearisation at translations, displacements (n, dim) and forces (n, dim).
 
         Args:
-            nodes: the contact nodes.
+            interface: the contact points.
             past: displacements less translations (n, dim) from which slip counts.
             translations: (pairs, dim).
             free: (pairs, dim), tells which translations may change.
             displacement: of the nodes.
             force: on the nodes.
         """
-        step = _STEP * (np.ptp(nodes.gathered(nodes.position), axis=0).max() or 1.0)
-        frame = frames(nodes.normals(translations), nodes.column >= 0)
+        step = _STEP * (np.ptp(interface.gathered(interface.position), axis=0).max() or 1.0)
+        frame = frames(interface.normals(translations), interface.equation >= 0)
         normal, tangents = frame[:, 0], frame[:, 1:]
-        gap, loss = nodes.gaps(translations), normal.copy()
+        gap, loss = interface.gaps(translations), normal.copy()
         turn = np.zeros_like(frame)  # of the normal, (n, component, translation)
         for axis in np.flatnonzero(free.any(axis=0)):
             ahead, behind = translations.copy(), translations.copy()
             ahead[free[:, axis], axis] += step
             behind[free[:, axis], axis] -= step
-            moved = free[nodes.pair, axis]
-            turned = (nodes.normals(ahead) - nodes.normals(behind)) / (2 * step)
+            moved = free[interface.pair, axis]
+            turned = (interface.normals(ahead) - interface.normals(behind)) / (2 * step)
             with np.errstate(invalid="ignore"):  # infinite gaps
-                change = (nodes.gaps(behind) - nodes.gaps(ahead)) / (2 * step)
+                change = (interface.gaps(behind) - interface.gaps(ahead)) / (2 * step)
             smooth = moved & np.isfinite(change)
             turn[smooth, :, axis] = turned[smooth]
             loss[smooth, axis] = change[smooth] - np.sum(turned * displacement, axis=1)[smooth]
         # tangents turn so that they stay normal to it: dt = -(t·dn) n
         tilt = np.einsum("nta,nak->ntk", tangents, turn)
-        relative = displacement - nodes.shifts(translations) - past
+        relative = displacement - interface.shifts(translations) - past
         turned_slip = -tilt * np.sum(normal * relative, axis=1)[:, None, None]
         turned_force = np.concatenate(
             [
@@ -93,7 +93,7 @@ class Geometry:
             ],
             axis=1,
         )
-        return cls(nodes, translations, past, frame, gap, loss, turned_slip, turned_force)
+        return cls(interface, translations, past, frame, gap, loss, turned_slip, turned_force)
 
     def gaps(self, displacement: Array, translations: Array) -> Array:
         """Gaps (n,) at displacements (n, dim) and translations (pairs, dim)."""
@@ -102,7 +102,7 @@ class Geometry:
 
     def slips(self, displacement: Array, translations: Array) -> Array:
         """Slip components (n, dim - 1) likewise."""
-        relative = displacement - self.nodes.shifts(translations) - self.past
+        relative = displacement - self.interface.shifts(translations) - self.past
         slips = np.einsum("nab,nb->na", self.frame[:, 1:], relative)
         return slips + np.einsum("nak,nk->na", self.turned_slip, self._from(translations))
 
@@ -126,7 +126,7 @@ class Geometry:
         D = np.einsum("nab,nbk->nak", B, follow) - np.einsum("nab,nbk->nak", A, self.turned_force)
         level = np.einsum("nab,nb->na", self.frame, self.past)
         level[:, 0] = np.where(np.isfinite(self.gap), -self.gap, 0.0)
-        here = self.nodes.shifts(self.translations)
+        here = self.interface.shifts(self.translations)
         turned = D - np.einsum("nab,nbk->nak", B[:, :, 1:], self.frame[:, 1:])
         c = np.einsum("nab,nb->na", B, level) - np.einsum("nak,nk->na", turned, here)
         E, C = A @ self.frame, B @ self.frame
@@ -135,4 +135,4 @@ class Geometry:
 
     def _from(self, translations: Array) -> Array:
         """Translations (n, dim) of the nodes' surfaces from the place of linearisation."""
-        return self.nodes.shifts(translations - self.translations)
+        return self.interface.shifts(translations - self.translations)

@@ -9,7 +9,8 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.contact.errors import listed
-from pw_elements.contact.pairs import free_columns
+from pw_elements.contact.law import ActiveSet, equations
+from pw_elements.contact.nodes import free_columns
 from pw_elements.contact.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -35,24 +36,29 @@ class RigidMotions:
         self._length = float(np.sqrt(spread / count))
         self._planes = list(combinations(range(dim), 2))
         modes = self._modes(x)
-        contact = system.nodes
-        self._at_nodes = self._modes(contact.position)  # (n, dim, modes)
+        self._at_points = self._motions(modes.reshape(owned * dim, modes.shape[2]))
         self._held = self._gram_of_supports(modes.reshape(owned * dim, modes.shape[2]))
+
+    def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        friction = self._system.interface.friction
+        B = equations(active, friction, np.ones_like(friction))[1]
+        return self.free(np.einsum("nab,nbj->naj", B, frame))
 
     def free(self, constraints: Array) -> list[str]:
         """Names of the motions against which neither stiffness nor constraints act.
 
         Args:
-            constraints: (n, dim, dim), rows that act on the displacement of each contact node
+            constraints: (m, dim, dim), rows that act on the motion of each contact point
                 relative to its surface, of unit size.
         """
         system = self._system
-        n, dim, bodies = self._at_nodes.shape
-        relative = np.zeros((n, dim, bodies + len(system.free)))
-        relative[..., :bodies] = self._at_nodes
+        m, dim, bodies = self._at_points.shape
+        relative = np.zeros((m, dim, bodies + len(system.free)))
+        relative[..., :bodies] = self._at_points
         for k, (pair, axis) in enumerate(system.free):
-            relative[system.nodes.pair == pair, axis, bodies + k] = -1.0
-        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(n * dim, relative.shape[2])
+            relative[system.interface.pair == pair, axis, bodies + k] = -1.0
+        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(m * dim, relative.shape[2])
         gram = np.ascontiguousarray(rows.T @ rows)
         system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
         gram[:bodies, :bodies] += self._held
@@ -69,6 +75,15 @@ class RigidMotions:
             modes[:, i, dim + k] = -s[:, j]
             modes[:, j, dim + k] = s[:, i]
         return modes
+
+    def _motions(self, modes: Array) -> Array:
+        """Motions (m, dim, modes) of the contact points in modes (owned dofs, modes)."""
+        interface, columns = self._system.interface, []
+        for mode in modes.T:
+            full = interface.motion.createVecRight()
+            full.setArray(mode)
+            columns.append(interface.motions(full))
+        return np.stack(columns, axis=2)
 
     def _gram_of_supports(self, modes: Array) -> Array:
         """Squares of what modes do at prescribed displacements, and of their forces K m.
@@ -89,14 +104,14 @@ class RigidMotions:
             image = system.stiffness.createVecLeft()
             system.stiffness.mult(vector, image)
             images.append(image.array_r.copy())
-        largest = system.comm.allreduce(system.stiffness_scale().max(initial=0.0), MPI.MAX)
+        largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
         forces, prescribed = np.array(images) / largest, modes[column == -1]
         gram = np.ascontiguousarray(forces @ forces.T + prescribed.T @ prescribed)
         system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
         return gram
 
     def _name(self, vector: Array) -> str:
-        dim, bodies = len(self._centre), self._at_nodes.shape[2]
+        dim, bodies = len(self._centre), self._at_points.shape[2]
         turning = vector[dim:bodies]
         if np.abs(turning).max(initial=0.0) > 1e-6:
             if dim == 2:

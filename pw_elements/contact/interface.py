@@ -1,0 +1,254 @@
+"""The interface: contact points, and two operators that couple them to the body.
+
+With a the displacements (n,) of all nodes and r the contact forces at the points,
+
+    motion of the points  = G a,          G (points x dim, n),
+    K a - f               = H r,          H (n, points x dim),
+
+all components global. The motion is relative to what faces a point: nothing is subtracted for
+rigid surfaces, whose translations the law sees apart; the opposite body's displacement where
+nodes match. Nodal interfaces have H = G^T, for the new element too: its nodal equations are
+weighted, its nodal displacements are not.
+
+A mortar interface joins by another builder of `Points`: G has the weighted gap integrals in its
+rows, H the integrals of the multipliers' duals against the weights of both bodies. What the rest
+relies on is that each component of a point's force has one equation, `Points.equation`, in which
+no other force appears, so that the force can be read from it; and that G's unit times H's is a
+stiffness over K's, by which the law's scale is found. Law, kinematics and loop see points only.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from pw_elements.contact.errors import listed
+from pw_elements.contact.surfaces import Surface
+from pw_elements.recovery import by_position
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Largest initial penetration that passes for round-off and faceting, over the body's diagonal
+_PENETRATION = 1e-6
+# Largest normal component of a prescribed displacement, a cosine
+_TANGENTIAL = 1e-8
+# Largest difference of a normal's length from one
+_UNIT = 1e-6
+# Cosine from which on a push counts as outwards
+_OUTWARDS = 0.1
+
+
+@dataclass(frozen=True)
+class Points:
+    """The contact points (m) of one pair that belong to this process.
+
+    Args:
+        position: (m, dim), undeformed.
+        friction: (m,), Coulomb's mu.
+        equation: (m, dim), number of the reduced equation that holds this component of the
+            point's force and of no other; -1 where none does: the law is not stated there. It
+            is owned by this process.
+        motion: (m dim, n), rows of G.
+        force: (m dim, n), columns of H, transposed.
+        beside: (m, dim), mean of the midpoints of the cells around: tells points apart that
+            coincide, such as those of two bodies that touch.
+        outward: (m, dim), direction of the body's outward normal; zero where there is none.
+    """
+
+    position: Array
+    friction: Array
+    equation: Indices
+    motion: sp.csr_matrix
+    force: sp.csr_matrix
+    beside: Array
+    outward: Array
+
+
+class Interface:
+    """All contact points of this process (m of them), pair after pair.
+
+    Attributes:
+        comm: of the space.
+        surfaces: one per pair, at its initial place.
+        pair: (m,), number of each point's pair.
+        position, friction, equation: as in `Points`.
+        motion: G.
+        force: H.
+    """
+
+    def __init__(
+        self, points: Sequence[Points], surfaces: Sequence[Surface], space_rows: PETSc.Vec
+    ) -> None:
+        """Puts pairs together; `space_rows` (n,) has the distribution of the displacements."""
+        self.comm: MPI.Comm = space_rows.comm.tompi4py()
+        self.surfaces = list(surfaces)
+        counts = [len(part.position) for part in points]
+        self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
+        self.position = np.concatenate([part.position for part in points])
+        self.friction = np.concatenate([part.friction for part in points])
+        self.equation = np.concatenate([part.equation for part in points])
+        self._outward = np.concatenate([part.outward for part in points])
+        self._beside = np.concatenate([part.beside for part in points])
+        self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), space_rows)
+        transposed = _matrix(sp.vstack([part.force for part in points], "csr"), space_rows)
+        self.force = transposed.transpose(PETSc.Mat())
+
+    @property
+    def pairs(self) -> int:
+        """Number of contact pairs."""
+        return len(self.surfaces)
+
+    def check(self, diagonal: float) -> None:
+        """Raises ValueError for what states no contact problem.
+
+        No points, friction that is negative or not a number, a prescribed normal displacement,
+        a surface without gap or unit normal at a point, one that cuts the body (of the size
+        `diagonal`) or pushes it outwards.
+        """
+        for k in range(self.pairs):
+            if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
+                raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
+        wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
+        self.refuse(wrong, "have a friction coefficient that is negative or not finite")
+        self.check_supports(None)
+        self.refuse(
+            ~(self.gaps(None) >= -_PENETRATION * diagonal),
+            "lie inside the rigid surface before any motion; a motion has to press it in",
+        )
+        self._check_sides()
+
+    def check_supports(self, translations: Array | None) -> None:
+        """Raises ValueError if a point that a surface faces cannot move along its normal."""
+        normal, gap = self.normals(translations), self.gaps(translations)
+        self.refuse(np.isnan(gap), "see a surface whose gap is not a number")
+        faced = np.isfinite(gap)
+        length = np.linalg.norm(normal, axis=1)
+        self.refuse(~(np.abs(length - 1) < _UNIT), "see a surface whose normal is no unit vector")
+        along = np.where(self.equation < 0, normal, 0.0)
+        held = np.abs(along).max(axis=1, initial=0) > _TANGENTIAL
+        self.refuse(
+            held & faced, "have a prescribed normal displacement: they cannot be in contact"
+        )
+
+    def _check_sides(self) -> None:
+        pushed = np.sum(self.normals(None) * self._outward, axis=1)
+        wrong = pushed > _OUTWARDS * np.linalg.norm(self._outward, axis=1)
+        known = np.any(self._outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        for k in range(self.pairs):
+            mine = known & (self.pair == k)
+            some, right = (
+                self.comm.allreduce(int(np.sum(flags)), MPI.SUM) for flags in (mine, mine & ~wrong)
+            )
+            if some and not right:
+                raise ValueError(
+                    f"the surface of contact pair {k} pushes the body outwards at each of its "
+                    "nodes: its direction is to point from the rigid into the body; reverse it"
+                )
+
+    def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
+        """Raises a ValueError that names the positions of points, if there are any."""
+        places = self.gathered(self.position[wrong])
+        if len(places):
+            raise ValueError(f"contact nodes at {listed(places)} {what}")
+
+    def gathered(self, values: npt.NDArray) -> npt.NDArray:
+        """Rows of all processes, on each of them."""
+        return np.concatenate(self.comm.allgather(values))
+
+    def in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
+        """Values (m, ...) at a pair's points of all processes, sorted by position."""
+        return self.gathered(values[self.pair == pair])[self._order[pair]]
+
+    def local(self, pair: int, sorted_values: npt.NDArray) -> npt.NDArray:
+        """The rows of this process of values that are sorted as `in_order` does."""
+        mine = int(np.sum(self.pair == pair))
+        first = self.comm.scan(mine) - mine
+        place = np.argsort(self._order[pair])
+        return sorted_values[place[first : first + mine]]
+
+    @cached_property
+    def _order(self) -> list[npt.NDArray[np.intp]]:
+        """Order by position of each pair's points as they are gathered."""
+        return [
+            by_position(
+                self.gathered(self.position[self.pair == k]),
+                self.gathered(self._beside[self.pair == k]),
+            )
+            for k in range(self.pairs)
+        ]
+
+    def motions(self, displacement: PETSc.Vec) -> Array:
+        """G a, (m, dim), of a displacement vector (n,)."""
+        moved = self.motion.createVecLeft()
+        self.motion.mult(displacement, moved)
+        return moved.array_r.reshape(self.position.shape).copy()
+
+    def shifts(self, translations: Array | None) -> Array:
+        """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""
+        if translations is None:
+            return np.zeros_like(self.position)
+        return translations[self.pair]
+
+    def gaps(self, translations: Array | None) -> Array:
+        """Gap (m,) of the undeformed body to the translated surfaces."""
+        return self._by_pair(lambda surface, x: surface.gap(x), translations, ())
+
+    def normals(self, translations: Array | None) -> Array:
+        """Normals (m, dim) of the translated surfaces at the undeformed body."""
+        dim = self.position.shape[1]
+        return self._by_pair(lambda surface, x: surface.normal(x), translations, (dim,))
+
+    def _by_pair(
+        self,
+        ask: Callable[[Surface, Array], Array],
+        translations: Array | None,
+        shape: tuple[int, ...],
+    ) -> Array:
+        x = self.position - self.shifts(translations)
+        values = np.empty((len(x), *shape))
+
+        def fill() -> Array:
+            for k, surface in enumerate(self.surfaces):
+                mine = self.pair == k
+                if mine.any():
+                    answer = np.asarray(ask(surface, x[mine]))
+                    if answer.shape != (mine.sum(), *shape):
+                        raise ValueError(
+                            f"the surface of contact pair {k} answers with the shape "
+                            f"{answer.shape} to {mine.sum()} points, which are rows (n, dim)"
+                        )
+                    values[mine] = answer
+            return values
+
+        return together(self.comm, fill)
+
+
+def together(comm: MPI.Comm, ask: Callable[[], Array]) -> Array:
+    """What the user's functions give; where they fail on one process, all of them stop.
+
+    Raises:
+        ValueError: on the other processes.
+    """
+    error: Exception | None = None
+    values: Array = np.empty(0)
+    try:
+        values = ask()
+    except Exception as raised:
+        error = raised
+    if comm.allreduce(int(error is not None), MPI.MAX):
+        raise error or ValueError("a surface or friction function failed on another process")
+    return values
+
+
+def _matrix(rows: sp.csr_matrix, columns: PETSc.Vec) -> PETSc.Mat:
+    """A matrix with these rows on this process, and columns distributed as a vector."""
+    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+    sizes = ((rows.shape[0], PETSc.DETERMINE), columns.getSizes())
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=columns.comm)

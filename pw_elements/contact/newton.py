@@ -1,0 +1,190 @@
+"""The active-set (semismooth Newton) iteration of one increment: solve, residual, next set."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.algebra import Reduction
+from pw_elements.contact.errors import ContactNotConverged, NotUnique
+from pw_elements.contact.globalisation import Policy, counted, same
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.kinematics import Kinematics
+from pw_elements.contact.law import ActiveSet, Contact, equations, turned
+from pw_elements.contact.system import ContactSystem
+from pw_elements.linear_solver import SingularSystem
+
+Array = npt.NDArray[np.float64]
+
+# Violation of the law over the largest nodal contact force
+_TOLERANCE = 1e-9
+# What of the violation may be round-off: over stiffness x displacement, and over stiffness x
+# coordinate, for a gap is a difference of coordinates
+_LOST = 1e-13
+ROUND_OFF = 4 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """A solution of one linear system, seen from the contact points.
+
+    Args:
+        reduced: displacements, reduced.
+        full: displacements (n,).
+        translations: of the surfaces, (pairs, dim).
+        displacement: motion of the points, (m, dim).
+        force: of the surfaces on the points, (m, dim).
+        unbalanced: largest force on this process that is no contact force.
+        contact: gaps, slips and forces in the frames.
+    """
+
+    reduced: PETSc.Vec
+    full: PETSc.Vec
+    translations: Array
+    displacement: Array
+    force: Array
+    unbalanced: float
+    contact: Contact
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where an increment starts: slip counts from here.
+
+    Args:
+        displacement: motion of the points, (m, dim).
+        force: on the points, (m, dim).
+        translations: of the surfaces, (pairs, dim).
+    """
+
+    displacement: Array
+    force: Array
+    translations: Array
+
+
+class Increment:
+    """The equations of one increment.
+
+    Args:
+        system: linear systems.
+        K: stiffness (n, n), free.
+        load: f (n,), at the end.
+        prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
+        totals: forces of the free translations.
+        past: where it starts.
+    """
+
+    def __init__(
+        self,
+        system: ContactSystem,
+        K: PETSc.Mat,
+        load: PETSc.Vec,
+        prescribed: Array,
+        totals: Array,
+        past: Reference,
+    ) -> None:
+        self.system, self.past = system, past
+        self.interface: Interface = system.interface
+        self.prescribed, self.totals = prescribed, totals
+        self._reduction: Reduction = system.reduction.under(K, load)
+        self._load = self._reduction.load(K, load)
+        self._supported = self.interface.motions(self._reduction.offset)
+
+    def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
+        """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
+        free = np.isnan(self.prescribed)
+        past = self.past.displacement - self.interface.shifts(self.past.translations)
+        return Kinematics.at(self.interface, past, translations, free, displacement, force)
+
+    def solve(self, active: ActiveSet, place: Kinematics) -> Iterate:
+        """Solves for an active set and the kinematics of a place.
+
+        Raises:
+            NotUnique: if the tangent is singular.
+        """
+        A, B = equations(active, self.interface.friction, self.system.scale)
+        E, C, D, constraint = place.equations(A, B)
+        known = self.interface.shifts(np.nan_to_num(self.prescribed))
+        constraint += np.einsum("nij,nj->ni", D, known)
+        constraint -= np.einsum("nij,nj->ni", C, self._supported)
+        try:
+            reduced, free = self.system.solve(self._load, E, C, D, constraint, self.totals)
+        except SingularSystem as error:
+            raise NotUnique(
+                f"{error}: no rigid motion is free, so the friction of the "
+                f"{counted(active, self.system.comm)} is too large for a unique answer"
+            ) from error
+        moved = self.prescribed.copy()
+        moved[np.isnan(moved)] = free
+        return self.seen(reduced, moved, place)
+
+    def seen(self, reduced: PETSc.Vec, translations: Array, place: Kinematics) -> Iterate:
+        """Gaps, slips and forces at the contact points."""
+        full = self._reduction.expand(reduced)
+        displacement = self.interface.motions(full)
+        force, unbalanced = self.system.forces(reduced, self._load)
+        contact = Contact(
+            place.frame,
+            place.gaps(displacement, translations),
+            place.slips(displacement, translations),
+            place.forces(force, translations),
+            self.interface.friction,
+            self.system.scale,
+        )
+        return Iterate(reduced, full, translations, displacement, force, unbalanced, contact)
+
+    def violation(self, now: Iterate) -> float:
+        """Largest violation of the law over what is allowed."""
+        comm = self.system.comm
+        wrong = np.nan_to_num(np.abs(now.contact.violation()), nan=np.inf).max(initial=0.0)
+        largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
+        wrong = comm.allreduce(wrong, MPI.MAX)
+        allowed = _TOLERANCE * largest + self.lost(now)
+        return float(wrong / allowed) if wrong > 0 else 0.0
+
+    def lost(self, now: Iterate) -> float:
+        """Force that may be nothing but round-off."""
+        round_off = _LOST * np.abs(now.displacement)
+        round_off += ROUND_OFF * np.abs(self.interface.position)
+        lost = (self.system.scale[:, None] * round_off).max(initial=0.0)
+        return float(self.system.comm.allreduce(lost, MPI.MAX))
+
+
+def newton(
+    increment: Increment, active: ActiveSet, place: Kinematics, policy: Policy, most: int
+) -> tuple[Iterate, int]:
+    """Iterates from an active set and a place of linearisation until all conditions hold.
+
+    Planes make gap and slip linear. For curved surfaces under force control they are linearised
+    anew where the active set has been found, until nothing changes.
+
+    Returns:
+        The solution and the number of linear systems, `most` at most.
+
+    Raises:
+        FreeBody, NotUnique, ContactNotConverged: as `solve_contact` says.
+    """
+    system = increment.system
+    policy.restart(active)
+    for iteration in range(1, most + 1):
+        now = increment.solve(active, place)
+        if increment.violation(now) <= 1:
+            old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
+            now = increment.seen(now.reduced, now.translations, place)
+            if increment.violation(now) <= 1:
+                return now, iteration
+            active = turned(active, old.frame, place.frame)
+            policy.restart()
+        wanted = policy.wanted(active, now.contact)
+        if not system.own_factors and same(wanted, active, system.comm):
+            system.forget_factors()  # corrected factors leave single gaps open
+            continue
+        active = policy.taken(wanted, active, now.contact)
+    raise ContactNotConverged(
+        f"no active set satisfies the contact conditions after {most} iterations; the last one "
+        f"violates them {increment.violation(now):.1e} times the tolerance: more iterations, "
+        "smaller increments or a start from a coarser mesh may help"
+    )

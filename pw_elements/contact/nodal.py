@@ -1,0 +1,123 @@
+"""Interfaces whose points are nodes: against rigid surfaces, and between matching nodes."""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from dolfinx import fem
+
+from pw_elements.algebra import Reduction
+from pw_elements.contact.interface import Interface, Points, together
+from pw_elements.contact.matching import opposite_nodes
+from pw_elements.contact.nodes import BodyNodes, owned_nodes
+from pw_elements.contact.pairs import ContactPair, MatchingNodes
+from pw_elements.contact.surfaces import Polyline, Surface
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# What surfaces have one component of per dimension
+_VECTORS = ("point", "direction", "apex", "centre")
+
+
+def nodal_interface(
+    pairs: Sequence[ContactPair], space: fem.FunctionSpace, reduction: Reduction
+) -> Interface:
+    """Contact points of pairs, and checks of what can be checked before any computation.
+
+    Raises:
+        ValueError: for no nodes, a node that does not exist, lies inside of the body, is in two
+            pairs or without counterpart, friction that is negative or not a number, a prescribed
+            normal displacement, a surface of another dimension, without gap or unit normal at a
+            node, or one that cuts the body.
+    """
+    dim = space.mesh.geometry.dim
+    if space.dofmap.index_map_bs != dim:
+        raise ValueError("contact is stated on displacements: the space has to be a vector's")
+    if not pairs:
+        raise ValueError("there is no contact pair")
+    shapes = [p.surface.shape if isinstance(p.surface, MatchingNodes) else p.surface for p in pairs]
+    for k, shape in enumerate(shapes):
+        _check_dimension(k, shape, dim)
+    body = BodyNodes.of(space, reduction)
+    found = [owned_nodes(f"contact pair {k}", pair.nodes, space) for k, pair in enumerate(pairs)]
+    friction = together(
+        space.mesh.comm,
+        lambda: np.concatenate(
+            [_friction(pair, body.x[f]) for pair, f in zip(pairs, found, strict=True)]
+        ),
+    )
+    parts = np.split(friction, np.cumsum([len(f) for f in found])[:-1])
+    points, faced = [], []
+    for k, (pair, node, mu) in enumerate(zip(pairs, found, parts, strict=True)):
+        opposite = None
+        if isinstance(pair.surface, MatchingNodes):
+            opposite = opposite_nodes(k, pair.surface, node, mu, body)
+            faced.append(owned_nodes(f"contact pair {k}", pair.surface.nodes, space))
+        points.append(_points(body, node, mu, opposite))
+    interface = Interface(points, shapes, body.rows)
+    _check_nodes(body, np.concatenate([*found, *faced]))
+    interface.check(body.diagonal)
+    return interface
+
+
+def _points(
+    body: BodyNodes, node: npt.NDArray[np.int32], friction: Array, opposite: Indices | None
+) -> Points:
+    """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
+    dim = body.x.shape[1]
+    own = node + body.space.dofmap.index_map.local_range[0]
+    ends = [(own.astype(np.int64), 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
+    dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
+    value = np.repeat([sign for _, sign in ends], len(node) * dim)
+    row = np.tile(np.arange(len(node) * dim), len(ends))
+    shape = (len(node) * dim, body.rows.getSize())
+    motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
+    return Points(
+        body.x[node],
+        friction,
+        body.column[node],
+        motion,
+        motion,
+        body.beside[node],
+        body.outward[node],
+    )
+
+
+def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
+    unique, times = np.unique(node, return_counts=True)
+    body.refuse(unique[times > 1], "belong to two contact pairs")
+    body.refuse(node[~body.on_boundary[node]], "lie inside of the body, not on its boundary")
+    combined = bool(np.any(body.column[node] < -1))
+    if body.space.mesh.comm.allreduce(int(combined), MPI.MAX):
+        raise ValueError(
+            "the reduction combines the displacements of a contact node with others: it may "
+            "prescribe them or keep them"
+        )
+
+
+def _check_dimension(number: int, surface: Surface, dim: int) -> None:
+    vectors = {name: getattr(surface, name, None) for name in _VECTORS}
+    if isinstance(surface, Polyline):
+        vectors["first point"] = surface.points[0]
+    for name, vector in vectors.items():
+        if vector is not None and len(vector) != dim:
+            raise ValueError(
+                f"contact pair {number}: the {name} of its surface has {len(vector)} components "
+                f"in {dim}-D"
+            )
+
+
+def _friction(pair: ContactPair, x: Array) -> Array:
+    points = np.zeros((3, len(x)))
+    points[: x.shape[1]] = x.T
+    mu = np.asarray(pair.friction(points) if callable(pair.friction) else pair.friction, float)
+    if mu.shape not in ((), (len(x),)):
+        raise ValueError(
+            f"the friction function gave values of the shape {mu.shape} for {len(x)} points: "
+            "it takes points as columns (3, n) and gives (n,)"
+        )
+    return np.broadcast_to(mu, (len(x),))

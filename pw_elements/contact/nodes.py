@@ -1,0 +1,155 @@
+"""The nodes of a body, as builders of interfaces ask for them."""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
+
+from pw_elements._compat import cell_nodes
+from pw_elements.algebra import Reduction, assemble_vector
+from pw_elements.contact.errors import listed
+from pw_elements.contact.pairs import Nodes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class BodyNodes:
+    """Where the nodes of a body are, and which unknowns and equations they have.
+
+    Args:
+        space: trial space.
+        x: (nodes, dim), ghosts too.
+        column: (owned nodes, dim), reduced number of each displacement component; -1 where it is
+            prescribed, -2 where it is a combination of others.
+        on_boundary: (owned nodes,).
+        outward: (owned nodes, dim), the outward normal integrated with the shape functions.
+        beside: (nodes, dim), mean midpoint of the cells around.
+        diagonal: length of the bounding box's.
+        rows: vector (n,) with the distribution of the displacements.
+    """
+
+    space: fem.FunctionSpace
+    x: Array
+    column: Indices
+    on_boundary: npt.NDArray[np.bool_]
+    outward: Array
+    beside: Array
+    diagonal: float
+    rows: PETSc.Vec
+
+    @classmethod
+    def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
+        """Looks them up in a space of displacements under a reduction."""
+        dim = space.mesh.geometry.dim
+        outward = _outward(space)
+        return cls(
+            space,
+            space.tabulate_dof_coordinates()[:, :dim],
+            free_columns(reduction.right).reshape(-1, dim),
+            _on_boundary(space),
+            outward.array_r.reshape(-1, dim),
+            midpoints_around(space),
+            _diagonal(space),
+            outward,
+        )
+
+    def refuse(self, node: npt.NDArray[np.int32], what: str) -> None:
+        """Raises a ValueError that names the positions of nodes, if there are any."""
+        places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
+        if len(places):
+            raise ValueError(f"contact nodes at {listed(places)} {what}")
+
+
+def owned_nodes(whose: str, nodes: Nodes, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Local numbers of the nodes that this process owns.
+
+    Raises:
+        ValueError: for numbers that are no node's.
+    """
+    index_map = space.dofmap.index_map
+    if callable(nodes):
+        marked = fem.locate_dofs_geometrical(space, nodes)
+        return np.asarray(marked[marked < index_map.size_local], dtype=np.int32)
+    nodes, known = np.asarray(nodes), index_map.size_local + index_map.num_ghosts
+    wrong = False
+    if nodes.dtype == bool:
+        wrong = len(nodes) != known
+        nodes = np.flatnonzero(nodes)
+    elif len(nodes):
+        wrong = nodes.min() < 0 or nodes.max() >= known
+    if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
+        raise ValueError(
+            f"{whose}: its nodes are no local numbers of the space's {known} nodes, "
+            "nor a mask of these"
+        )
+    nodes = np.unique(nodes).astype(np.int32)
+    return nodes[nodes < index_map.size_local]
+
+
+def _on_boundary(space: fem.FunctionSpace) -> npt.NDArray[np.bool_]:
+    """Which owned nodes lie on an exterior facet, of whichever process."""
+    mesh = space.mesh
+    facet = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(facet, mesh.topology.dim)
+    facets = exterior_facet_indices(mesh.topology)
+    count = la.vector(space.dofmap.index_map, 1)
+    count.array[:] = 0.0
+    count.array[fem.locate_dofs_topological(space, facet, facets, remote=False)] = 1.0
+    count.scatter_reverse(la.InsertMode.add)
+    return np.asarray(count.array[: space.dofmap.index_map.size_local] > 0)
+
+
+def midpoints_around(space: fem.FunctionSpace) -> Array:
+    """Mean of the midpoints of the cells around each node, ghosts too: (nodes, dim)."""
+    mesh = space.mesh
+    dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    middle = mesh.geometry.x[cell_nodes(mesh)[:owned], :dim].mean(axis=1)
+    cells = space.dofmap.list[:owned]
+    sums = la.vector(space.dofmap.index_map, dim + 1)
+    sums.array[:] = 0.0
+    parts = np.concatenate([middle, np.ones((owned, 1))], axis=1)
+    nodes = cells.ravel()
+    np.add.at(sums.array.reshape(-1, dim + 1), nodes, np.repeat(parts, cells.shape[1], axis=0))
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+    values = sums.array.reshape(-1, dim + 1)
+    return np.asarray(values[:, :dim] / values[:, dim:])
+
+
+def free_columns(right: PETSc.Mat) -> Indices:
+    """Column of each owned row of R that is a row of the identity.
+
+    Empty rows (prescribed values) get -1, combinations -2.
+    """
+    indptr, indices, data = right.getValuesCSR()
+    count = np.diff(indptr)
+    column = np.where(count == 0, -1, -2).astype(np.int64)
+    single = np.flatnonzero(count == 1)
+    kept = single[data[indptr[single]] == 1.0]
+    column[kept] = indices[indptr[kept]]
+    return column
+
+
+def _outward(space: fem.FunctionSpace) -> PETSc.Vec:
+    """Outward normals of the owned nodes (nodes dim,), integrated with their shape functions."""
+    v = ufl.TestFunction(space)
+    return assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+
+
+def _diagonal(space: fem.FunctionSpace) -> float:
+    """Length of the bounding box's diagonal."""
+    x, comm = space.mesh.geometry.x, space.mesh.comm
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    if len(x):
+        low, high = x.min(axis=0), x.max(axis=0)
+    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+    return float(np.linalg.norm(high - low))

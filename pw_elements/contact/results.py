@@ -1,0 +1,123 @@
+"""From a solution of the equations to a state: nodes in order, totals, residuals."""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet
+from pw_elements.contact.newton import ROUND_OFF, Increment, Iterate
+from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.linear_solver import SolverReport
+
+Array = npt.NDArray[np.float64]
+
+
+def contact_state(
+    increment: Increment, now: Iterate, iterations: int, before: ContactState, report: SolverReport
+) -> ContactState:
+    """The state that a solution of an increment is, after a state before it."""
+    active, system = now.contact.active_set(), increment.system
+    orientations = system.orientations
+    if before.free == system.free:
+        orientations |= before.orientations
+    return ContactState(
+        now.full,
+        tuple(_pair(k, increment.interface, now, active) for k in range(increment.interface.pairs)),
+        iterations,
+        len(orientations) <= 1 if system.orientations else None,
+        _residuals(increment, now, active),
+        report,
+        before.increment + 1,
+        system.free,
+        orientations,
+    )
+
+
+def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
+    """The body before any load, `displacement` being a vector (n,) of zeros."""
+    normal, gap = interface.normals(None), interface.gaps(None)
+    pairs = []
+    for k in range(interface.pairs):
+        position = interface.in_order(k, interface.position)
+        zero, none = np.zeros_like(position), np.zeros(len(position))
+        pairs.append(
+            PairState(
+                position=position,
+                normal=interface.in_order(k, normal),
+                force_normal=none,
+                force_tangential=zero,
+                gap=interface.in_order(k, gap),
+                slip=zero,
+                friction=interface.in_order(k, interface.friction),
+                status=np.full(len(position), OPEN, dtype=np.int8),
+                translation=np.zeros(position.shape[1]),
+                force=np.zeros(position.shape[1]),
+                displacement=zero,
+                direction=zero,
+                turning=none,
+            )
+        )
+    residuals = Residuals(*np.zeros(8).tolist())
+    report = SolverReport("nothing", 0)
+    return ContactState(displacement, tuple(pairs), 0, None, residuals, report, 0, (), frozenset())
+
+
+def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> PairState:
+    contact = now.contact
+    normal, tangents = contact.frame[:, 0], contact.frame[:, 1:]
+    slip = np.einsum("nab,na->nb", tangents, contact.slip)
+    slip[active.status == OPEN] = 0.0
+
+    def ordered(values: npt.NDArray) -> npt.NDArray:
+        return interface.in_order(k, values)
+
+    return PairState(
+        position=ordered(interface.position),
+        normal=ordered(normal),
+        force_normal=ordered(contact.force[:, 0]),
+        force_tangential=ordered(np.einsum("nab,na->nb", tangents, contact.force[:, 1:])),
+        gap=ordered(contact.gap),
+        slip=ordered(slip),
+        friction=ordered(interface.friction),
+        status=ordered(active.status),
+        translation=now.translations[k].copy(),
+        force=ordered(now.force).sum(axis=0),
+        displacement=ordered(now.displacement),
+        direction=ordered(np.einsum("nab,na->nb", tangents, active.direction)),
+        turning=ordered(active.turning),
+    )
+
+
+def _residuals(increment: Increment, now: Iterate, active: ActiveSet) -> Residuals:
+    system, interface, contact = increment.system, increment.interface, now.contact
+
+    def largest(values: Array) -> float:
+        return float(system.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
+
+    tangential = contact.force[:, 1:]
+    friction, slip = np.linalg.norm(tangential, axis=1), np.linalg.norm(contact.slip, axis=1)
+    limit = interface.friction * contact.force[:, 0]
+    against = slip[:, None] * tangential + limit[:, None] * contact.slip
+    force = largest(np.linalg.norm(now.force, axis=1))
+    moved = np.concatenate([now.displacement, interface.shifts(now.translations)])
+    length = largest(np.linalg.norm(moved, axis=1))
+    if force <= increment.lost(now):
+        force = 1.0
+    if length <= ROUND_OFF * largest(np.abs(interface.position)):
+        length = 1.0
+    pressed = contact.force[:, 0]
+    apart = np.where(np.isfinite(contact.gap), contact.gap, 0.0) / length
+    balance = np.abs(system.totals(now.force) - increment.totals)
+    return Residuals(
+        equilibrium=largest(np.array([now.unbalanced])) / force,
+        penetration=largest(-apart),
+        tension=largest(-pressed) / force,
+        complementarity=largest(np.minimum(pressed / force, apart)),
+        cone=largest(friction - limit) / force,
+        stick=largest(slip[active.status == STICK]) / length,
+        direction=largest(np.linalg.norm(against, axis=1)[active.status == SLIP]) / force / length,
+        balance=largest(balance) / force,
+    )

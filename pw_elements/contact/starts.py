@@ -1,0 +1,100 @@
+"""The active set that an increment's iteration starts from."""
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from pw_elements.contact.errors import FreeBody
+from pw_elements.contact.globalisation import FreeMotions
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.kinematics import Kinematics
+from pw_elements.contact.law import SLIP, STICK, ActiveSet, sticking
+from pw_elements.contact.state import ContactState
+
+Array = npt.NDArray[np.float64]
+
+# A gap of this part of the surface's extent counts as closed in a cold start
+_TOUCHING = 1e-9
+
+
+def first_active_set(
+    place: Kinematics,
+    before: ContactState,
+    guess: ContactState | None,
+    free_motions: FreeMotions,
+) -> ActiveSet:
+    """A guess, else what the state before ended with, else the points that touch.
+
+    If it would not hold the body, every point that faces something sticks.
+
+    Raises:
+        FreeBody: if not even that holds it.
+    """
+    if guess is not None:
+        first = _transferred(guess, place)
+    elif before.increment:
+        first = _resumed(before, place)
+    else:
+        first = _touching(place)
+    for candidate in (first, _closed(place, np.isfinite(place.gap))):
+        motions = free_motions(candidate, place.frame)
+        if not motions:
+            return candidate
+    raise FreeBody(
+        f"{' and '.join(motions)}: held neither by supports nor by contact, even if every "
+        "contact node touched and stuck; add a support, friction or contact nodes"
+    )
+
+
+def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
+    return sticking(closed, place.interface.friction, place.frame.shape[1] - 1)
+
+
+def _touching(place: Kinematics) -> ActiveSet:
+    """Points that the moved surface reaches; the nearest of each pair in any case."""
+    interface: Interface = place.interface
+    gap, x = place.gap, interface.gathered(interface.position)
+    near = _TOUCHING * np.ptp(x, axis=0).max()
+    closed = gap <= near
+    for k in range(interface.pairs):
+        mine = interface.pair == k
+        nearest = interface.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
+        closed |= mine & np.isfinite(gap) & (gap <= nearest + near)
+    return _closed(place, closed)
+
+
+def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
+    """The active set of a state, in the frames of a place."""
+    interface, states = place.interface, before.pairs
+    status, turning, direction = (
+        np.concatenate([interface.local(k, values) for k, values in enumerate(fields)])
+        for fields in (
+            [pair.status for pair in states],
+            [pair.turning for pair in states],
+            [pair.direction for pair in states],
+        )
+    )
+    return ActiveSet(status, np.einsum("nab,nb->na", place.frame[:, 1:], direction), turning)
+
+
+def _transferred(guess: ContactState, place: Kinematics) -> ActiveSet:
+    """Status and direction of the nearest node of another mesh's state."""
+    interface = place.interface
+    n, dim = interface.position.shape
+    status, force = np.zeros(n, dtype=np.int8), np.zeros((n, dim))
+    for k, pair in enumerate(guess.pairs):
+        mine = interface.pair == k
+        if mine.any():
+            nearest = cKDTree(pair.position).query(interface.position[mine])[1]
+            status[mine] = pair.status[nearest]
+            force[mine] = pair.force_tangential[nearest]
+    rough = interface.friction > 0
+    status[(status == STICK) & ~rough] = SLIP
+    tangential = np.einsum("nab,nb->na", place.frame[:, 1:], force)
+    size = np.linalg.norm(tangential, axis=1)
+    directed = (status == SLIP) & rough & (size > 0)
+    status[(status == SLIP) & rough & ~directed] = STICK
+    direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None]
+    return ActiveSet(status, direction * tangential, directed.astype(float))

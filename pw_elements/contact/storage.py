@@ -1,0 +1,143 @@
+"""States in portable files: NumPy archives of plain numbers, independent of the partition."""
+
+import io
+import json
+import os
+from pathlib import Path
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from pw_elements.contact.nodes import midpoints_around
+from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.linear_solver import SolverReport
+
+Array = npt.NDArray[np.float64]
+
+_FORMAT = "pw_elements contact state 1"
+# Largest distance of a node from its place in the file, over the body's extent
+_SAME = 1e-8
+
+
+def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
+    """Writes a state whole or not at all, on one process.
+
+    Raises:
+        OSError: on all processes, if the file cannot be written.
+    """
+    comm = space.mesh.comm
+    block = space.dofmap.index_map_bs
+    nodes = comm.gather(_places(space))
+    moved = comm.gather(state.displacement.array_r.reshape(-1, block))
+    error = None
+    if comm.rank == 0:
+        arrays = {"nodes": np.concatenate(nodes), "displacement": np.concatenate(moved)}
+        for k, pair in enumerate(state.pairs):
+            arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
+        numbers = {
+            "format": _FORMAT,
+            "pairs": len(state.pairs),
+            "iterations": state.iterations,
+            "unique": state.unique,
+            "residuals": vars(state.residuals),
+            "report": vars(state.report),
+            "increment": state.increment,
+            "free": state.free,
+            "orientations": sorted(state.orientations),
+        }
+        try:
+            _write(path, arrays | {"state": np.array(json.dumps(numbers))})
+        except OSError as failed:
+            error = failed
+    error = comm.bcast(error)
+    if error is not None:
+        raise error
+
+
+def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
+    """Reads a state, each process the displacements of its own nodes.
+
+    Raises:
+        ValueError: if the file holds no state, or one of another mesh.
+        OSError: if the file cannot be read.
+    """
+    comm = space.mesh.comm
+    data, error = None, None
+    if comm.rank == 0:
+        try:
+            data = path.read_bytes()
+        except OSError as failed:
+            error = failed
+    data, error = comm.bcast((data, error))
+    if error is not None:
+        raise error
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = dict(archive)
+        numbers = json.loads(str(arrays["state"]))
+        if numbers["format"] != _FORMAT:
+            raise ValueError(f"its format is {numbers['format']!r}")
+    except (ValueError, KeyError, OSError) as failed:
+        raise ValueError(f"{path} holds no contact state: {failed}") from None
+    pairs = [
+        PairState(**{name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__})
+        for k in range(numbers["pairs"])
+    ]
+    return ContactState(
+        _displacement(path, arrays, space),
+        tuple(pairs),
+        numbers["iterations"],
+        numbers["unique"],
+        Residuals(**numbers["residuals"]),
+        SolverReport(**numbers["report"]),
+        numbers["increment"],
+        tuple((pair, axis) for pair, axis in numbers["free"]),
+        frozenset(numbers["orientations"]),
+    )
+
+
+def _displacement(path: Path, arrays: dict[str, Array], space: fem.FunctionSpace) -> PETSc.Vec:
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    stored, moved = arrays["nodes"], arrays["displacement"]
+    places = _places(space)
+    wrong = stored.shape != (index_map.size_global, places.shape[1])
+    if not wrong:
+        distance, nearest = cKDTree(stored).query(places)
+        times = np.bincount(nearest, minlength=len(stored))
+        space.mesh.comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
+        extent = np.ptp(stored, axis=0).max()
+        wrong = bool(np.any(distance > _SAME * extent) or np.any(times != 1))
+    if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
+        raise ValueError(f"{path} has the state of another mesh")
+    sizes = (index_map.size_local * block, index_map.size_global * block)
+    vector = PETSc.Vec().createMPI(sizes, comm=space.mesh.comm)
+    vector.setArray(moved[nearest].ravel())
+    return vector
+
+
+def _places(space: fem.FunctionSpace) -> Array:
+    """Position and mean midpoint of the cells around of each owned node, (nodes, 2 dim).
+
+    Both together tell nodes apart that coincide, such as those of two bodies that touch.
+    """
+    owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
+    x = space.tabulate_dof_coordinates()[:owned, :dim]
+    return np.concatenate([x, midpoints_around(space)[:owned]], axis=1)
+
+
+def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as stream:
+            np.savez_compressed(stream, allow_pickle=False, **arrays)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
