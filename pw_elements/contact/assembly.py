@@ -1,5 +1,8 @@
 """Sparse rows of the contact tangent, built once: none of this runs in an iteration."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -11,6 +14,51 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
+@dataclass(frozen=True)
+class PointRows:
+    """Rows of the contact points, whose entries are linear in what combines their equations.
+
+    Entry e is the sum over k of combination[k][point[e]] times parts[k][e], a column of dim
+    numbers of which `taken` are in the matrix.
+
+    Args:
+        point: (entries,), number of the contact point.
+        parts: (entries, dim) each.
+        taken: (values,) entry and component of each value, in the order of the matrix.
+        pointers: (rows + 1,), where the values of each row begin.
+        column: (values,).
+        row: (rows,), local number in the matrix.
+    """
+
+    point: Indices
+    parts: list[Array]
+    taken: tuple[Indices, Indices]
+    pointers: Indices
+    column: Indices
+    row: Indices
+
+    @classmethod
+    def of(cls, parts: Sequence[sp.csr_matrix], own: Indices) -> "PointRows":
+        """Rows `own` (m, dim) of a matrix, -1 for none, from parts (m dim, unknowns)."""
+        m, dim = own.shape
+        pattern = sum(_structure(part, np.repeat(np.arange(m), dim), m) for part in parts)
+        pattern.sort_indices()
+        point = np.repeat(np.arange(m), np.diff(pattern.indptr))
+        entry, axis = np.nonzero(own[point] >= 0)
+        row = own[point[entry], axis]
+        order = np.argsort(row, kind="stable")
+        entry, axis = entry[order], axis[order]
+        rows, counts = np.unique(row, return_counts=True)
+        return cls(
+            point,
+            [_blocks(part, pattern, dim) for part in parts],
+            (entry, axis),
+            np.concatenate([[0], np.cumsum(counts)]),
+            pattern.indices[entry],
+            rows,
+        )
+
+
 def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
     """Rows of this process, with empty columns for the free translations."""
     indptr, indices, data = matrix.getValuesCSR()
@@ -19,7 +67,7 @@ def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
     return rows
 
 
-def structure_of(rows: sp.csr_matrix, of_point: Indices, points: int) -> sp.csr_matrix:
+def _structure(rows: sp.csr_matrix, of_point: Indices, points: int) -> sp.csr_matrix:
     """Positive numbers where any row of a point has an entry, zeros among them: (points, n)."""
     ones = sp.csr_matrix((np.ones(len(rows.indices)), rows.indices, rows.indptr), rows.shape)
     gather = sp.csr_matrix(
@@ -28,7 +76,7 @@ def structure_of(rows: sp.csr_matrix, of_point: Indices, points: int) -> sp.csr_
     return gather @ ones
 
 
-def blocks_of(rows: sp.csr_matrix, pattern: sp.csr_matrix, dim: int) -> Array:
+def _blocks(rows: sp.csr_matrix, pattern: sp.csr_matrix, dim: int) -> Array:
     """Values (entries, dim) of a point's dim rows in the columns of a pattern (points, n)."""
     width = np.int64(pattern.shape[1])
     point = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
@@ -40,25 +88,33 @@ def blocks_of(rows: sp.csr_matrix, pattern: sp.csr_matrix, dim: int) -> Array:
     return values
 
 
-def with_replaced(
-    rows: sp.csr_matrix,
-    border: sp.csr_matrix,
-    replaced: npt.NDArray[np.bool_],
-    column: Indices,
-    counts: Indices,
+def with_points(
+    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix
 ) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-    """Arrays of a CSR matrix: some rows with other columns and no values yet, a border below."""
+    """Arrays of a CSR matrix: `rows` with those of the points replaced, a border below."""
+    replaced = np.zeros(rows.shape[0], dtype=bool)
+    replaced[points.row] = True
     number = np.diff(rows.indptr)
     kept = np.repeat(~replaced, number)
-    number[replaced] = counts
+    number[replaced] = np.diff(points.pointers)
     number = np.concatenate([number, np.diff(border.indptr)])
     fixed = np.repeat(np.append(~replaced, np.ones(border.shape[0], dtype=bool)), number)
     indptr = np.concatenate([[0], np.cumsum(number)]).astype(PETSc.IntType)
     indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
     indices[fixed] = np.concatenate([rows.indices[kept], border.indices])
-    indices[~fixed] = column
+    indices[~fixed] = points.column
     data[fixed] = np.concatenate([rows.data[kept], border.data])
     return indptr, indices, data
+
+
+def border_columns(
+    free: Sequence[tuple[int, int]], pair: npt.NDArray[np.int32], dim: int
+) -> sp.csr_matrix:
+    """(free translations, m dim): ones at the components of the points that each one moves."""
+    column = [np.flatnonzero(pair == number) * dim + axis for number, axis in free]
+    indptr = np.concatenate([[0], np.cumsum([len(c) for c in column])]).astype(np.int64)
+    columns = np.concatenate([np.empty(0, dtype=np.int64), *column])
+    return sp.csr_matrix((np.ones(len(columns)), columns, indptr), (len(free), len(pair) * dim))
 
 
 def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:

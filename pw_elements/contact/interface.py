@@ -166,12 +166,15 @@ class Interface:
         """Values (m, ...) at a pair's points of all processes, sorted by position."""
         return self.gathered(values[self.pair == pair])[self._order[pair]]
 
-    def local(self, pair: int, sorted_values: npt.NDArray) -> npt.NDArray:
-        """The rows of this process of values that are sorted as `in_order` does."""
-        mine = int(np.sum(self.pair == pair))
-        first = self.comm.scan(mine) - mine
-        place = np.argsort(self._order[pair])
-        return sorted_values[place[first : first + mine]]
+    def local(self, values: Sequence[npt.NDArray]) -> npt.NDArray:
+        """Rows (m, ...) of this process, of values per pair that are sorted as `in_order` does."""
+        rows = []
+        for k, of_pair in enumerate(values):
+            counts = self.comm.allgather(int(np.sum(self.pair == k)))
+            first = sum(counts[: self.comm.rank])
+            place = np.argsort(self._order[k])
+            rows.append(of_pair[place[first : first + counts[self.comm.rank]]])
+        return np.concatenate(rows)
 
     @cached_property
     def _order(self) -> list[npt.NDArray[np.intp]]:

@@ -78,20 +78,21 @@ def owned_nodes(whose: str, nodes: Nodes, space: fem.FunctionSpace) -> npt.NDArr
     if callable(nodes):
         marked = fem.locate_dofs_geometrical(space, nodes)
         return np.asarray(marked[marked < index_map.size_local], dtype=np.int32)
-    nodes, known = np.asarray(nodes), index_map.size_local + index_map.num_ghosts
+    known = index_map.size_local + index_map.num_ghosts
+    given = np.asarray(nodes)
     wrong = False
-    if nodes.dtype == bool:
-        wrong = len(nodes) != known
-        nodes = np.flatnonzero(nodes)
-    elif len(nodes):
-        wrong = nodes.min() < 0 or nodes.max() >= known
+    if given.dtype == bool:
+        wrong = len(given) != known
+        given = np.flatnonzero(given)
+    elif len(given):
+        wrong = given.min() < 0 or given.max() >= known
     if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
         raise ValueError(
             f"{whose}: its nodes are no local numbers of the space's {known} nodes, "
             "nor a mask of these"
         )
-    nodes = np.unique(nodes).astype(np.int32)
-    return nodes[nodes < index_map.size_local]
+    given = np.unique(given).astype(np.int32)
+    return np.asarray(given[given < index_map.size_local])
 
 
 def _on_boundary(space: fem.FunctionSpace) -> npt.NDArray[np.bool_]:

@@ -67,16 +67,13 @@ def _touching(place: Kinematics) -> ActiveSet:
 
 def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
     """The active set of a state, in the frames of a place."""
-    interface, states = place.interface, before.pairs
-    status, turning, direction = (
-        np.concatenate([interface.local(k, values) for k, values in enumerate(fields)])
-        for fields in (
-            [pair.status for pair in states],
-            [pair.turning for pair in states],
-            [pair.direction for pair in states],
-        )
+    local, pairs = place.interface.local, before.pairs
+    direction = local([pair.direction for pair in pairs])
+    return ActiveSet(
+        local([pair.status for pair in pairs]),
+        np.einsum("nab,nb->na", place.frame[:, 1:], direction),
+        local([pair.turning for pair in pairs]),
     )
-    return ActiveSet(status, np.einsum("nab,nb->na", place.frame[:, 1:], direction), turning)
 
 
 def _transferred(guess: ContactState, place: Kinematics) -> ActiveSet:

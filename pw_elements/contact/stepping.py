@@ -26,6 +26,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
@@ -116,7 +117,7 @@ class ContactProblem:
         system, rigid = self._bound(free)
         before = system.report
         totals = np.array([forces[at] for at in free])
-        past = _reference(state, self)
+        past = _reference(state, interface)
         increment = Increment(system, self._K, load, prescribed, totals, past)
         hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
         policy = Policy(hold, interface.comm)
@@ -261,20 +262,11 @@ def _surfaces(state: ContactState) -> np.ndarray:
     return np.array([pair.translation for pair in state.pairs])
 
 
-def _reference(state: ContactState, problem: ContactProblem) -> Reference:
+def _reference(state: ContactState, interface: Interface) -> Reference:
     """What an increment from a state has to know of it, on this process."""
-    interface = problem._interface
-    moved, force = (
-        np.concatenate([interface.local(k, values) for k, values in enumerate(fields)])
-        for fields in (
-            [pair.displacement for pair in state.pairs],
-            [
-                pair.force_normal[:, None] * pair.normal + pair.force_tangential
-                for pair in state.pairs
-            ],
-        )
-    )
-    return Reference(moved, force, _surfaces(state))
+    forces = [p.force_normal[:, None] * p.normal + p.force_tangential for p in state.pairs]
+    moved = interface.local([pair.displacement for pair in state.pairs])
+    return Reference(moved, interface.local(forces), _surfaces(state))
 
 
 def _check_increments(

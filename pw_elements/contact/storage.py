@@ -67,7 +67,7 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         OSError: if the file cannot be read.
     """
     comm = space.mesh.comm
-    data, error = None, None
+    data, error = b"", None
     if comm.rank == 0:
         try:
             data = path.read_bytes()

@@ -83,17 +83,15 @@ class Parabola:
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) along the axis."""
         s = x - np.asarray(self.apex)
-        return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * self._side
+        return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * np.sign(
+            self.radius
+        )
 
     def normal(self, x: Points) -> Points:
         """The axis (n, dim), from the rigid into the body."""
         axis = np.zeros_like(x)
-        axis[:, -1] = -self._side
+        axis[:, -1] = -np.sign(self.radius)
         return axis
-
-    @property
-    def _side(self) -> float:
-        return float(np.sign(self.radius))
 
 
 @dataclass(frozen=True)

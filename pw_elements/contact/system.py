@@ -23,18 +23,18 @@ import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.assembly import (
+    PointRows,
     balance_rows,
-    blocks_of,
+    border_columns,
     local_rows,
-    structure_of,
-    with_replaced,
+    with_points,
 )
 from pw_elements.contact.interface import Interface
+from pw_elements.contact.state import Free
 from pw_elements.linear_solver import LinearSolver, SolverReport
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-Free = tuple[tuple[int, int], ...]
 
 # What does not count as different
 _SAME = 1e-12
@@ -86,10 +86,10 @@ class ContactSystem:
             fixed.axpy(1.0, self.stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         read, moved = local_rows(forces, len(free)), local_rows(motion, len(free))
         self.scale = self._stiffness_scale(read, moved)
-        self._tangent = Tangent(
-            local_rows(fixed, len(free)), read, moved, self._borders(), self._own, first,
-            self.comm, solver,
-        )  # fmt: skip
+        borders = border_columns(free, interface.pair, self._own.shape[1])
+        equations = local_rows(fixed, len(free))
+        own = self._own
+        self._tangent = Tangent(equations, read, moved, borders, own, first, self.comm, solver)
 
     @property
     def own_factors(self) -> bool:
@@ -204,15 +204,6 @@ class ContactSystem:
         sizes = (self.interface.motion.getSizes()[0], self.stiffness.getSizes()[0])
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.stiffness.comm)
 
-    def _borders(self) -> sp.csr_matrix:
-        """(free translations, m dim), ones at the components that a translation moves."""
-        m, dim = self._own.shape
-        points = [np.flatnonzero(self.interface.pair == pair) for pair, _ in self.free]
-        column = [at * dim + axis for at, (_, axis) in zip(points, self.free, strict=True)]
-        indptr = np.concatenate([[0], np.cumsum([len(c) for c in column])]).astype(np.int64)
-        columns = np.concatenate([np.empty(0, dtype=np.int64), *column])
-        return sp.csr_matrix((np.ones(len(columns)), columns, indptr), (len(self.free), m * dim))
-
     def _stiffness_scale(self, forces: sp.csr_matrix, motion: sp.csr_matrix) -> Array:
         """Mean of (L K) / G at each point's own unknowns; 1 where it has none."""
         own = self.interface.equation.ravel()
@@ -256,34 +247,19 @@ class Tangent:
         comm: MPI.Comm,
         solver: LinearSolver,
     ) -> None:
-        self._comm, (m, dim), free = comm, own.shape, borders.shape[0]
-        unknowns = fixed.shape[1] - free
+        self._comm, first_free = comm, fixed.shape[1] - borders.shape[0]
         moved = borders.T.tocsr()
-        moved = sp.csr_matrix((moved.data, moved.indices + unknowns, moved.indptr), forces.shape)
-        of_point = np.repeat(np.arange(m), dim)
-        parts = (forces, motion, -moved)
-        pattern = sum(structure_of(part, of_point, m) for part in parts)
-        pattern.sort_indices()
-        self._point = np.repeat(np.arange(m), np.diff(pattern.indptr))
-        self._parts = [blocks_of(part, pattern, dim) for part in parts]
-        # entries of the points' equations, row by row
-        entry, axis = np.nonzero(own[self._point] >= 0)
-        row = own[self._point[entry], axis]
-        order = np.argsort(row, kind="stable")
-        row, self._entries = row[order], (entry[order], axis[order])
-        column = pattern.indices[self._entries[0]]
-        rows, counts = np.unique(row, return_counts=True)
-        self._place = tuple(
-            part.astype(PETSc.IntType)
-            for part in (np.concatenate([[0], np.cumsum(counts)]), column, first + rows)
-        )
+        moved = sp.csr_matrix((moved.data, moved.indices + first_free, moved.indptr), forces.shape)
+        self._points = PointRows.of((forces, motion, -moved), own)
         border = balance_rows(borders @ forces, comm)
         self._borders = border.shape[0]
-        replaced = np.zeros(fixed.shape[0], dtype=bool)
-        replaced[rows] = True
-        csr = with_replaced(fixed, border, replaced, column, counts)
+        csr = with_points(fixed, self._points, border)
         sizes = (len(csr[0]) - 1, fixed.shape[1])
         self.matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
+        self._place = tuple(
+            part.astype(PETSc.IntType)
+            for part in (self._points.pointers, self._points.column, first + self._points.row)
+        )
         self.solver = solver.prepare(self.matrix)
         self.factorised: Array | None = None
         self.own_factors = False
@@ -305,11 +281,11 @@ class Tangent:
         """
         combinations = np.stack([E, C, D], axis=1)
         values = sum(
-            np.einsum("eab,eb->ea", combinations[self._point, k], part)
-            for k, part in enumerate(self._parts)
+            np.einsum("eab,eb->ea", combinations[self._points.point, k], part)
+            for k, part in enumerate(self._points.parts)
         )
         pointers, columns, rows = self._place
-        self.matrix.setValuesIJV(pointers, columns, values[self._entries], rowmap=rows)
+        self.matrix.setValuesIJV(pointers, columns, values[self._points.taken], rowmap=rows)
         self.matrix.assemble()
         known = self.matrix.createVecRight()
         known.setArray(np.append(right, balance[: self._borders]))
