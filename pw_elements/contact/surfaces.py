@@ -208,8 +208,7 @@ class Polyline:
 
     def _nearest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
         line = self._inset()
-        span = np.diff(line, axis=0)
-        normals = _left(span)
+        normals = _left(span := np.diff(line, axis=0))
         turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0
         s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)
         low, high = np.zeros(len(span)), np.ones(len(span))

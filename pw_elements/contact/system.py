@@ -87,16 +87,12 @@ class ContactSystem:
         read, moved = local_rows(forces, len(free)), local_rows(motion, len(free))
         self.scale = self._stiffness_scale(read, moved)
         borders = border_columns(free, interface.pair, self._own.shape[1])
-        equations = local_rows(fixed, len(free))
-        own = self._own
-        self._tangent = Tangent(equations, read, moved, borders, own, first, self.comm, solver)
+        all_rows = local_rows(fixed, len(free)), read, moved, borders
+        self._tangent = Tangent(*all_rows, self._own, first, self.comm, solver)
 
     @property
     def own_factors(self) -> bool:
-        """Whether the last solution is by factors of its own matrix.
-
-        With others its error is small against all displacements, but perhaps not against a gap.
-        """
+        """Whether by factors of its own matrix; else a single gap of it may be inaccurate."""
         return self._tangent.own_factors
 
     @property
@@ -207,12 +203,11 @@ class ContactSystem:
     def _stiffness_scale(self, forces: sp.csr_matrix, motion: sp.csr_matrix) -> Array:
         """Mean of (L K) / G at each point's own unknowns; 1 where it has none."""
         own = self.interface.equation.ravel()
-        row = np.arange(len(own))
-        stated = own >= 0
-        stiffness, unit = np.zeros(len(own)), np.ones(len(own))
-        stiffness[stated] = np.asarray(forces[row[stated], own[stated]]).ravel()
-        unit[stated] = np.asarray(motion[row[stated], own[stated]]).ravel()
-        values = (stiffness / unit).reshape(self._own.shape)
+        rows = np.flatnonzero(own >= 0)
+        stiffness, unit = (np.asarray(part[rows, own[rows]]).ravel() for part in (forces, motion))
+        values = np.zeros(len(own))
+        values[rows] = stiffness / unit
+        values = values.reshape(self._own.shape)
         count = np.sum(self._own >= 0, axis=1)
         return np.where(count > 0, values.sum(axis=1) / np.maximum(count, 1), 1.0)
 
