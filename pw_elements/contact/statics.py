@@ -6,7 +6,9 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+import scipy.sparse as sp
+from dolfinx import fem, la
+from scipy.sparse.csgraph import connected_components
 
 from pw_elements.contact.errors import listed
 from pw_elements.contact.law import ActiveSet, equations
@@ -21,23 +23,20 @@ _AXES = "xyz"
 
 
 class RigidMotions:
-    """Translations and rotations of the body, and free translations of the surfaces."""
+    """Translations and rotations of each connected piece, and free translations of surfaces."""
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
         dim = space.mesh.geometry.dim
         owned = space.dofmap.index_map.size_local
         x = space.tabulate_dof_coordinates()[:owned, :dim]
-        comm = system.comm
-        count = comm.allreduce(owned, MPI.SUM)
-        self._centre = np.array([comm.allreduce(x[:, k].sum(), MPI.SUM) for k in range(dim)])
-        self._centre /= count
-        spread = comm.allreduce(((x - self._centre) ** 2).sum(), MPI.SUM)
-        self._length = float(np.sqrt(spread / count))
+        piece, count = connected_pieces(space)
         self._planes = list(combinations(range(dim), 2))
-        modes = self._modes(x)
-        self._at_points = self._motions(modes.reshape(owned * dim, modes.shape[2]))
-        self._held = self._gram_of_supports(modes.reshape(owned * dim, modes.shape[2]))
+        self._centres, self._lengths = np.zeros((count, dim)), np.zeros(count)
+        modes = [self._modes(x, piece[:owned] == k, k) for k in range(count)]
+        columns = np.concatenate(modes, axis=2).reshape(owned * dim, -1)
+        self._at_points = self._motions(columns)
+        self._held = self._gram_of_supports(columns)
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
@@ -65,15 +64,20 @@ class RigidMotions:
         values, vectors = np.linalg.eigh(gram)
         return [self._name(vector) for vector in vectors[:, values < _FREE * len(gram)].T]
 
-    def _modes(self, x: Array) -> Array:
-        """Translations and rotations (n, dim, modes) of size one."""
-        dim = x.shape[1]
+    def _modes(self, x: Array, mine: npt.NDArray[np.bool_], piece: int) -> Array:
+        """Translations and rotations (n, dim, modes) of size one of a piece's nodes."""
+        comm, dim = self._system.comm, x.shape[1]
+        own = x[mine]
+        count = comm.allreduce(len(own), MPI.SUM)
+        centre = np.array([comm.allreduce(own[:, k].sum(), MPI.SUM) for k in range(dim)]) / count
+        length = float(np.sqrt(comm.allreduce(((own - centre) ** 2).sum(), MPI.SUM) / count))
+        self._centres[piece], self._lengths[piece] = centre, length
         modes = np.zeros((len(x), dim, dim + len(self._planes)))
-        modes[:, :, :dim] = np.eye(dim)
-        s = (x - self._centre) / self._length
+        modes[mine, :, :dim] = np.eye(dim)
+        s = (own - centre) / length
         for k, (i, j) in enumerate(self._planes):
-            modes[:, i, dim + k] = -s[:, j]
-            modes[:, j, dim + k] = s[:, i]
+            modes[mine, i, dim + k] = -s[:, j]
+            modes[mine, j, dim + k] = s[:, i]
         return modes
 
     def _motions(self, modes: Array) -> Array:
@@ -111,21 +115,49 @@ class RigidMotions:
         return gram
 
     def _name(self, vector: Array) -> str:
-        dim, bodies = len(self._centre), self._at_points.shape[2]
-        turning = vector[dim:bodies]
+        dim, bodies = self._centres.shape[1], self._at_points.shape[2]
+        pieces = vector[:bodies].reshape(len(self._centres), -1)
+        piece = int(np.argmax(np.linalg.norm(pieces, axis=1)))
+        motion, whose = pieces[piece], ""
+        if len(pieces) > 1:
+            whose = f" of the body around {listed(self._centres[piece : piece + 1])}"
+        turning = motion[dim:]
         if np.abs(turning).max(initial=0.0) > 1e-6:
             if dim == 2:
-                return f"rotation about {self._pole(vector)}"
+                return f"rotation{whose} about {self._pole(piece, motion)}"
             axis = [turning[self._planes.index(p)] for p in ((1, 2), (0, 2), (0, 1))]
             main = int(np.argmax(np.abs(axis)))
-            return f"rotation about an axis along {_AXES[main]}"
-        if np.abs(vector[:dim]).max() > 1e-6:
-            return f"translation {_AXES[int(np.argmax(np.abs(vector[:dim])))]}"
+            return f"rotation{whose} about an axis along {_AXES[main]}"
+        if np.abs(motion[:dim]).max() > 1e-6:
+            return f"translation {_AXES[int(np.argmax(np.abs(motion[:dim])))]}{whose}"
         pair, axis_of = self._system.free[int(np.argmax(np.abs(vector[bodies:])))]
         return f"translation {_AXES[axis_of]} of the surface of pair {pair}"
 
-    def _pole(self, vector: Array) -> str:
+    def _pole(self, piece: int, motion: Array) -> str:
         """The point of the plane at rest: u = t + w (x - centre) turned by a quarter."""
-        t, w = vector[:2], vector[2] / self._length
-        pole = self._centre + np.array([-t[1], t[0]]) / w
+        t, w = motion[:2], motion[2] / self._lengths[piece]
+        pole = self._centres[piece] + np.array([-t[1], t[0]]) / w
         return listed(np.array([pole]))
+
+
+def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
+    """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
+    comm, cells = space.mesh.comm, space.dofmap.list
+    index_map = space.dofmap.index_map
+    local = index_map.size_local + index_map.num_ghosts
+    row = np.repeat(np.arange(len(cells)), cells.shape[1])
+    shape = (len(cells), local)
+    of_cell = sp.csr_matrix((np.ones(cells.size, dtype=np.int8), (row, cells.ravel())), shape)
+    count, part = connected_components(of_cell.T @ of_cell, directed=False)
+    first = sum(comm.allgather(count)[: comm.rank])
+    # parts of two processes are one piece if they share a node: the owner's number tells which
+    number = la.vector(index_map, 1)
+    number.array[:] = part + first
+    number.scatter_forward()
+    ghosts = np.arange(index_map.size_local, local)
+    ends = np.stack([part[ghosts] + first, number.array[ghosts].astype(np.int64)])
+    total = comm.allreduce(count, MPI.SUM)
+    links = np.unique(np.concatenate(comm.allgather(ends), axis=1), axis=1)
+    graph = sp.csr_matrix((np.ones(links.shape[1]), links), (total, total))
+    pieces, piece = connected_components(graph, directed=False)
+    return piece[part + first].astype(np.int64), int(pieces)

@@ -1,0 +1,157 @@
+"""The policies of the active-set iteration, each alone: no mesh, no matrix."""
+
+from dataclasses import replace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from pw_elements.contact import FreeBody
+from pw_elements.contact.globalisation import Cycles, LastHold, Policy, counted, mixed, same
+from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking, turned
+
+SELF = MPI.COMM_SELF
+N = 4
+
+
+def active(*status, direction=0.0):
+    n = len(status)
+    slipping = np.array(status) == SLIP
+    return ActiveSet(
+        np.array(status, dtype=np.int8),
+        np.where(slipping, direction, 0.0)[:, None] * np.ones((n, 1)),
+        np.zeros(n),
+    )
+
+
+def contact(force, gap=None, slip=None, friction=0.3):
+    """Points in the plane, their normal upwards; forces (n, 2) are normal and tangential."""
+    force = np.asarray(force, dtype=float)
+    n = len(force)
+    frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
+    gap = np.zeros(n) if gap is None else np.asarray(gap, dtype=float)
+    slip = np.zeros(n) if slip is None else np.asarray(slip, dtype=float)
+    return Contact(frame, gap, slip[:, None], force, np.full(n, friction), np.ones(n))
+
+
+PULLED = contact([[-1.0, 0.0], [-2.0, 0.0], [-3.0, 0.0], [-4.0, 0.0]])
+
+
+def hold(is_free):
+    """The last hold of points of one pair, with a rule for what leaves the body free."""
+
+    def free_motions(candidate, frame):
+        assert frame.shape == (len(candidate.status), 2, 2)
+        return ["translation y"] if is_free(candidate) else []
+
+    return LastHold(free_motions, np.zeros(N, dtype=np.int32), 1, SELF)
+
+
+def test_a_set_that_holds_is_taken_as_it_is():
+    policy = hold(lambda _: False)
+    new = active(OPEN, OPEN, STICK, STICK)
+    assert policy.kept(new, active(STICK, STICK, STICK, STICK), PULLED) is new
+    assert policy.lost == []
+
+
+def test_the_mildest_of_those_that_let_go_are_kept():
+    """All four would open: half of them, those that pull least, stay for an iteration."""
+    policy = hold(lambda a: np.all(a.status == OPEN))
+    new = policy.kept(active(*[OPEN] * N), active(*[STICK] * N), PULLED)
+    assert new.status.tolist() == [STICK, STICK, OPEN, OPEN]
+    assert policy.lost == []
+
+
+def test_more_are_kept_where_half_do_not_suffice():
+    """Only the mildest of them holds in no case; three have to stay."""
+    policy = hold(lambda a: np.sum(a.status == STICK) < 3)
+    new = policy.kept(active(*[OPEN] * N), active(*[STICK] * N), PULLED)
+    assert new.status.tolist() == [STICK, STICK, STICK, OPEN]
+
+
+def test_points_that_slip_grip_before_the_body_is_let_go():
+    sliding = active(SLIP, SLIP, SLIP, STICK, direction=1.0)
+    gone = active(SLIP, SLIP, SLIP, OPEN, direction=1.0)
+    dragged = contact([[1.0, 0.3], [1.0, 0.3], [1.0, 0.3], [-1.0, 0.0]])
+    policy = hold(lambda a: not np.any(a.status[:3] == STICK))
+    new = policy.kept(gone, sliding, dragged)
+    assert new.status.tolist() == [STICK, STICK, STICK, OPEN]
+    assert len(policy.lost) == 1
+
+
+def test_an_open_pair_lands_at_its_nearest_point():
+    number = np.array([0, 0, 1, 1], dtype=np.int32)
+    policy = LastHold(
+        lambda a, _: [] if a.status[2] != OPEN else ["rotation about (0, 0)"], number, 2, SELF
+    )
+    apart = contact([[-1.0, 0], [-1.0, 0], [0, 0], [0, 0]], gap=[0, 0, 0.1, 0.2])
+    new = policy.kept(active(OPEN, STICK, OPEN, OPEN), active(STICK, STICK, OPEN, OPEN), apart)
+    assert new.status.tolist() == [OPEN, STICK, STICK, OPEN]
+
+
+def test_what_nothing_holds_is_named_and_no_more_than_three_rescues_are_tried():
+    policy = hold(lambda _: True)
+    with pytest.raises(FreeBody, match=r"^translation y: .*4 open, 0 sticking, 0 slipping"):
+        policy.kept(active(*[OPEN] * N), active(*[STICK] * N), PULLED)
+    rescued = hold(lambda a: not np.any(a.status == STICK))
+    slid = contact([[1.0, 0.3]] * N)
+    old, new = active(STICK, *[SLIP] * 3), active(*[SLIP] * N)
+    for _ in range(3):
+        assert STICK in rescued.kept(new, old, contact([[1.0, 0.3]] * N, slip=[1.0] * N)).status
+    # the fourth time the mildest one is still kept where that suffices, but nothing grips
+    alone = hold(lambda a: not np.any(a.status[1:] == STICK))
+    for _ in range(3):
+        alone.kept(new, old, slid)
+    with pytest.raises(FreeBody):
+        alone.kept(new, old, slid)
+
+
+def test_nothing_is_asked_where_nothing_lets_go():
+    policy = hold(lambda _: 1 / 0)
+    closing = active(STICK, SLIP, STICK, STICK, direction=1.0)
+    assert policy.kept(closing, active(OPEN, OPEN, SLIP, STICK, direction=1.0), PULLED) is closing
+    in_space = ActiveSet(closing.status, np.repeat(closing.direction, 2, axis=1), closing.turning)
+    frame = np.tile(np.eye(3), (N, 1, 1))
+    with pytest.raises(ZeroDivisionError):  # where slip turns, what it leaves free turns, too
+        LastHold(lambda *_: 1 / 0, np.zeros(N, dtype=np.int32), 1, SELF).kept(
+            in_space, in_space, replace(PULLED, frame=frame)
+        )
+
+
+def test_points_that_cycle_change_one_at_a_time():
+    cycles = Cycles(SELF)
+    a, b = active(STICK, STICK, OPEN, OPEN), active(OPEN, OPEN, STICK, STICK)
+    assert not cycles.repeats(a)
+    assert not cycles.repeats(b)
+    assert cycles.repeats(a)
+    wrong = contact([[-1.0, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1])
+    assert wrong.active_set(a).status.tolist() == b.status.tolist()
+    assert cycles.slowed(a, wrong).status.tolist() == [STICK, OPEN, OPEN, OPEN]
+
+
+def test_a_policy_is_both():
+    policy = Policy(hold(lambda a: np.all(a.status == OPEN)), SELF)
+    start = active(*[STICK] * N)
+    policy.restart(start)
+    wanted = policy.wanted(start, PULLED)
+    assert wanted.status.tolist() == [STICK, STICK, OPEN, OPEN]
+    assert policy.taken(wanted, start, PULLED) is wanted
+    again = policy.taken(start, wanted, PULLED)  # it has been there
+    assert not same(again, start, SELF)
+    policy.restart()
+    assert policy.taken(start, wanted, PULLED) is start
+
+
+def test_active_sets_in_words_and_frames():
+    mixture = active(OPEN, STICK, SLIP, SLIP, direction=1.0)
+    assert counted(mixture, SELF) == "1 open, 1 sticking, 2 slipping contact nodes"
+    assert mixed(
+        np.array([True, False, False, True]), active(*[OPEN] * N), mixture
+    ).status.tolist() == [OPEN, STICK, SLIP, OPEN]
+    rough = sticking(np.array([True, True, False]), np.array([0.3, 0.0, 0.3]), 1)
+    assert rough.status.tolist() == [STICK, SLIP, OPEN]
+    there = np.array([[[0.0, 1.0], [1.0, 0.0]]])
+    back = np.array([[[0.0, 1.0], [-1.0, 0.0]]])
+    slipping = active(SLIP, direction=1.0)
+    assert turned(slipping, there, back).direction.tolist() == [[-1.0]]
