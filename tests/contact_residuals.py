@@ -13,6 +13,8 @@ lengths with the largest displacement of a node or surface in it. Round-off is t
 of forces 10 eps (|K| max|a| + |f|), of lengths 64 eps times the largest coordinate (centres lie
 farther off than nodes). Where friction is large, an error of the tangential force counts for as
 much as the error of the normal force that explains it: it is divided by max(1, mu).
+A history without displacement or force but round-off (of the coordinates, times |K|) has nothing
+to compare with, and nothing is asked of lengths or forces then.
 In axisymmetry all forces are those of the whole circumference, as K's are.
 """
 
@@ -66,10 +68,17 @@ def residuals(problem, steps: Sequence[Step]) -> list[dict[str, float]]:
     results = []
     for k, step in enumerate(steps):
         a = step.displacement
-        r, lost = _forces(problem.K, a, problem.loads[k])
+        r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
         force = max(force, _largest(comm, np.linalg.norm(r, axis=1)))
         length = max(length, *(_largest(comm, _sizes(u)) for u in (a, step.translations)))
-        scale = _Scale(force or 1.0, length or 1.0, lost, 64 * _EPS * extent)
+        lost_length = 64 * _EPS * extent
+        nothing = stiffness * lost_length
+        scale = _Scale(
+            force if force > nothing else np.inf,
+            length if length > lost_length else np.inf,
+            lost,
+            lost_length,
+        )
         found = {"supports": scale.length_of(np.where(held, np.abs(a - prescribed), 0.0))}
         balanced = np.ones(owned, dtype=bool)
         for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
@@ -80,7 +89,9 @@ def residuals(problem, steps: Sequence[Step]) -> list[dict[str, float]]:
             )
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
-            values |= _motion(comm, motion, moved, r[nodes].sum(axis=0), scale)
+            # what a support holds is its own reaction
+            total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0)
+            values |= _motion(comm, motion, moved, total, scale)
             for name, value in values.items():
                 found[name] = max(found.get(name, 0.0), value)
         found["equilibrium"] = scale.force_of(
@@ -182,8 +193,8 @@ def _motion(comm: MPI.Comm, motion, moved: Array, total: Array, scale: _Scale) -
     }
 
 
-def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array]:
-    """Nodal forces r = K a - f (owned nodes, dim), and what of them (per node) is round-off."""
+def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
+    """Nodal forces r = K a - f (owned nodes, dim), what of them is round-off, and max|K|."""
     comm = K.comm.tompi4py()
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
@@ -192,7 +203,8 @@ def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array]:
     indptr, _, data = K.getValuesCSR()
     sums = np.add.reduceat(np.append(np.abs(data), 0.0), indptr[:-1]) if len(indptr) > 1 else data
     size = sums.reshape(a.shape) * _largest(comm, np.abs(a)) + np.abs(f)
-    return image.array_r.reshape(a.shape) - f, 10 * _EPS * size.max(axis=1, initial=0.0)
+    lost = 10 * _EPS * size.max(axis=1, initial=0.0)
+    return image.array_r.reshape(a.shape) - f, lost, _largest(comm, np.abs(data))
 
 
 def _supports(

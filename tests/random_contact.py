@@ -450,7 +450,7 @@ def _surface(
     elif kind in ("sphere", "parabola"):
         numbers["radius"] = 10 ** rng.uniform(-0.4, 0.9)
     elif kind == "flat punch":
-        numbers["half width"] = rng.uniform(0.25, 0.6) * (2 if centred else 1)
+        numbers["half width"] = rng.uniform(0.3, 0.6) * (2 if centred else 1)
         if flat:
             numbers |= {"place": 0.5, "place 1": 0.5, "half width": rng.uniform(0.35, 0.6)}
     elif kind == "signed distance":
@@ -707,22 +707,30 @@ class _Maker:
         return ContactPair(nodes, surface, self._friction(pair), self._motions(pair))
 
     def _surface(self, pair: PairSketch, x: Array) -> Surface:
-        """The surface, which touches the pair's nodes x or is a gap away."""
+        """The surface, which touches the nearest of the pair's nodes x or is a gap away."""
         side, shape = pair.side, pair.shape
         axes = self._tangential(side)
         out = np.zeros(self.plan.dim)
         out[side[0]] = 2 * side[1] - 1
-        width = self.size[axes].max()
         gap = pair.gap * self.plan.strain * self.size[-1]
         if pair.kind == "plane":
             direction = -out
             direction[axes] = [shape["slope"], shape["slope 1"]][: len(axes)]
             return Plane(x[np.argmin(x @ direction)] + gap * out, direction)
-        # the point of the side next to the surface
+        # the surface's point next to the side
         places = np.array([shape["place"], shape["place 1"]])[: len(axes)]
         near = np.zeros(self.plan.dim)
         near[axes] = self.lower[axes] + places * self.size[axes]
-        near += ((x @ out).max() + gap) * out
+        near += (x @ out).max() * out
+        for _ in range(4):
+            surface = self._surface_at(pair, near, out, axes)
+            nearest = surface.gap(x).min()
+            if np.isfinite(nearest):
+                near -= (nearest - gap) * out
+        return surface
+
+    def _surface_at(self, pair: PairSketch, near: Array, out: Array, axes: list[int]) -> Surface:
+        shape, width = pair.shape, self.size[axes].max()
         if pair.kind == "sphere":
             radius = shape["radius"] * width
             return Sphere(near + radius * out, radius)
