@@ -87,7 +87,7 @@ def test_what_occurs(count):
         assert min(counts.values()) >= most
     mu = np.array([pair.mu for pair in pairs])
     assert 0.05 < np.mean(mu == 0) < 0.3
-    assert 0.03 < np.mean(mu > 2) < 0.1
+    assert 0.02 < np.mean(mu > 2) < 0.1
     assert np.mean((mu > 0) & (mu <= 2)) > 0.6
     assert 10 < mu.max() <= 30
     steps = np.array([len(plan.steps) for plan in sketches])
