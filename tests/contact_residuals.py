@@ -10,11 +10,12 @@ no node has a status here: stick is "no slip, or friction used up", and so on.
 
 Forces are compared with the largest nodal force (supports included) of the history so far,
 lengths with the largest displacement of a node or surface in it. Round-off is taken off first:
-of forces 10 eps (|K| max|a| + |f|), of lengths 64 eps times the largest coordinate (centres lie
-farther off than nodes). Where friction is large, an error of the tangential force counts for as
-much as the error of the normal force that explains it: it is divided by max(1, mu).
-A history without displacement or force but round-off (of the coordinates, times |K|) has nothing
-to compare with, and nothing is asked of lengths or forces then.
+of forces 50 eps (|K| max|a| + |f|), what a direct solver leaves; of lengths 64 eps times the
+largest coordinate and displacement (centres lie farther off than nodes). Where friction is
+large, an error of the tangential force counts for as much as the error of the normal force that
+explains it: it is divided by max(1, mu). A history without displacement or force but round-off
+(ten times that of lengths, times |K|) has nothing to compare with, and nothing is asked of
+lengths or forces then.
 In axisymmetry all forces are those of the whole circumference, as K's are.
 """
 
@@ -71,8 +72,8 @@ def residuals(problem, steps: Sequence[Step]) -> list[dict[str, float]]:
         r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
         force = max(force, _largest(comm, np.linalg.norm(r, axis=1)))
         length = max(length, *(_largest(comm, _sizes(u)) for u in (a, step.translations)))
-        lost_length = 64 * _EPS * extent
-        nothing = stiffness * lost_length
+        lost_length = 64 * _EPS * (extent + length)
+        nothing = 10 * stiffness * lost_length
         scale = _Scale(
             force if force > nothing else np.inf,
             length if length > lost_length else np.inf,
@@ -203,7 +204,7 @@ def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, floa
     indptr, _, data = K.getValuesCSR()
     sums = np.add.reduceat(np.append(np.abs(data), 0.0), indptr[:-1]) if len(indptr) > 1 else data
     size = sums.reshape(a.shape) * _largest(comm, np.abs(a)) + np.abs(f)
-    lost = 10 * _EPS * size.max(axis=1, initial=0.0)
+    lost = 50 * _EPS * size.max(axis=1, initial=0.0)
     return image.array_r.reshape(a.shape) - f, lost, _largest(comm, np.abs(data))
 
 
