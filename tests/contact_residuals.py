@@ -1,0 +1,243 @@
+"""Residuals of contact states, recomputed from K, a, f and the surfaces alone.
+
+The law is that of small displacements: with r = K a - f the nodal forces, U the translation of
+a surface, x undeformed positions and n the surface's normal at x - U,
+
+    gap = gap(x - U) + n·a,    slip = tangential part of (a - U) less the same one increment ago.
+
+Nothing of the library's contact is asked but for displacements and translations. In particular
+no node has a status here: stick is "no slip, or friction used up", and so on.
+
+Forces are compared with the largest nodal force (supports included) of the history so far,
+lengths with the largest displacement of a node or surface in it. Round-off is taken off first:
+of forces 50 eps (|K| max|a| + |f|), what a direct solver leaves; of lengths 64 eps times the
+largest coordinate and displacement (centres lie farther off than nodes). Where friction is
+large, an error of the tangential force counts for as much as the error of the normal force that
+explains it: it is divided by max(1, mu). A history without displacement or force but round-off
+(ten times that of lengths, times |K|) has nothing to compare with, and nothing is asked of
+lengths or forces then.
+In axisymmetry all forces are those of the whole circumference, as K's are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.contact import ContactPair, ContactState
+
+Array = npt.NDArray[np.float64]
+
+_EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is taken of a state: displacements (owned nodes, dim), translations (pairs, dim)."""
+
+    displacement: Array
+    translations: Array
+
+    @classmethod
+    def of(cls, state: ContactState) -> "Step":
+        """Of the library's state."""
+        moved = np.array([pair.translation for pair in state.pairs])
+        return cls(state.displacement.array_r.reshape(-1, moved.shape[1]).copy(), moved)
+
+
+def residuals(problem, steps: Sequence[Step]) -> list[dict[str, float]]:
+    """Each condition's largest violation, for every step of a history from its beginning.
+
+    Args:
+        problem: it has `K`, `space`, `loads`, `conditions` (of the supports) and `pairs`.
+        steps: from the first increment on.
+    """
+    space, comm = problem.space, problem.space.mesh.comm
+    dim = space.mesh.geometry.dim
+    owned = space.dofmap.index_map.size_local
+    x = space.tabulate_dof_coordinates()[:owned, :dim]
+    held, prescribed = _supports(problem.conditions, owned, dim)
+    contacts = [_contact_nodes(pair, space) for pair in problem.pairs]
+    extent = _largest(comm, np.abs(x))
+    force, length = 0.0, 0.0
+    before = Step(np.zeros_like(x), np.zeros((len(contacts), dim)))
+    results = []
+    for k, step in enumerate(steps):
+        a = step.displacement
+        r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
+        force = max(force, _largest(comm, np.linalg.norm(r, axis=1)))
+        length = max(length, *(_largest(comm, _sizes(u)) for u in (a, step.translations)))
+        lost_length = 64 * _EPS * (extent + length)
+        nothing = 10 * stiffness * lost_length
+        scale = _Scale(
+            force if force > nothing else np.inf,
+            length if length > lost_length else np.inf,
+            lost,
+            lost_length,
+        )
+        found = {"supports": scale.length_of(np.where(held, np.abs(a - prescribed), 0.0))}
+        balanced = np.ones(owned, dtype=bool)
+        for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
+            moved, was = step.translations[number], before.translations[number]
+            slipped = (a[nodes] - moved) - (before.displacement[nodes] - was)
+            faced, values = _law(
+                pair, x[nodes] - moved, a[nodes], slipped, r[nodes], ~held[nodes], mu, scale, nodes
+            )
+            balanced[nodes[faced]] = False
+            motion = pair.motions[k] if pair.motions else None
+            # what a support holds is its own reaction
+            total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0)
+            values |= _motion(comm, motion, moved, total, scale)
+            for name, value in values.items():
+                found[name] = max(found.get(name, 0.0), value)
+        found["equilibrium"] = scale.force_of(
+            np.where(~held & balanced[:, None], np.abs(r), 0.0), np.arange(owned)
+        )
+        results.append({name: comm.allreduce(value, MPI.MAX) for name, value in found.items()})
+        before = step
+    return results
+
+
+def worst(results: Sequence[dict[str, float]]) -> float:
+    """The largest of all conditions and steps; infinite where one is not a number."""
+    values = np.array([list(found.values()) for found in results])
+    return float(np.nan_to_num(values, nan=np.inf).max(initial=0.0))
+
+
+@dataclass(frozen=True)
+class _Scale:
+    force: float
+    length: float
+    lost_force: Array  # (owned nodes,)
+    lost_length: float
+
+    def force_of(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
+        """Largest force of nodes over the scale, without round-off."""
+        share = np.maximum(1.0, mu)
+        lost = self.lost_force[nodes].reshape((-1,) + (1,) * (values.ndim - 1))
+        return float(((values - lost) / share / self.force).max(initial=0.0))
+
+    def length_of(self, values: Array) -> float:
+        """The same of lengths."""
+        return float(((values - self.lost_length) / self.length).max(initial=0.0))
+
+
+def _law(
+    pair: ContactPair,
+    place: Array,
+    a: Array,
+    slipped: Array,
+    r: Array,
+    free: npt.NDArray[np.bool_],
+    mu: Array,
+    scale: _Scale,
+    nodes: npt.NDArray,
+) -> tuple[npt.NDArray[np.bool_], dict[str, float]]:
+    """Which nodes a surface faces, and how well its law holds there."""
+    if not len(nodes):
+        names = ("penetration", "tension", "complementarity", "cone", "stick", "direction")
+        return np.zeros(0, dtype=bool), dict.fromkeys(names, 0.0)
+    gap, normal = pair.surface.gap(place), pair.surface.normal(place)
+    faced = np.isfinite(gap)
+    gap, normal, a, slipped, r, free, mu, nodes = (
+        values[faced] for values in (gap, normal, a, slipped, r, free, mu, nodes)
+    )
+    gap = gap + np.sum(normal * a, axis=1)
+    # where a support holds a tangential component, the law is stated for the others
+    r_n, r_t = _parts(np.where(free, r, 0.0), normal)
+    _, slip = _parts(np.where(free, slipped, 0.0), normal)
+    slip = np.where(free, slip, 0.0)
+    friction, slid = np.linalg.norm(r_t, axis=1), np.linalg.norm(slip, axis=1)
+
+    def both(force: Array, length: Array, share: Array | float = 0.0) -> float:
+        """Smaller one of two that may not both be there."""
+        force = np.maximum(0.0, force - scale.lost_force[nodes] * np.maximum(1.0, share))
+        length = np.maximum(0.0, length - scale.lost_length)
+        relative = force / np.maximum(1.0, share) / scale.force
+        return float(np.minimum(relative, length / scale.length).max(initial=0.0))
+
+    # a product of force and slip, over the largest of both
+    against = np.linalg.norm(slid[:, None] * r_t + (mu * r_n)[:, None] * slip, axis=1)
+    return faced, {
+        "penetration": scale.length_of(-gap),
+        "tension": scale.force_of(-r_n, nodes),
+        "complementarity": both(r_n, gap),
+        "cone": scale.force_of(friction - mu * r_n, nodes, mu),
+        "stick": both(mu * r_n - friction, slid, mu),
+        "direction": scale.force_of(against / scale.length, nodes, mu),
+    }
+
+
+def _parts(vectors: Array, normal: Array) -> tuple[Array, Array]:
+    along = np.sum(vectors * normal, axis=1)
+    return along, vectors - along[:, None] * normal
+
+
+def _motion(comm: MPI.Comm, motion, moved: Array, total: Array, scale: _Scale) -> dict[str, float]:
+    """Prescribed components of a translation, and total forces in the others."""
+    total = comm.allreduce(total, MPI.SUM)
+    if motion is None:
+        return {"motion": scale.length_of(np.abs(moved)), "balance": 0.0}
+    free = np.array([u is None for u in motion.translation])
+    stated = np.array([0.0 if u is None else u for u in motion.translation])
+    asked = np.zeros(len(moved)) if motion.force is None else np.asarray(motion.force)
+    lost = comm.allreduce(scale.lost_force.max(initial=0.0), MPI.MAX)
+    balance = np.where(free, np.abs(total - asked) - lost, 0.0)
+    return {
+        "motion": scale.length_of(np.where(free, 0.0, np.abs(moved - stated))),
+        "balance": max(0.0, float(balance.max())) / max(scale.force, np.linalg.norm(asked)),
+    }
+
+
+def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
+    """Nodal forces r = K a - f (owned nodes, dim), what of them is round-off, and max|K|."""
+    comm = K.comm.tompi4py()
+    u, image = K.createVecRight(), K.createVecLeft()
+    u.setArray(a.ravel())
+    K.mult(u, image)
+    f = load.array_r.reshape(a.shape)
+    indptr, _, data = K.getValuesCSR()
+    sums = np.add.reduceat(np.append(np.abs(data), 0.0), indptr[:-1]) if len(indptr) > 1 else data
+    size = sums.reshape(a.shape) * _largest(comm, np.abs(a)) + np.abs(f)
+    lost = 50 * _EPS * size.max(axis=1, initial=0.0)
+    return image.array_r.reshape(a.shape) - f, lost, _largest(comm, np.abs(data))
+
+
+def _supports(
+    conditions: Sequence[fem.DirichletBC], owned: int, dim: int
+) -> tuple[npt.NDArray[np.bool_], Array]:
+    """Which displacements (owned nodes, dim) are prescribed, and their values."""
+    held, values = np.zeros(owned * dim, dtype=bool), np.zeros(owned * dim)
+    for condition in conditions:
+        dofs = condition.dof_indices()[0]
+        dofs = dofs[dofs < owned * dim]
+        held[dofs], values[dofs] = True, float(condition.g.value)
+    return held.reshape(-1, dim), values.reshape(-1, dim)
+
+
+def _contact_nodes(
+    pair: ContactPair, space: fem.FunctionSpace
+) -> tuple[npt.NDArray[np.int64], Array]:
+    """Owned nodes of a pair and their friction."""
+    if callable(pair.nodes):
+        nodes = fem.locate_dofs_geometrical(space, pair.nodes)
+    else:
+        nodes = np.asarray(pair.nodes)
+        nodes = np.flatnonzero(nodes) if nodes.dtype == bool else nodes
+    nodes = np.unique(nodes[nodes < space.dofmap.index_map.size_local])
+    x = space.tabulate_dof_coordinates()[nodes]
+    mu = pair.friction(x.T) if callable(pair.friction) else pair.friction
+    return nodes, np.broadcast_to(np.asarray(mu, dtype=float), len(nodes)).copy()
+
+
+def _sizes(vectors: Array) -> Array:
+    return np.linalg.norm(vectors, axis=1)
+
+
+def _largest(comm: MPI.Comm, values: Array) -> float:
+    return float(comm.allreduce(values.max(initial=0.0), MPI.MAX))
