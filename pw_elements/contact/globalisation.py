@@ -110,9 +110,8 @@ class LastHold:
             FreeBody: if nothing of that holds the body.
         """
         loosened = (new.status != old.status) & (old.status != OPEN) & (new.status != STICK)
-        turned = np.any((new.status == SLIP) & (np.abs(new.direction).max(axis=1) > 0))
         in_space = new.direction.shape[1] > 1  # where a slipping point holds across its slip
-        if not self._comm.allreduce(int(np.any(loosened) or (in_space and turned)), MPI.MAX):
+        if not in_space and not self._comm.allreduce(int(np.any(loosened)), MPI.MAX):
             return new  # nothing that held before lets go
         motions = self._free_motions(new, contact.frame)
         if not motions:

@@ -187,12 +187,6 @@ class Interface:
             for k in range(self.pairs)
         ]
 
-    def motions(self, displacement: PETSc.Vec) -> Array:
-        """G a, (m, dim), of a displacement vector (n,)."""
-        moved = self.motion.createVecLeft()
-        self.motion.mult(displacement, moved)
-        return moved.array_r.reshape(self.position.shape).copy()
-
     def shifts(self, translations: Array | None) -> Array:
         """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""
         if translations is None:

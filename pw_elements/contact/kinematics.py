@@ -84,7 +84,7 @@ class Kinematics:
             loss[smooth, axis] = change[smooth] - np.sum(turned * displacement, axis=1)[smooth]
         # tangents turn so that they stay normal to it: dt = -(t·dn) n
         tilt = np.einsum("nta,nak->ntk", tangents, turn)
-        relative = displacement - interface.shifts(translations) - past
+        relative = displacement - translations[interface.pair] - past
         turned_slip = -tilt * np.sum(normal * relative, axis=1)[:, None, None]
         turned_force = np.concatenate(
             [
@@ -102,7 +102,7 @@ class Kinematics:
 
     def slips(self, displacement: Array, translations: Array) -> Array:
         """Slip components (n, dim - 1) likewise."""
-        relative = displacement - self.interface.shifts(translations) - self.past
+        relative = displacement - translations[self.interface.pair] - self.past
         slips = np.einsum("nab,nb->na", self.frame[:, 1:], relative)
         return slips + np.einsum("nak,nk->na", self.turned_slip, self._from(translations))
 
@@ -126,7 +126,7 @@ class Kinematics:
         D = np.einsum("nab,nbk->nak", B, follow) - np.einsum("nab,nbk->nak", A, self.turned_force)
         level = np.einsum("nab,nb->na", self.frame, self.past)
         level[:, 0] = np.where(np.isfinite(self.gap), -self.gap, 0.0)
-        here = self.interface.shifts(self.translations)
+        here = self.translations[self.interface.pair]
         turned = D - np.einsum("nab,nbk->nak", B[:, :, 1:], self.frame[:, 1:])
         c = np.einsum("nab,nb->na", B, level) - np.einsum("nak,nk->na", turned, here)
         E, C = A @ self.frame, B @ self.frame
@@ -135,4 +135,4 @@ class Kinematics:
 
     def _from(self, translations: Array) -> Array:
         """Translations (n, dim) of the nodes' surfaces from the place of linearisation."""
-        return self.interface.shifts(translations - self.translations)
+        return (translations - self.translations)[self.interface.pair]

@@ -91,12 +91,12 @@ class Increment:
         self.prescribed, self.totals = prescribed, totals
         self._reduction: Reduction = system.reduction.under(K, load)
         self._load = self._reduction.load(K, load)
-        self._supported = self.interface.motions(self._reduction.offset)
+        self._supported = self.system.motions(self._reduction.offset)
 
     def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
         free = np.isnan(self.prescribed)
-        past = self.past.displacement - self.interface.shifts(self.past.translations)
+        past = self.past.displacement - self.past.translations[self.interface.pair]
         return Kinematics.at(self.interface, past, translations, free, displacement, force)
 
     def solve(self, active: ActiveSet, place: Kinematics) -> Iterate:
@@ -107,7 +107,7 @@ class Increment:
         """
         A, B = equations(active, self.interface.friction, self.system.scale)
         E, C, D, constraint = place.equations(A, B)
-        known = self.interface.shifts(np.nan_to_num(self.prescribed))
+        known = np.nan_to_num(self.prescribed)[self.interface.pair]
         constraint += np.einsum("nij,nj->ni", D, known)
         constraint -= np.einsum("nij,nj->ni", C, self._supported)
         try:
@@ -124,7 +124,7 @@ class Increment:
     def seen(self, reduced: PETSc.Vec, translations: Array, place: Kinematics) -> Iterate:
         """Gaps, slips and forces at the contact points."""
         full = self._reduction.expand(reduced)
-        displacement = self.interface.motions(full)
+        displacement = self.system.motions(full)
         force, unbalanced = self.system.forces(reduced, self._load)
         contact = Contact(
             place.frame,

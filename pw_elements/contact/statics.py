@@ -82,11 +82,11 @@ class RigidMotions:
 
     def _motions(self, modes: Array) -> Array:
         """Motions (m, dim, modes) of the contact points in modes (owned dofs, modes)."""
-        interface, columns = self._system.interface, []
+        system, columns = self._system, []
         for mode in modes.T:
-            full = interface.motion.createVecRight()
+            full = system.interface.motion.createVecRight()
             full.setArray(mode)
-            columns.append(interface.motions(full))
+            columns.append(system.motions(full))
         return np.stack(columns, axis=2)
 
     def _gram_of_supports(self, modes: Array) -> Array:

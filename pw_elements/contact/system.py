@@ -137,8 +137,7 @@ class ContactSystem:
         solution = self._tangent.solve(right, balance, E, C, D)
         reduced = load.duplicate()
         reduced.setArray(solution[: len(right)])
-        free = self.comm.bcast(solution[len(right) :], root=self.comm.size - 1)
-        return reduced, np.array(free)
+        return reduced, np.array(self.comm.bcast(solution[len(right) :], self.comm.size - 1))
 
     def forces(self, reduced: PETSc.Vec, load: PETSc.Vec) -> tuple[Array, float]:
         """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
@@ -149,6 +148,10 @@ class ContactSystem:
         rest = np.abs(self._spread_load(unbalanced))
         rest[self._own[self._own >= 0]] = 0.0
         return force, float(rest.max(initial=0.0))
+
+    def motions(self, displacement: PETSc.Vec) -> Array:
+        """G a, (m, dim), of a full displacement vector (n,)."""
+        return np.array((self.interface.motion * displacement).array_r.reshape(self._own.shape))
 
     def totals(self, forces: Array) -> Array:
         """Sums of forces (m, dim) at the points of all processes, one per free translation."""
@@ -269,8 +272,6 @@ class Tangent:
             C: (m, dim, dim), combines its motion.
             D: (m, dim, dim), combines the free translations of its surface.
 
-        A few rows that differ from those of the last factorisation are cheaper to correct.
-
         Raises:
             SingularSystem: if there is no unique solution.
         """
@@ -287,6 +288,7 @@ class Tangent:
         return np.asarray(self._solution(known, combinations).array_r)
 
     def _solution(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec:
+        """A few rows that differ from the last factorisation's are cheaper to correct."""
         if self.factorised is not None:  # no process differs in this
             size = np.abs(self.factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
             change = np.abs(combinations - self.factorised) > _SAME * size
