@@ -1,3 +1,4 @@
+from decimal import Decimal, getcontext
 from itertools import pairwise
 
 import numpy as np
@@ -104,3 +105,28 @@ def test_flat_punch_ends_at_its_edge():
 def test_surfaces_that_are_none(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
+    """Against fifty digits: |y| - R in double precision would lose all digits but a few."""
+    radius = 2.0**20
+    ball = Sphere([*[0.5] * (dim - 1), side * radius], radius)
+    rng = np.random.default_rng(3)
+    x = 0.5 + rng.uniform(-1, 1, (20, dim))
+    x[:, -1] = rng.uniform(-1e-6, 1e-6, 20)
+    getcontext().prec = 50
+    for place, gap in zip(x, ball.gap(x), strict=True):
+        y = [Decimal(a) - Decimal(c) for a, c in zip(place, ball.centre, strict=True)]
+        exact = sum((a * a for a in y), Decimal(0)).sqrt() - Decimal(radius)
+        assert abs(Decimal(gap) - exact) < Decimal("1e-21")
+
+
+def test_gap_to_a_sphere_everywhere():
+    rng = np.random.default_rng(4)
+    for dim in (2, 3):
+        centre, x = rng.normal(size=dim), rng.normal(size=(200, dim)) * 3
+        distance = np.linalg.norm(x - centre, axis=1) - 1.5
+        assert Sphere(centre, 1.5).gap(x) == pytest.approx(distance, abs=1e-14)
+        assert Sphere(centre, 1.5).gap(np.array([centre])) == pytest.approx([-1.5])

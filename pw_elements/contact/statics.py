@@ -17,8 +17,8 @@ from pw_elements.contact.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-# Squared stiffness of a motion, over what it would be for an arbitrary one: round-off below
-_FREE = 1e-16
+# Stiffness of a motion, over what it would be for an arbitrary one: as good as none below
+_FREE = 1e-8
 _AXES = "xyz"
 
 
@@ -36,7 +36,7 @@ class RigidMotions:
         modes = [self._modes(x, piece[:owned] == k, k) for k in range(count)]
         columns = np.concatenate(modes, axis=2).reshape(owned * dim, -1)
         self._at_points = self._motions(columns)
-        self._held = self._gram_of_supports(columns)
+        self._held = self._hold_of_supports(columns)
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
@@ -57,12 +57,11 @@ class RigidMotions:
         relative[..., :bodies] = self._at_points
         for k, (pair, axis) in enumerate(system.free):
             relative[system.interface.pair == pair, axis, bodies + k] = -1.0
-        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(m * dim, relative.shape[2])
-        gram = np.ascontiguousarray(rows.T @ rows)
-        system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
-        gram[:bodies, :bodies] += self._held
-        values, vectors = np.linalg.eigh(gram)
-        return [self._name(vector) for vector in vectors[:, values < _FREE * len(gram)].T]
+        motions = relative.shape[2]
+        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(m * dim, motions)
+        held = np.pad(self._held, ((0, motions), (0, motions - bodies)))
+        _, values, vectors = np.linalg.svd(np.vstack([held, _triangle(rows, system.comm)]))
+        return [self._name(vector) for vector in vectors[values < _FREE * np.sqrt(motions)]]
 
     def _modes(self, x: Array, mine: npt.NDArray[np.bool_], piece: int) -> Array:
         """Translations and rotations (n, dim, modes) of size one of a piece's nodes."""
@@ -89,8 +88,8 @@ class RigidMotions:
             columns.append(system.motions(full))
         return np.stack(columns, axis=2)
 
-    def _gram_of_supports(self, modes: Array) -> Array:
-        """Squares of what modes do at prescribed displacements, and of their forces K m.
+    def _hold_of_supports(self, modes: Array) -> Array:
+        """What modes do at prescribed displacements, and their forces K m, by `_triangle`.
 
         Forces count over the stiffness; they are there in axisymmetry, say, where only a
         translation along the axis is without strain.
@@ -109,10 +108,8 @@ class RigidMotions:
             system.stiffness.mult(vector, image)
             images.append(image.array_r.copy())
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        forces, prescribed = np.array(images) / largest, modes[column == -1]
-        gram = np.ascontiguousarray(forces @ forces.T + prescribed.T @ prescribed)
-        system.comm.Allreduce(MPI.IN_PLACE, gram, MPI.SUM)
-        return gram
+        forces = np.array(images).reshape(modes.shape[1], -1).T / largest
+        return _triangle(np.vstack([forces, modes[column == -1]]), system.comm)
 
     def _name(self, vector: Array) -> str:
         dim, bodies = self._centres.shape[1], self._at_points.shape[2]
@@ -138,6 +135,15 @@ class RigidMotions:
         t, w = motion[:2], motion[2] / self._lengths[piece]
         pole = self._centres[piece] + np.array([-t[1], t[0]]) / w
         return listed(np.array([pole]))
+
+
+def _triangle(rows: Array, comm: MPI.Comm) -> Array:
+    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes.
+
+    A Gram matrix would square what is small, and lose it.
+    """
+    own = np.linalg.qr(rows, mode="r")
+    return np.linalg.qr(np.vstack(comm.allgather(own)), mode="r")
 
 
 def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-Points = npt.NDArray[np.float64]
+from pw_elements.contact.vectors import Points, normalised, quarter_turned, unit
 
 
 class Surface(Protocol):
@@ -43,15 +43,15 @@ class Plane:
     direction: Sequence[float]
 
     def __post_init__(self) -> None:
-        _unit(self.direction)
+        unit(self.direction)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,), positive on the side the direction points to."""
-        return (x - np.asarray(self.point)) @ _unit(self.direction)
+        return (x - np.asarray(self.point)) @ unit(self.direction)
 
     def normal(self, x: Points) -> Points:
         """The unit direction, n times."""
-        return np.tile(_unit(self.direction), (len(x), 1))
+        return np.tile(unit(self.direction), (len(x), 1))
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,18 @@ class Sphere:
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) from the sphere."""
-        return np.linalg.norm(x - np.asarray(self.centre), axis=1) - self.radius
+        y, row = x - np.asarray(self.centre), np.arange(len(x))
+        # counted from the pole next to x, for |y| - R would lose the digits of a small gap
+        axis = np.abs(y).argmax(axis=1)
+        side = np.where(y[row, axis] < 0, -1.0, 1.0)
+        pole = np.asarray(self.centre)[axis] + side * self.radius
+        y[row, axis], rise = 0.0, side * (x[row, axis] - pole)
+        squares = np.sum(y**2, axis=1) + rise * (2 * self.radius + rise)
+        return squares / (np.sqrt(squares + self.radius**2) + self.radius)
 
     def normal(self, x: Points) -> Points:
         """Unit vectors (n, dim) away from the centre."""
-        return _normalised(x - np.asarray(self.centre))
+        return normalised(x - np.asarray(self.centre))
 
 
 @dataclass(frozen=True)
@@ -140,20 +147,20 @@ class FlatPunch:
     half_width: float
 
     def __post_init__(self) -> None:
-        _unit(self.direction)
+        unit(self.direction)
         if not self.half_width > 0:
             raise ValueError(f"half_width = {self.half_width}: has to be positive")
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) from the face; infinite beside it."""
-        s, n = x - np.asarray(self.centre), _unit(self.direction)
+        s, n = x - np.asarray(self.centre), unit(self.direction)
         gap = s @ n
         beside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
         return np.where(beside, np.inf, gap)
 
     def normal(self, x: Points) -> Points:
         """The unit direction, n times."""
-        return np.tile(_unit(self.direction), (len(x), 1))
+        return np.tile(unit(self.direction), (len(x), 1))
 
 
 @dataclass(frozen=True)
@@ -198,7 +205,7 @@ class Polyline:
     def _inset(self) -> Points:
         """The line moved into the rigid by the radius, corners where its segments meet."""
         points = np.asarray(self.points, dtype=float)
-        normals = _left(np.diff(points, axis=0))
+        normals = quarter_turned(np.diff(points, axis=0))
         inset = points.copy()
         inset[0] -= self.radius * normals[0]
         inset[-1] -= self.radius * normals[-1]
@@ -208,7 +215,7 @@ class Polyline:
 
     def _nearest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
         line = self._inset()
-        normals = _left(span := np.diff(line, axis=0))
+        normals = quarter_turned(span := np.diff(line, axis=0))
         turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0
         s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)
         low, high = np.zeros(len(span)), np.ones(len(span))
@@ -259,7 +266,7 @@ class SignedDistance:
         """The gradient's unit vectors (n, dim); any where nothing faces x."""
         faced = np.isfinite(self._values(x))
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
-        normal[faced] = _normalised(self._slope(x[faced]))
+        normal[faced] = normalised(self._slope(x[faced]))
         return normal
 
     def _values(self, x: Points) -> npt.NDArray[np.float64]:
@@ -278,23 +285,3 @@ class SignedDistance:
         steps = self.step * np.eye(x.shape[1])
         differences = [self.function(x + h) - self.function(x - h) for h in steps]
         return np.asarray(np.stack(differences, axis=1) / (2 * self.step), dtype=float)
-
-
-def _unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
-    vector = np.asarray(direction, dtype=float)
-    length = np.linalg.norm(vector)
-    if not (np.isfinite(length) and length > 0):
-        raise ValueError(f"direction {list(direction)}: needs a finite length")
-    return vector / length
-
-
-def _normalised(vectors: Points) -> Points:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    if not length.all():
-        raise ValueError("the normal of a surface is not defined at a contact node")
-    return vectors / length
-
-
-def _left(vectors: Points) -> Points:
-    """Unit vectors a quarter turn to the left, (n, 2)."""
-    return _normalised(np.column_stack((-vectors[:, 1], vectors[:, 0])))

@@ -9,9 +9,9 @@ the free translations U at the end:
     (E L K + C G) a - D U   = c + E L f     theirs
     sum L K a               = totals + sum L f
 
-G couples a point to as many nodes as it likes. The nonzero pattern is that of all active sets, so
-the matrix is made once, and analysed once by a direct solver. A solver that would not have it
-assembled takes the place of `Tangent`: it needs K', L K, G and the combinations E, C, D.
+G couples a point to as many nodes as it likes. The nonzero pattern is that of all active sets: the
+matrix is made and analysed once. A solver that would not have it assembled takes the place of
+`Tangent`: it needs K', L K, G and the combinations E, C, D.
 """
 
 from mpi4py import MPI
@@ -43,8 +43,7 @@ _SAME = 1e-12
 class ContactSystem:
     """Equations of the reduced displacements and of the free translations of surfaces.
 
-    The free translations come last, on the last process. Their equations say that the
-    contact forces of a pair add up to the given total in that direction.
+    The free translations come last, on the last process; their equations are balances of force.
 
     Args:
         K: free stiffness, (n, n).

@@ -1,0 +1,38 @@
+"""Unit vectors of rigid surfaces."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+Points = npt.NDArray[np.float64]
+
+
+def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
+    """The unit vector (dim,) along a direction.
+
+    Raises:
+        ValueError: if it has no finite length.
+    """
+    vector = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(vector)
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"direction {list(direction)}: needs a finite length")
+    return vector / length
+
+
+def normalised(vectors: Points) -> Points:
+    """Unit vectors (n, dim) along vectors.
+
+    Raises:
+        ValueError: if one has no length.
+    """
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not length.all():
+        raise ValueError("the normal of a surface is not defined at a contact node")
+    return vectors / length
+
+
+def quarter_turned(vectors: Points) -> Points:
+    """Unit vectors a quarter turn to the left, (n, 2)."""
+    return normalised(np.column_stack((-vectors[:, 1], vectors[:, 0])))
