@@ -1,14 +1,16 @@
 """Compares all scalars of two folders of results, as two versions of DOLFINx computed them.
 
 `python3 -m study.compare_versions results results-sid` prints the largest difference of each
-kind; its exit status is 1 if one is too large or a case or scalar is in one folder only.
+kind; its exit status is 1 if one is too large or a case or scalar is in one folder only. Before
+and after a redesign, with one version of everything else, `--tolerance 1e-9` holds all kinds but
+the counts of iterations to one tolerance.
 """
 
 import argparse
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -72,6 +74,20 @@ KINDS = (
 """The first whose pattern is found holds."""
 
 
+_COUNTS = Kind(
+    "counts of iterations",
+    r" iterations",
+    "value",
+    float("inf"),
+    "another way to the same solution may be longer or shorter",
+)
+
+
+def redesigned(tolerance: float) -> tuple[Kind, ...]:
+    """Return the kinds with one tolerance, for two results of one version of all libraries."""
+    return (_COUNTS, *(replace(kind, tolerance=tolerance) for kind in KINDS))
+
+
 @dataclass(frozen=True)
 class Difference:
     """One scalar in both folders; `size` is to be compared with the kind's tolerance."""
@@ -89,7 +105,9 @@ class Difference:
         return not self.size <= self.kind.tolerance
 
 
-def compare(first: Results, second: Results) -> tuple[list[Difference], list[str]]:
+def compare(
+    first: Results, second: Results, kinds: tuple[Kind, ...] = KINDS
+) -> tuple[list[Difference], list[str]]:
     """Return the differences of all scalars, and what is in one folder only."""
     differences: list[Difference] = []
     alone: list[str] = []
@@ -99,13 +117,13 @@ def compare(first: Results, second: Results) -> tuple[list[Difference], list[str
         for key in sorted(cases[0].keys() & cases[1].keys()):
             one, other = cases[0][key], cases[1][key]
             alone += [f"{key} {name}" for name in sorted(one.scalars.keys() ^ other.scalars.keys())]
-            differences += _of_case(one, other)
+            differences += _of_case(one, other, kinds)
     return differences, alone
 
 
-def _of_case(one: Stored, other: Stored) -> Iterator[Difference]:
+def _of_case(one: Stored, other: Stored, known: tuple[Kind, ...]) -> Iterator[Difference]:
     common = [name for name in one.scalars if name in other.scalars]
-    kinds = {name: kind_of(f"{one.key} {name}") for name in common}
+    kinds = {name: kind_of(f"{one.key} {name}", known) for name in common}
     size = {name: max(abs(one.scalars[name]), abs(other.scalars[name])) for name in common}
     for name, kind in kinds.items():
         largest = max(size[like] for like in common if kinds[like] is kind)
@@ -114,15 +132,15 @@ def _of_case(one: Stored, other: Stored) -> Iterator[Difference]:
         yield Difference(kind, one.key, name, a, b, abs(a - b) / scale if a != b else 0.0)
 
 
-def kind_of(scalar: str) -> Kind:
+def kind_of(scalar: str, kinds: tuple[Kind, ...] = KINDS) -> Kind:
     """Return the kind of a scalar, given as "section/case name"."""
-    return next(kind for kind in KINDS if re.search(kind.pattern, scalar))
+    return next(kind for kind in kinds if re.search(kind.pattern, scalar))
 
 
-def table(differences: list[Difference], alone: list[str]) -> str:
+def table(differences: list[Difference], alone: list[str], kinds: tuple[Kind, ...] = KINDS) -> str:
     """Return the largest difference of each kind, all that are too large, and what is alone."""
     lines = []
-    for kind in KINDS:
+    for kind in kinds:
         mine = sorted((d for d in differences if d.kind is kind), key=lambda d: -d.size)
         if mine:
             of = {"value": "relative", "case": "over the case's largest", "one": "over 1 or itself"}
@@ -143,16 +161,22 @@ def main(arguments: list[str] | None = None) -> int:
     """Compare; return the exit status."""
     parser = argparse.ArgumentParser(prog="study.compare_versions", description=__doc__)
     parser.add_argument("folders", nargs=2, type=Path, metavar="DIR")
-    folders = parser.parse_args(arguments).folders
+    parser.add_argument(
+        "--tolerance", type=float, metavar="T", help="of all kinds but counts of iterations"
+    )
+    given = parser.parse_args(arguments)
+    folders, kinds = given.folders, KINDS
+    if given.tolerance is not None:
+        kinds = redesigned(given.tolerance)
     try:
         results = [Results(folder) for folder in folders]
         for folder, one in zip(folders, results, strict=True):
             print(f"{folder}: {', '.join(_versions(one)) or 'nothing'}")
-        differences, alone = compare(*results)
+        differences, alone = compare(*results, kinds)
     except StudyError as error:
         print(f"study.compare_versions: {error}", file=sys.stderr)
         return 2
-    print(table(differences, alone))
+    print(table(differences, alone, kinds))
     wrong = sum(d.too_large for d in differences) + len(alone)
     print(f"{len(differences)} scalars: {wrong} differ" if differences else "there are no scalars")
     return int(wrong > 0 or not differences)

@@ -89,3 +89,17 @@ def test_no_results_are_no_agreement(tmp_path):
 def test_kinds(scalar, kind):
     assert kind_of(scalar).name == kind
     assert len({one.name for one in KINDS}) == len(KINDS)
+
+
+def test_one_tolerance_for_a_redesign(stored, capsys):
+    """Counts of iterations aside: 1e-9 for everything, by the scale of its kind."""
+    before = stored("before", iterations=7.0, iterations_most=3.0)
+    same = stored("same", iterations=9.0, iterations_most=4.0, x=2.0 * (1 + 0.9e-9))
+    other = stored("other", iterations=7.0, iterations_most=3.0, x=2.0 * (1 + 1.1e-9))
+    residual = stored("residual", iterations=7.0, iterations_most=3.0, residual=2e-9)
+    assert main([before, same, "--tolerance", "1e-9"]) == 0
+    assert "counts of iterations: 2, largest difference 2.5e-01" in capsys.readouterr().out
+    assert main([before, other, "--tolerance", "1e-9"]) == 1
+    assert main([before, residual, "--tolerance", "1e-9"]) == 1
+    assert main([before, other]) == 0  # within what versions of libraries may differ by
+    assert main([before, same]) == 1  # counts included

@@ -143,7 +143,7 @@ def _triangle(rows: Array, comm: MPI.Comm) -> Array:
     A Gram matrix would square what is small, and lose it.
     """
     own = np.linalg.qr(rows, mode="r")
-    return np.linalg.qr(np.vstack(comm.allgather(own)), mode="r")
+    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 
 def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:

@@ -209,9 +209,8 @@ class ContactSystem:
         stiffness, unit = (np.asarray(part[rows, own[rows]]).ravel() for part in (forces, motion))
         values = np.zeros(len(own))
         values[rows] = stiffness / unit
-        values = values.reshape(self._own.shape)
-        count = np.sum(self._own >= 0, axis=1)
-        return np.where(count > 0, values.sum(axis=1) / np.maximum(count, 1), 1.0)
+        count, total = np.sum(self._own >= 0, axis=1), values.reshape(self._own.shape).sum(axis=1)
+        return np.where(count > 0, total / np.maximum(count, 1), 1.0)
 
 
 class Tangent:
