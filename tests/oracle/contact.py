@@ -1,0 +1,316 @@
+"""Frictional contact by nonlinear Gauss-Seidel on a dense compliance of the contact nodes.
+
+The law of a node, with r the force on it, n the direction in which it is pushed, g the gap and v
+the slip since the end of the previous increment:
+
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
+
+Nothing may hold the body but contact, and nothing a surface but its prescribed force: then no
+compliance exists. So every contact node is tied to what it faces by springs of stiffness alpha,
+and the springs' forces are counted out of the law exactly. With z all free displacements, of
+nodes and of surfaces, w = B z the motion of contact nodes relative to what they face, and A z =
+f + B^T r the equations,
+
+    (A + alpha B^T B) z = f + B^T s,     s = r + alpha w,     w = w_f + C s:
+
+C exists whatever is free, and any s with the law between r = s - alpha w and w is a solution,
+whatever alpha. Gauss-Seidel goes from node to node: with all other s fixed, w_i = const + L_i r_i
+with L_i = (1 - alpha C_ii)^-1 C_ii, and r_i is moved to the law's projection of r_i - (g; v) /
+|L_i|. Now and then the statuses that have come up so far are put into equations, which Newton's
+method solves; only what obeys the law is accepted.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+OPEN, STICK, SLIP = range(3)
+SWEEPS, POLISH_EVERY = 20_000, 10
+ACCURACY = 1e-11  # of the law, see `law_error`
+Points = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Nodes that face one rigid surface, or nodes of another body.
+
+    Args:
+        nodes: (m,) numbers.
+        gap: to the surface at its initial place, (m, dim) to (m,).
+        normal: from the surface into the body, (m, dim) to (m, dim).
+        mu: friction, a number or (m,).
+        motions: of each increment: translation (dim,), None where it is free, and the surface's
+            total force on the body (dim,); at rest where there are none.
+        opposite: (m,) nodes of another body that carry the surface.
+    """
+
+    nodes: np.ndarray
+    gap: Points
+    normal: Points
+    mu: float | np.ndarray = 0.0
+    motions: Sequence[tuple[Sequence[float | None], Sequence[float]]] = ()
+    opposite: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class State:
+    """The end of an increment.
+
+    Args:
+        displacement: (nodes, dim).
+        forces: of each pair, nodal forces (m, dim) on its nodes.
+        translations: (pairs, dim) of the surfaces.
+        error: how far from the law, see `law_error`.
+        gaps: of each pair, (m,).
+    """
+
+    displacement: np.ndarray
+    forces: list[np.ndarray]
+    translations: np.ndarray
+    error: float
+    gaps: list[np.ndarray]
+
+
+class NotFound(Exception):
+    """Gauss-Seidel came to no end."""
+
+
+def solve(
+    K: sparse.spmatrix,
+    loads: Sequence[np.ndarray],
+    held: np.ndarray,
+    pairs: Sequence[Pair],
+    nodes: np.ndarray,
+) -> list[State]:
+    """States at the end of increments.
+
+    Args:
+        K: stiffness, (n dim, n dim).
+        loads: (n dim,) at the end of each increment.
+        held: mask (n, dim) of displacements that are zero. If those of a contact node are
+            tangential, the law is without friction there (in the plane).
+        pairs: contact pairs.
+        nodes: positions (n, dim).
+    """
+    count = sum(len(pair.nodes) for pair in pairs)
+    past, translations = np.zeros((count, nodes.shape[1])), np.zeros((len(pairs), nodes.shape[1]))
+    system, s, states = None, np.zeros_like(past), []
+    for k, load in enumerate(loads):
+        prescribed, forces = (np.array(part) for part in zip(*(_motion(p, k, nodes) for p in pairs)))
+        free = np.isnan(prescribed)
+        if system is None or not np.array_equal(free, system.free):
+            system = _System(K, held, pairs, nodes, free)
+        translations = np.where(free, translations, prescribed)
+        state, past, s = system.increment(load, translations, forces, past, s)
+        translations = state.translations
+        states.append(state)
+    return states
+
+
+def law_error(r: np.ndarray, y: np.ndarray, mu: np.ndarray, length: float) -> float:
+    """Largest violation of the law's lines, forces over the largest, lengths over `length`.
+
+    Args:
+        r: forces (m, dim) in the nodes' frames, normal first.
+        y: gaps and slips (m, dim).
+        mu: (m,).
+        length: the size of displacements.
+    """
+    r, y = r / (np.abs(r).max() or 1.0), y / (length or 1.0)
+    r_n, g, r_t, v = r[:, 0], y[:, 0], r[:, 1:], y[:, 1:]
+    friction, slip = np.linalg.norm(r_t, axis=1), np.linalg.norm(v, axis=1)
+    against = slip[:, None] * r_t + (mu * r_n)[:, None] * v
+    lines = (-r_n, -g, np.minimum(r_n, g), friction - mu * r_n)
+    return float(max([line.max() for line in lines] + [np.abs(against).max()]))
+
+
+def _motion(pair: Pair, k: int, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Translation, NaN where it is free, and force."""
+    zero = np.zeros(nodes.shape[1])
+    moved, force = pair.motions[k] if pair.motions else (zero, zero)
+    return np.array([np.nan if u is None else u for u in moved]), np.array(force, dtype=float)
+
+
+def _projected(r: np.ndarray, mu: float) -> np.ndarray:
+    """The force (dim,) of Coulomb's cone that the law puts in place of a trial force."""
+    normal, tangential = max(0.0, r[0]), r[1:]
+    size = np.sqrt(tangential @ tangential)
+    shrink = min(1.0, mu * normal / size) if size > 0 else 1.0
+    return np.concatenate([[normal], shrink * tangential])
+
+
+class _System:
+    """Compliance of m contact nodes under given supports and free translations."""
+
+    def __init__(self, K, held, pairs, nodes, free) -> None:
+        self.pairs, self.nodes, self.free, self.dim = pairs, nodes, free, nodes.shape[1]
+        self.node = np.concatenate([pair.nodes for pair in pairs])
+        self.pair = np.repeat(np.arange(len(pairs)), [len(pair.nodes) for pair in pairs])
+        self.mu = np.concatenate([np.broadcast_to(p.mu, len(p.nodes)) for p in pairs]).astype(float)
+        self.mu[held[self.node].any(axis=1)] = 0.0
+        self.kept = np.flatnonzero(~held.ravel())
+        m, dim, surfaces = len(self.node), self.dim, int(free.sum())
+
+        place = self.node[:, None] * dim + np.arange(dim)
+        B = sparse.lil_matrix((m * dim, nodes.size))
+        B[np.arange(m * dim), place.ravel()] = 1.0
+        for k, pair in enumerate(pairs):
+            if pair.opposite is not None:
+                rows = np.arange(m * dim).reshape(m, dim)[self.pair == k]
+                B[rows.ravel(), (pair.opposite[:, None] * dim + np.arange(dim)).ravel()] = -1.0
+        moving = np.zeros((m * dim, surfaces))
+        for column, (k, axis) in enumerate(np.argwhere(free)):
+            moving[np.flatnonzero(self.pair == k) * dim + axis, column] = -1.0
+        self.B = sparse.hstack([B.tocsc()[:, self.kept], moving]).tocsc()
+        A = K.tocsc()[self.kept][:, self.kept]
+        A = sparse.block_diag([A, sparse.csc_matrix((surfaces, surfaces))])
+        self.alpha = K.diagonal()[place].mean() / m
+        self.factors = splu((A + self.alpha * self.B.T @ self.B).tocsc())
+        self.C = self.B @ self.factors.solve(self.B.T.toarray())
+
+    def increment(self, load, translations, forces, past, s):
+        """One increment: its state, and relative motion w and s (m, dim) at its end.
+
+        A free translation changes gaps, linearly to planes only: they are taken anew until
+        nothing changes.
+        """
+        f = np.concatenate([load[self.kept], forces[self.free]])
+        for _ in range(100):
+            known = np.where(self.free, 0.0, translations)[self.pair]
+            frame, gap = self._geometry(translations)
+            w, r, error = self._solved(f, known, frame, gap, past, s)
+            s = r + self.alpha * w
+            z = self.factors.solve(f + self.B.T @ (s + self.alpha * known).ravel())
+            before, translations = translations, translations.copy()
+            translations[self.free] = z[len(self.kept) :]
+            change = np.abs(self._geometry(translations)[1] - gap).max()
+            if change <= 1e-14 * max(np.abs(gap).max(), np.abs(w).max()) or np.array_equal(
+                before, translations
+            ):
+                break
+        else:
+            raise NotFound(f"the surfaces do not come to rest: {change}")
+        u = np.zeros(self.nodes.size)
+        u[self.kept] = z[: len(self.kept)]
+        gap = gap + np.sum(frame[:, 0] * w, axis=1)
+        by_pair = [self.pair == k for k in range(len(self.pairs))]
+        state = State(
+            u.reshape(self.nodes.shape),
+            [r[mine] for mine in by_pair],
+            translations,
+            error,
+            [gap[mine] for mine in by_pair],
+        )
+        return state, w, s
+
+    def _geometry(self, translations):
+        """Frames (m, dim, dim), normal first, and gaps (m,) less n·w."""
+        shift = translations[self.pair]
+        x, normal, gap = self.nodes[self.node] - shift, np.empty((len(self.node), self.dim)), []
+        for k, pair in enumerate(self.pairs):
+            normal[self.pair == k] = pair.normal(x[self.pair == k])
+            gap.append(pair.gap(x[self.pair == k]))
+        # a Householder reflection of the first unit vector into the normal has tangents as rows
+        h = normal - np.eye(self.dim)[0]
+        size = np.maximum(np.sum(h**2, axis=1), 1e-300)
+        frame = np.eye(self.dim) - 2 * np.einsum("ma,mb->mab", h, h) / size[:, None, None]
+        return frame, np.concatenate(gap) + np.sum(normal * shift, axis=1)
+
+    def _solved(self, f, known, frame, gap, past, s):
+        """Relative motion and forces (m, dim) that obey the law, from a first s, and its error."""
+        m, dim, alpha = len(self.node), self.dim, self.alpha
+        Q = sparse.block_diag(list(frame)).tocsr()
+        C = Q @ (Q @ self.C.T).T
+        w = Q @ (self.B @ self.factors.solve(f + alpha * self.B.T @ known.ravel()) - known.ravel())
+        # y = w + y0 are gap and slip
+        y0 = -np.einsum("mab,mb->ma", frame, past)
+        y0[:, 0] = gap
+        s = Q @ s.ravel()
+        w = (w + C @ s).reshape(m, dim)
+        problem = _Law(C, alpha, self.mu, y0)
+        y, r, error = problem.solve(w + y0, s.reshape(m, dim) - alpha * w)
+        back = Q.T
+        return (back @ (y - y0).ravel()).reshape(m, dim), (back @ r.ravel()).reshape(m, dim), error
+
+
+class _Law:
+    """The law at m nodes in their frames, where dy = C ds and s = r + alpha (y - y0).
+
+    Args:
+        C: compliance (m dim, m dim).
+        alpha: of the springs.
+        mu: (m,).
+        y0: (m, dim).
+    """
+
+    def __init__(self, C, alpha, mu, y0) -> None:
+        self.C, self.alpha, self.mu, self.y0 = C, alpha, mu, y0
+        m, dim = y0.shape
+        one = np.eye(dim)
+        blocks = C.reshape(m, dim, m, dim)[np.arange(m), :, np.arange(m)]
+        self.to_s = np.linalg.inv(one - alpha * blocks)  # ds of a dr
+        self.step = 1 / np.linalg.norm(self.to_s @ blocks, ord=2, axis=(1, 2))
+
+    def solve(self, y, r):
+        """Gaps and slips, forces, and the law's error, from those of an equilibrium."""
+        m, dim = r.shape
+        for sweep in range(1, SWEEPS + 1):
+            for i in range(m):
+                new = _projected(r[i] - self.step[i] * y[i], self.mu[i])
+                ds = self.to_s[i] @ (new - r[i])
+                dy = (self.C[:, i * dim : (i + 1) * dim] @ ds).reshape(m, dim)
+                y, r = y + dy, r - self.alpha * dy
+                r[i] += ds
+            if sweep % POLISH_EVERY == 0:
+                found = self._polished(y, r)
+                if found is not None:
+                    return found
+        raise NotFound(f"{SWEEPS} sweeps")
+
+    def _error(self, y, r):
+        return law_error(r, y, self.mu, np.abs(y - self.y0).max())
+
+    def _polished(self, y, r):
+        """Newton's method on the statuses' equations; None if they do not lead to the law."""
+        m, dim = r.shape
+        friction = np.linalg.norm(r[:, 1:], axis=1)
+        trial = np.array(
+            [_projected(*pair) for pair in zip(r - self.step[:, None] * y, self.mu, strict=True)]
+        )
+        slipping = np.linalg.norm(trial[:, 1:], axis=1) >= self.mu * trial[:, 0] * (1 - 1e-12)
+        status = np.where(trial[:, 0] <= 0, OPEN, np.where(slipping, SLIP, STICK))
+        dr_ds = np.eye(m * dim) - self.alpha * self.C
+        for _ in range(8 if dim == 3 else 2):
+            E, G, residual = np.zeros((m, dim, dim)), np.zeros((m, dim, dim)), np.zeros((m, dim))
+            for i in range(m):
+                if status[i] == OPEN:
+                    E[i], residual[i] = np.eye(dim), r[i]
+                    continue
+                G[i, 0, 0], residual[i, 0] = 1.0, y[i, 0]
+                if status[i] == STICK:
+                    G[i], residual[i] = np.eye(dim), y[i]
+                    continue
+                v, size = y[i, 1:], np.linalg.norm(y[i, 1:])
+                if dim == 2:  # the projection's direction is sure, slip's may not be yet
+                    d = -r[i, 1:] / (friction[i] or 1.0) if friction[i] else np.zeros(1)
+                else:
+                    d = v / (size or 1.0)
+                mu = self.mu[i]
+                across = np.eye(dim - 1) - np.outer(d, d) if dim == 3 else np.zeros((1, 1))
+                E[i, 1:, 0], E[i, 1:, 1:] = mu * d, np.eye(dim - 1)
+                G[i, 1:, 1:] = mu * r[i, 0] / (size or 1.0) * across
+                residual[i, 1:] = r[i, 1:] + mu * r[i, 0] * d
+            E, G = (sparse.block_diag(list(blocks)).tocsr() for blocks in (E, G))
+            try:
+                ds = np.linalg.solve(E @ dr_ds + G @ self.C, -residual.ravel())
+            except np.linalg.LinAlgError:
+                return None
+            y = y + (self.C @ ds).reshape(m, dim)
+            r = r + (dr_ds @ ds).reshape(m, dim)
+            error = self._error(y, r)
+            if error <= ACCURACY:
+                return y, r, error
+        return None
