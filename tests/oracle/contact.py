@@ -84,6 +84,7 @@ def solve(
     held: np.ndarray,
     pairs: Sequence[Pair],
     nodes: np.ndarray,
+    tie: float = 1.0,
 ) -> list[State]:
     """States at the end of increments.
 
@@ -94,15 +95,21 @@ def solve(
             tangential, the law is without friction there (in the plane).
         pairs: contact pairs.
         nodes: positions (n, dim).
+        tie: factor of alpha, which the answer does not depend on.
+
+    Raises:
+        NotFound: if no state obeys the law within `ACCURACY` in the end.
     """
     count = sum(len(pair.nodes) for pair in pairs)
     past, translations = np.zeros((count, nodes.shape[1])), np.zeros((len(pairs), nodes.shape[1]))
     system, s, states = None, np.zeros_like(past), []
     for k, load in enumerate(loads):
-        prescribed, forces = (np.array(part) for part in zip(*(_motion(p, k, nodes) for p in pairs)))
+        prescribed, forces = (
+            np.array(part) for part in zip(*(_motion(p, k, nodes) for p in pairs), strict=True)
+        )
         free = np.isnan(prescribed)
         if system is None or not np.array_equal(free, system.free):
-            system = _System(K, held, pairs, nodes, free)
+            system = _System(K, held, pairs, nodes, free, tie)
         translations = np.where(free, translations, prescribed)
         state, past, s = system.increment(load, translations, forces, past, s)
         translations = state.translations
@@ -144,7 +151,7 @@ def _projected(r: np.ndarray, mu: float) -> np.ndarray:
 class _System:
     """Compliance of m contact nodes under given supports and free translations."""
 
-    def __init__(self, K, held, pairs, nodes, free) -> None:
+    def __init__(self, K, held, pairs, nodes, free, tie) -> None:
         self.pairs, self.nodes, self.free, self.dim = pairs, nodes, free, nodes.shape[1]
         self.node = np.concatenate([pair.nodes for pair in pairs])
         self.pair = np.repeat(np.arange(len(pairs)), [len(pair.nodes) for pair in pairs])
@@ -166,7 +173,7 @@ class _System:
         self.B = sparse.hstack([B.tocsc()[:, self.kept], moving]).tocsc()
         A = K.tocsc()[self.kept][:, self.kept]
         A = sparse.block_diag([A, sparse.csc_matrix((surfaces, surfaces))])
-        self.alpha = K.diagonal()[place].mean() / m
+        self.alpha = tie * K.diagonal()[place].mean() / m
         self.A = (A + self.alpha * self.B.T @ self.B).tocsc()
         self.factors = splu(self.A)
         self.C = self.B @ self.factors.solve(self.B.T.toarray())
@@ -185,7 +192,7 @@ class _System:
             translations = translations.copy()
             translations[self.free] = z[len(self.kept) :]
             change = np.abs(self._geometry(translations)[1] - gap).max()
-            if change <= 4 * EPSILON * max(np.abs(gap).max(), np.abs(w).max()):
+            if change <= 8 * EPSILON * max(np.abs(self.nodes).max(), np.abs(w).max()):
                 break
         else:
             raise NotFound(f"the surfaces do not come to rest: gaps change by {change}")
@@ -265,12 +272,12 @@ class _Law:
     def error(self, y, r):
         """Violation of the law over what is allowed; gaps and slips count times a stiffness.
 
-        Besides `ACCURACY` the round-off of these products is allowed: it is more only where slips
-        are long against the body's deformation, as those of a wedge on soft springs.
+        Besides `ACCURACY` the round-off of these products is allowed, within bounds: it is more
+        only where slips are long against the body's deformation, as a wedge's on soft springs.
         """
         as_forces = self.step[:, None] * y
         round_off = 16 * EPSILON * np.abs(as_forces).max() / (np.abs(r).max() or 1.0)
-        return law_error(r, as_forces, self.mu) / (ACCURACY + round_off)
+        return law_error(r, as_forces, self.mu) / (ACCURACY + min(round_off, 10 * ACCURACY))
 
     def solve(self, y, r):
         """The change (m, dim) of s that leads from an equilibrium to one that obeys the law."""
