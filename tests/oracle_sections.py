@@ -11,7 +11,7 @@ leaves.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from unittest.mock import patch
 
 import numpy as np
@@ -20,7 +20,6 @@ from scipy.sparse.linalg import splu
 from pw_elements import State, mechanics
 from pw_elements.contact import FlatPunch, Parabola
 from study import column, ex71, ex72, ex73, ex74, ex75, ex76
-from study.store import Result
 from study.verification import (
     cattaneo,
     contact_patch,
@@ -55,21 +54,22 @@ class Problem:
 
     theirs: Numbers
     ours: Callable[[bool], Numbers]
-    scales: dict[str, str]
+    scales: dict[str, float] = field(default_factory=dict)
 
     def differences(self, linear_weights: bool) -> dict[str, float]:
-        ours = self.ours(linear_weights)
-        return {
-            name: float(
-                np.abs(np.asarray(theirs) - ours[name]).max()
-                / np.abs(self.theirs[self.scales.get(name, name)]).max()
-            )
-            for name, theirs in self.theirs.items()
-        }
+        ours, found = self.ours(linear_weights), {}
+        for name, theirs in self.theirs.items():
+            scale = self.scales.get(name, np.abs(theirs).max())
+            found[name] = float(np.abs(theirs - ours[name]).max() / scale)
+        return found
 
 
 def on(axis, value):
     return lambda x: np.isclose(x[:, axis], value)
+
+
+def within(limit):
+    return lambda x: np.abs(x[:, 0]) < limit + 1e-9
 
 
 def both(*conditions):
@@ -122,26 +122,31 @@ def nothing_held(body):
     return np.zeros(body.nodes.shape, dtype=bool)
 
 
-def contact_problem(result: Result, solved, sign=-1.0, displacement=True, **further) -> Problem:
-    """Forces along one contact line, of the body as it is pulled, their sums and more.
+def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=True, **further):
+    """Forces along one contact line and their sums; displacements and more, where stored.
 
-    `solved(linear)` gives the last state; `further` numbers by name: of the result, and of it.
+    Args:
+        result: of the study.
+        solved: gives the oracle's last state, from whether weights are piecewise linear.
+        normal: forces of the surface on the body count along it, and along
+        tangent: mostly against x, for the study stores those of the body on the surface.
+        displacement: whether displacements are stored.
+        further: by name, a number of the result, and how to get it from the state.
     """
     names = ["force_n", "force_t"] + ["displacement"] * displacement
     theirs = {name: result.curves[name] for name in names}
     theirs |= {name: result.scalars[name] for name in ("force_normal", "force_tangential")}
-    theirs |= {name: theirs for name, (theirs, _) in further.items()}
+    theirs |= {name: number for name, (number, _) in further.items()}
 
-    def ours(linear: bool) -> Numbers:
-        state, normal = solved(linear)
-        force = state.forces[0] @ normal
-        across = sign * state.forces[0] @ (abs(normal[1]), -normal[0] * np.sign(normal[1]))
-        found = {"force_n": force, "force_t": across}
-        found |= {"force_normal": force.sum(), "force_tangential": across.sum()}
-        found |= {name: ours(state) for name, (_, ours) in further.items()}
-        return found | {"displacement": state.displacement}
+    def ours(linear):
+        state = solved(linear)
+        force_n, force_t = state.forces[0] @ normal, state.forces[0] @ tangent
+        found = {"force_n": force_n, "force_t": force_t, "displacement": state.displacement}
+        found |= {"force_normal": force_n.sum(), "force_tangential": force_t.sum()}
+        return found | {name: of(state) for name, (_, of) in further.items()}
 
-    return Problem(theirs, ours, {"force_t": "force_n", "force_tangential": "force_normal"})
+    scales = {"force_t": theirs["force_n"].max(), "force_tangential": theirs["force_normal"]}
+    return Problem(theirs, ours, scales)
 
 
 def two_triangles(element):
@@ -158,7 +163,7 @@ def two_triangles(element):
         return {"reaction": residual[lower, 1], "sum": residual[lower, 1].sum()}
 
     theirs = {"reaction": result.curves["reaction"], "sum": result.scalars["sum"]}
-    return Problem(theirs, ours, {})
+    return Problem(theirs, ours)
 
 
 def displacement(K, f, held):
@@ -183,9 +188,9 @@ def block(element, **parameters):
         loads = [pressure + k / 10 * pull for k in range(11)]
         pair = Pair(lower, *plane(NORMAL_UP), rough)
         states = solve(body.stiffness(), loads, nothing_held(body), [pair], body.nodes)
-        return states[-1], np.array(NORMAL_UP)
+        return states[-1]
 
-    return contact_problem(result, solved)
+    return contact_problem(result, solved, NORMAL_UP)
 
 
 def parabolic_punch(element):
@@ -204,10 +209,10 @@ def parabolic_punch(element):
 
         force = -pressed(down)[-1].forces[0][:, 1].sum()
         aside = [((None, -0.25), (0.1 * force * s, 0.0)) for s in steps]
-        return pressed(down + aside)[-1], np.array(NORMAL_DOWN)
+        return pressed(down + aside)[-1]
 
     translation = (result.scalars["translation"], lambda state: state.translations[0, 0])
-    return contact_problem(result, solved, translation=translation)
+    return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
 
 
 def rigid_plate(element):
@@ -216,17 +221,15 @@ def rigid_plate(element):
     def solved(linear):
         body = oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
         outside = either(on(0, -20.0), on(0, 20.0), on(1, -10.0))
-        below = sorted_nodes(
-            result.curves, both(on(1, 0.0), lambda x: np.abs(x[:, 0]) < 1.0 + 1e-9)
-        )
+        below = sorted_nodes(result.curves, both(on(1, 0.0), within(1.0)))
         motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
         pair = Pair(below, *plane(NORMAL_DOWN), np.tan(np.pi / 9), motions)
         loads, held = [np.zeros(body.nodes.size)] * 5, body.at_nodes(outside, (0, 1))
         states = solve(body.stiffness(), loads, held, [pair], body.nodes)
-        return states[-1], np.array(NORMAL_DOWN)
+        return states[-1]
 
     translation = (result.scalars["translation"], lambda state: -state.translations[0, 1])
-    return contact_problem(result, solved, translation=translation)
+    return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
 
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
@@ -280,9 +283,10 @@ def stepped_column(element):
     for k in range(1, 5):
         theirs |= {f"force_{c}_{k}": curves[f"force_{c}_{k}"] for c in "nt"}
         theirs[f"force_normal_{k}"] = scalars[f"force_normal_{k}"]
-    if element in ("pw-Q8", "pw-Q9"):  # with the inner nodes condensed, which changes M
+    if element in ("pw-Q8", "pw-Q9"):  # their inner nodes are condensed, which changes M
         del theirs["omega2"]
-    return Problem(theirs, ours, {f"force_t_{k}": f"force_n_{k}" for k in range(1, 5)})
+    scales = {f"force_t_{k}": theirs[f"force_n_{k}"].max() for k in range(1, 5)}
+    return Problem(theirs, ours, scales)
 
 
 def beam(element, load="point"):
@@ -319,7 +323,7 @@ def beam(element, load="point"):
             found[f"sigma_cr_{mode}"] = factors[factors > 0].min()
         return found
 
-    return Problem({name: result.scalars[name] for name in ("sigma_cr_1", "sigma_cr_2")}, ours, {})
+    return Problem({name: result.scalars[name] for name in ("sigma_cr_1", "sigma_cr_2")}, ours)
 
 
 def symmetric_part(A):
@@ -335,10 +339,9 @@ def patch_test(element, mesh="distorted", state="plane strain"):
         body = oracle_body(result, element, linear, state, 1000.0, 0.3, count=count)
         pair = Pair(sorted_nodes(result.curves, on(1, 0.0)), *plane(NORMAL_UP))
         load, held = body.traction(on(1, 1.0), (0.0, -3.0)), body.at_nodes(on(0, 0.0), (0,))
-        (state_,) = solve(body.stiffness(), [load], held, [pair], body.nodes)
-        return state_, np.array(NORMAL_UP)
+        return solve(body.stiffness(), [load], held, [pair], body.nodes)[-1]
 
-    return contact_problem(result, solved, displacement=False)
+    return contact_problem(result, solved, NORMAL_UP, displacement=False)
 
 
 def indented(element, state, E, force, surface, oracle_surface, lines, known, mu=0.0):
@@ -353,24 +356,14 @@ def indented(element, state, E, force, surface, oracle_surface, lines, known, mu
         (right, _), (_, bottom) = body.nodes.max(axis=0), body.nodes.min(axis=0)
         held = body.at_nodes(either(on(0, right), on(1, bottom)), (0, 1))
         held |= body.at_nodes(on(0, 0.0), (0,))
-        near = both(
-            lambda x: np.abs(x[:, 1]) < 1e-9 * lines[-1],
-            lambda x: x[:, 0] < lines[-1] * (1 + 1e-9),
-        )
-        top = sorted_nodes(result.curves, near)
+        top = sorted_nodes(result.curves, both(on(1, 0.0), within(lines[-1])))
         pair = Pair(top, *oracle_surface, mu, [((0.0, None), (0.0, -force))])
-        (found,) = solve(body.stiffness(), [np.zeros(body.nodes.size)], held, [pair], body.nodes)
-        return found, np.array(NORMAL_DOWN)
+        return solve(body.stiffness(), [np.zeros(body.nodes.size)], held, [pair], body.nodes)[-1]
 
-    gap = (result.curves["gap"], lambda found: found.gaps[0])
-    problem = contact_problem(result, solved, displacement=False, gap=gap)
-    # a closed gap is round-off beside the approach of the indenter
-    problem.theirs["approach"] = known.approach * np.ones(1)
-    return Problem(
-        problem.theirs,
-        lambda linear: problem.ours(linear) | {"approach": known.approach},
-        problem.scales | {"gap": "approach"},
-    )
+    gap = (result.curves["gap"], lambda state: state.gaps[0])
+    problem = contact_problem(result, solved, NORMAL_DOWN, displacement=False, gap=gap)
+    # where all gaps are closed they are round-off of the approach
+    return replace(problem, scales={**problem.scales, "gap": known.approach})
 
 
 def hertz_line(element):
@@ -404,14 +397,14 @@ def spence_punch(element):
         body = oracle_body(result, element, linear, "plane strain", 1.0, 0.25)
         held = body.at_nodes(either(on(0, 5.0), on(1, -5.0)), (0, 1))
         held |= body.at_nodes(on(0, 0.0), (0,))
-        below = sorted_nodes(result.curves, both(on(1, 0.0), lambda x: x[:, 0] < 1 + 1e-9))
+        below = sorted_nodes(result.curves, both(on(1, 0.0), within(1.0)))
         motions = [((0.0, None), (0.0, -5e-4 * share)) for share in (0.5, 1.0)]
         pair = Pair(below, *plane(NORMAL_DOWN), mu, motions)
         loads = [np.zeros(body.nodes.size)] * 2
         states = solve(body.stiffness(), loads, held, [pair], body.nodes)
-        return states[-1], np.array(NORMAL_DOWN)
+        return states[-1]
 
-    return contact_problem(result, solved)
+    return contact_problem(result, solved, NORMAL_DOWN)
 
 
 def partial_slip(element):
@@ -422,16 +415,17 @@ def partial_slip(element):
     def solved(linear):
         body = oracle_body(result, element, linear, "plane strain", 1.0, 0.3)
         outside = either(on(1, -5.0), on(1, 6.0), on(0, -5.0), on(0, 5.0))
-        near = lambda x: np.abs(x[:, 0]) < 1.25 + 1e-9  # noqa: E731
-        lower, upper = (sorted_nodes(result.curves, both(on(1, y), near)) for y in (0.0, 1.0))
+        lower, upper = (
+            sorted_nodes(result.curves, both(on(1, y), within(1.25))) for y in (0.0, 1.0)
+        )
         motions = [((0.0, None), (0.0, -force))]
         motions += [((None, None), (s * 0.4 * force, -force)) for s in (0.25, 0.5)]
         pair = Pair(lower, *parabola(0.0, 1e4), 0.4, motions, opposite=upper)
         loads, held = [np.zeros(body.nodes.size)] * 3, body.at_nodes(outside, (0, 1))
         states = solve(body.stiffness(), loads, held, [pair], body.nodes)
-        return states[-1], np.array(NORMAL_DOWN)
+        return states[-1]
 
-    return contact_problem(result, solved, sign=1.0, displacement=False)
+    return contact_problem(result, solved, NORMAL_DOWN, (1.0, 0.0), displacement=False)
 
 
 def greco_plate(element):
@@ -442,18 +436,18 @@ def greco_plate(element):
         load = body.traction(on(1, 0.04), (0.0, -5e7)) + body.traction(on(0, 0.0), (15e7, 0.0))
         pair = Pair(sorted_nodes(result.curves, on(1, 0.0)), *plane(NORMAL_UP), 1.0)
         held = body.at_nodes(on(0, 0.04), (0,))
-        (state,) = solve(body.stiffness(), [load], held, [pair], body.nodes)
-        return state, np.array(NORMAL_UP)
+        return solve(body.stiffness(), [load], held, [pair], body.nodes)[-1]
 
-    return contact_problem(result, solved)
+    return contact_problem(result, solved, NORMAL_UP)
 
 
 def sliding_wedge(element):
     result = wedge.sliding(element, 0.2, (8, 2))
 
+    normal, downhill = (np.array(v) / np.hypot(0.1, 1.0) for v in ((-0.1, 1.0), (-1.0, -0.1)))
+
     def solved(linear):
-        body = oracle_body(result, element, linear, "plane strain", 1e7, 0.3)
-        left, normal = on(0, 0.0), np.array([-0.1, 1.0]) / np.hypot(0.1, 1.0)
+        body, left = oracle_body(result, element, linear, "plane strain", 1e7, 0.3), on(0, 0.0)
         base = sorted_nodes(result.curves, lambda x: np.isclose(x[:, 1], 0.1 * x[:, 0]))
         K = body.stiffness() + body.springs(left, 0, 563.9 / 1.2)
         weight = body.body_load((0.0, -3058.0 / (4.0 * 1.0)))
@@ -461,15 +455,15 @@ def sliding_wedge(element):
         loads = [weight + k / 5 * push for k in range(6)]
         pair = Pair(base, lambda x: x @ normal, lambda x: np.tile(normal, (len(x), 1)), 0.2)
         states = solve(K, loads, nothing_held(body), [pair], body.nodes)
-        return states[-1], normal
+        return states[-1]
 
     def mean_displacement(state):
-        """Simpson's rule along the left side, which is exact."""
+        """Of the left side, whatever the weights: by the integrals of the trial functions."""
         body = oracle_body(result, element, False, "plane strain", 1e7, 0.3)
         return body.traction(on(0, 0.0), (1.0 / 1.2, 0.0)) @ state.displacement.ravel()
 
     sliding = (result.scalars["sliding"], mean_displacement)
-    return contact_problem(result, solved, displacement=False, sliding=sliding)
+    return contact_problem(result, solved, normal, downhill, displacement=False, sliding=sliding)
 
 
 def vibrating(element, case="square"):
@@ -506,4 +500,4 @@ def vibrating(element, case="square"):
         name: np.array([result.scalars[f"{name}_{i}"] for i in range(1, n + 1)])
         for name, n in names.items()
     }
-    return Problem(theirs, ours, {})
+    return Problem(theirs, ours)

@@ -223,9 +223,9 @@ def test_both_find_the_same_forces_and_displacements(seed):
     by_oracle(problem, library.nodes, library.cells, problem.linear)
 
 
-@pytest.mark.parametrize("first", [s for s in range(40) if Random(s).element in ("T6", "T10")][:6])
-def test_with_the_other_weights_they_do_not(first):
-    problem = Random(first)
+@pytest.mark.parametrize("number", [1, 3, 6, 9, 15])  # of triangles and tetrahedra
+def test_with_the_other_weights_they_do_not(number):
+    problem = Random(number)
     assert difference(problem, not problem.linear) > 1e5 * TOLERANCE
 
 

@@ -10,6 +10,7 @@ with the hoop strain u_r / r as a further term of div and of eps : eps in axisym
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -19,25 +20,15 @@ from tests.oracle.elements import ELEMENTS, table
 Where = Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True)
-class At:
-    """What is known at one Gauss point of all c cells, with n nodes and d coordinates.
+class At(NamedTuple):
+    """What is known at one Gauss point of all c cells; the volume includes the third direction."""
 
-    Args:
-        shapes: (n,); gradients: (c, n, d).
-        gradients: of the shapes in space.
-        weights: (n,); weight_gradients: (c, n, d).
-        weight_gradients: of the weights in space.
-        radius: (c,), the first coordinate.
-        volume: (c,), that belongs to the point, the third direction included.
-    """
-
-    shapes: np.ndarray
-    gradients: np.ndarray
-    weights: np.ndarray
-    weight_gradients: np.ndarray
-    radius: np.ndarray
-    volume: np.ndarray
+    shapes: np.ndarray  # (n,)
+    gradients: np.ndarray  # (c, n, d)
+    weights: np.ndarray  # (n,)
+    weight_gradients: np.ndarray  # (c, n, d)
+    radius: np.ndarray  # (c,), the first coordinate
+    volume: np.ndarray  # (c,)
 
 
 @dataclass(frozen=True)
@@ -149,7 +140,7 @@ class Body:
     def _points(self) -> Iterator[At]:
         """Gauss points of the cells, one after the other; no gradients on surfaces."""
         functions, x = table(self.element, self.linear_weights, self.count), self.nodes[self.cells]
-        for N, dN, W, dW, measure in zip(*vars(functions).values(), strict=True):
+        for N, dN, W, dW, measure in zip(*functions, strict=True):
             J = np.einsum("cna,nb->cab", x, dN)
             on_surface = J.shape[1] > J.shape[2]
             size = np.sqrt(np.linalg.det(np.einsum("cab,cad->cbd", J, J)))

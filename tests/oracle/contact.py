@@ -29,6 +29,7 @@ from scipy.sparse.linalg import splu
 
 SWEEPS, NEWTON_EVERY = 5_000, 10
 ACCURACY = 1e-11  # of the law, see `law_error`
+SINGULAR = 1e13  # condition of a tangent
 EPSILON = float(np.finfo(float).eps)
 Points = Callable[[np.ndarray], np.ndarray]
 
@@ -311,10 +312,10 @@ class _Law:
             lines = [_equations(*of) for of in zip(trial, y, r, self.mu, strict=True)]
             E, G, residual = (list(part) for part in zip(*lines, strict=True))
             E, G = sparse.block_diag(E).tocsr(), sparse.block_diag(G).tocsr()
-            try:
-                ds = np.linalg.solve(E @ dr_ds + G @ self.C, -np.concatenate(residual))
-            except np.linalg.LinAlgError:
+            tangent = E @ dr_ds + G @ self.C
+            if np.linalg.cond(tangent) > SINGULAR:  # statuses that leave the body free
                 break
+            ds = np.linalg.solve(tangent, -np.concatenate(residual))
             y = y + (self.C @ ds).reshape(m, dim)
             r = r + (dr_ds @ ds).reshape(m, dim)
             total += ds.reshape(m, dim)

@@ -9,6 +9,7 @@ to that of the edge 0-2 (nodes 5 and 8): `tests/test_oracle_parts.py` finds that
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,23 +83,14 @@ ELEMENTS = {
 }
 
 
-@dataclass(frozen=True)
-class Table:
-    """Functions at the q points of a rule on the reference element.
+class Table(NamedTuple):
+    """Functions and their slopes at the q points of a rule on the reference element."""
 
-    Args:
-        shapes: (q, n); with slopes (q, n, d).
-        slopes: of the shapes.
-        weights: (q, n) test functions; with slopes (q, n, d).
-        weight_slopes: theirs.
-        measure: (q,) quadrature weights.
-    """
-
-    shapes: np.ndarray
-    slopes: np.ndarray
-    weights: np.ndarray
-    weight_slopes: np.ndarray
-    measure: np.ndarray
+    shapes: np.ndarray  # (q, n)
+    slopes: np.ndarray  # (q, n, d)
+    weights: np.ndarray  # (q, n)
+    weight_slopes: np.ndarray  # (q, n, d)
+    measure: np.ndarray  # (q,)
 
 
 @cache
