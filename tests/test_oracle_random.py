@@ -35,9 +35,6 @@ from tests.oracle.contact import Pair, solve
 
 STATES = ("plane stress", "plane strain", "axisymmetric", "solid")
 TOLERANCE = 1e-8
-# A body that floats on mu = 0.006, pressed evenly: one node sticks and all others slip, which the
-# library's iteration does not find. It says so by mistake as if nothing could hold the body
-REFUSED = {229: FreeBody}
 
 
 def pytest_generate_tests(metafunc):
@@ -49,6 +46,8 @@ def pytest_generate_tests(metafunc):
 class Random:
     """One random problem; lengths are of the order of 1, as is Young's modulus."""
 
+    path = (0.0, 0.5, 1.0, 0.2, -0.8, 0.1)  # of what acts sideways
+
     def __init__(self, seed):
         rng = self.rng = np.random.default_rng(seed)
         self.state = STATES[seed % 4]
@@ -57,9 +56,10 @@ class Random:
         self.element = rng.choice(["T10"] if self.solid else ["T6", "T6", "Q8", "Q9"])
         self.linear = self.element != "Q8" and bool(rng.random() < 0.6 or self.element == "Q9")
         self.nu, self.mu = rng.uniform(0.0, 0.4), rng.uniform(0.0, 1.0)
-        self.floats = bool(rng.random() < 0.35)
+        self.floats = seed // 4 % 3 == 2
         self.surface = "plane" if self.floats else rng.choice(["plane", "plane", "round", "ball"])
-        # in axisymmetry a radial translation would be no rigid motion of the surface
+        if not self.floats and rng.random() < 0.1:
+            self.mu = 0.0
         self.pushed = not self.floats and self.surface != "ball" and bool(rng.random() < 0.5)
         self.share = rng.uniform(0.1, 0.8)  # of the friction's limit that is pulled with
         self.mesh = self._mesh()
@@ -90,10 +90,6 @@ class Random:
         return [pressed + pulled * (self.mu * self.share * t) for t in self.path]
 
     @property
-    def path(self):
-        return (0.0, 0.5, 1.0, 0.2, -0.8, 0.1)
-
-    @property
     def motions(self):
         """Translation, None where free, and force in each increment."""
         zero, result = np.zeros(self.dim), []
@@ -106,7 +102,7 @@ class Random:
             if self.pushed:
                 move, push[-1] = [0.0] * self.dim, -force * (1 + k / 10)
                 move[-1] = None
-                if self.state == "axisymmetric":
+                if self.state == "axisymmetric" or self.mu == 0:  # no free radial motion, or held
                     move[0] = 0.02 * aside
                 else:
                     move[0], push[0] = None, force * aside
@@ -214,13 +210,23 @@ def difference(problem, linear_weights):
 @pytest.mark.random
 def test_both_find_the_same_forces_and_displacements(seed):
     problem = Random(seed)
-    if seed not in REFUSED:
-        assert difference(problem, problem.linear) < TOLERANCE
-        return
+    assert difference(problem, problem.linear) < TOLERANCE
+
+
+@pytest.mark.xfail(
+    raises=FreeBody,
+    strict=True,
+    reason="one node sticks and all others slip: the iteration ends with all slipping, as if free",
+)
+def test_a_block_pressed_evenly_on_a_nearly_smooth_floor():
+    """Nothing else holds it sideways; the oracle finds a state, the library says there is none."""
+    problem = Random(12)
+    problem.floats, problem.surface, problem.pushed, problem.mu = True, "plane", False, 0.005
+    problem.path = (0.0,)
     library = Library(problem)
-    with pytest.raises(REFUSED[seed]):
-        list(library.solve())
-    by_oracle(problem, library.nodes, library.cells, problem.linear)
+    _, (state,) = by_oracle(problem, library.nodes, library.cells, problem.linear)
+    assert state.error <= 1
+    list(library.solve())
 
 
 @pytest.mark.parametrize("number", [1, 3, 6, 9, 15])  # of triangles and tetrahedra
@@ -234,3 +240,6 @@ def test_problems_are_of_all_kinds():
     for kind, count in (("state", 4), ("element", 4), ("linear", 2), ("floats", 2), ("pushed", 2)):
         assert len({getattr(problem, kind) for problem in problems}) == count
     assert {problem.surface for problem in problems} == {"plane", "round", "ball"}
+    assert any(problem.mu == 0 for problem in problems)
+    floating = {problem.state for problem in problems if problem.floats}
+    assert floating == {problem.state for problem in problems if not problem.floats} == set(STATES)

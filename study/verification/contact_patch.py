@@ -67,7 +67,7 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "iterations": solved.iterations,
         "residual": solved.residuals.largest(),
     }
-    curves = {
+    curves: dict[str, np.ndarray] = {
         "x": contact.position[:, 0],
         "force_n": force,
         "force_t": -contact.force_tangential[:, 0],
