@@ -84,7 +84,7 @@ LEFT_BY_DEGREE_8 = {
 def test_what_the_rule_of_degree_8_leaves_on_the_axis(element):
     """Section 7.5 by the study's own rule; some of its triangles touch the axis in one point."""
     assert mechanics._RATIONAL_DEGREE == 8
-    with patch.object(sections, "RULES", dict.fromkeys((False, True), (8, 16))):
+    with patch.object(sections, "RULES", dict.fromkeys(sections.RULES, (8, 16))):
         differences = problem("7.5", element).differences(element.startswith("pw"))
     for name, left in LEFT_BY_DEGREE_8[element].items():
         assert left / 2 < differences[name] < left, (name, differences[name])
