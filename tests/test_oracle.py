@@ -72,9 +72,9 @@ def test_evenly_compressed_beams_buckle_alike_with_any_weights():
     assert max(differences.values()) < TOLERANCE, differences
 
 
-# Against the oracle's rule, on the coarse mesh; on the mesh of the study, whose triangles at the axis
-# are smaller, the largest differences of all were 8e-8 and 7e-9. The forces of face 1 are relative
-# to its largest nodal force, and those along it next to the axis are what the rule touches most
+# Against the oracle's rule, on the coarse mesh; on the mesh of the study, whose triangles at the
+# axis are smaller, the largest differences of all were 8e-8 and 7e-9. The forces of face 1 are
+# relative to its largest nodal force; those along it next to the axis are touched most
 LEFT_BY_DEGREE_8 = {
     "galerkin-T6": {"omega2": 2e-7, "displacement": 2e-6, "force_n_1": 4e-6, "force_t_1": 5e-5},
     "pw-T6": {"omega2": 6e-9, "displacement": 1.2e-7, "force_n_1": 2e-7, "force_t_1": 4e-6},
