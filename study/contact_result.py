@@ -11,7 +11,7 @@ from pw_elements import reactions
 from pw_elements.contact import OPEN, STICK, ContactState
 from pw_elements.mechanics import Marker
 from pw_elements.recovery import ContactSurface, force_transfer, forces_along
-from study.elements import Discretisation
+from study.elements import Discretisation, mesh_curves
 from study.store import Result
 
 Array = npt.NDArray[np.float64]
@@ -99,11 +99,8 @@ def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:
 
 def deformation_curves(body: Discretisation, state: ContactState) -> dict[str, Array]:
     """Nodes (n, 2), the nodes of each cell, and displacements (n, 2)."""
-    return {
-        "nodes": body.space.tabulate_dof_coordinates()[:, :2],
-        "cells": body.space.dofmap.list.copy(),
-        "displacement": state.displacement.array_r.reshape(-1, 2),
-    }
+    displacement = state.displacement.array_r.reshape(-1, 2)
+    return {**mesh_curves(body.space), "displacement": displacement}
 
 
 def _transferred(

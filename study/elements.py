@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -91,6 +92,14 @@ def discretise(
     mesh = build("quadrilateral" if is_quadrilateral(element) else "triangle")
     body = Body(spaces(element, mesh), material, state)
     return Discretisation(element, body, assemble_matrix(body.stiffness()))
+
+
+def mesh_curves(space: fem.FunctionSpace) -> dict[str, npt.NDArray[Any]]:
+    """Nodes (n, dim) and the nodes of each cell in Basix's order, to draw and to check with."""
+    return {
+        "nodes": space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim],
+        "cells": space.dofmap.list.copy(),
+    }
 
 
 def spaces(element: str, mesh: Mesh) -> Spaces:

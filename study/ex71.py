@@ -9,7 +9,7 @@ from pw_elements import Material, State, reactions, solve, support
 from pw_elements.meshes import Pattern, quadrilaterals, triangles
 from pw_elements.recovery import forces_along
 from study.cases import Case
-from study.elements import discretise
+from study.elements import discretise, mesh_curves
 from study.store import Result
 
 TITLE = "Simple structure with two elements"
@@ -56,12 +56,7 @@ def structure(
     return Result(
         scalars,
         dict.fromkeys(scalars, "unit force"),
-        {
-            "x": lower.position[:, 0],
-            "reaction": vertical,
-            "nodes": U.tabulate_dof_coordinates()[:, :2],
-            "cells": U.dofmap.list.copy(),
-        },
+        {"x": lower.position[:, 0], "reaction": vertical, **mesh_curves(U)},
         dofs=K.getSize()[0],
     )
 

@@ -29,7 +29,7 @@ from pw_elements import (
 )
 from pw_elements.meshes import PATTERNS, Pattern, quadrilaterals, triangles
 from study.cases import Case
-from study.elements import is_quadrilateral, is_symmetrised, spaces
+from study.elements import is_quadrilateral, is_symmetrised, mesh_curves, spaces
 from study.exact import Strip
 from study.store import Result
 
@@ -144,7 +144,7 @@ def beam(
     K_static = K if prestress_symmetrised else assemble_matrix(body.stiffness())
 
     scalars: dict[str, float] = {}
-    curves = _mesh_curves(body.spaces.trial)
+    curves = mesh_curves(body.spaces.trial)
     for mode in (SYMMETRIC, ANTISYMMETRIC):
         prestress = model.prestress(K_static, mode)
         found = model.critical_stress(K, prestress, mode, form)
@@ -218,11 +218,6 @@ def _stress_or_nan(model: HalfBeam, K: PETSc.Mat, mode: int, form: Form) -> floa
         return float(model.critical_stress(K, displacement, mode, form).factors[0])
     except NoModes:
         return float("nan")
-
-
-def _mesh_curves(U: fem.FunctionSpace) -> dict[str, np.ndarray]:
-    """Node coordinates (n, 2) and the nodes of each cell, to draw meshes and shapes from."""
-    return {"nodes": U.tabulate_dof_coordinates()[:, :2], "cells": U.dofmap.list.copy()}
 
 
 def _end_face(x: np.ndarray) -> np.ndarray:

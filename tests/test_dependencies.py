@@ -1,4 +1,7 @@
-"""Who may import whom: figures -> study -> pw_elements -> DOLFINx, and never back."""
+"""Who may import whom: figures -> study -> pw_elements -> DOLFINx, and never back.
+
+The oracle of the tests imports none of them.
+"""
 
 import subprocess
 import sys
@@ -47,6 +50,14 @@ def test_package_imports_nothing_from_above(package, forbidden):
     assert {name: tops(imported(name)) & forbidden for name in names} == {
         name: set() for name in names
     }
+
+
+def test_oracle_shares_no_code_with_what_it_judges():
+    names = modules("tests/oracle")
+    assert len(names) > 2
+    for name in names:
+        others = {other for other in imported(name) if not other.startswith("tests.oracle")}
+        assert tops(others) <= {"numpy", "scipy", *sys.stdlib_module_names}, name
 
 
 def reached(module):

@@ -25,7 +25,7 @@ from pw_elements.contact import (
 from pw_elements.meshes import on_lines
 from pw_elements.recovery import ContactSurface
 from study.cases import Case
-from study.elements import Discretisation, discretise
+from study.elements import Discretisation, discretise, mesh_curves
 from study.store import Result
 from study.verification.friction import Cattaneo
 from study.verification.graded import growing, with_counterpart
@@ -178,6 +178,7 @@ def _result(body: Discretisation, states: list[ContactState]) -> Result:
         "shear_tributary": shear.tributary,
         "known_pressure": pressure.known,
         "known_shear": shear.known,
+        **mesh_curves(body.space),
     }
     numbers = {name: float(value) for name, value in scalars.items()}
     return Result(numbers, {}, curves, dofs=body.K.getSize()[0])

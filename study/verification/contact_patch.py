@@ -13,7 +13,7 @@ from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.recovery import ContactSurface
 from study.cases import Case
-from study.elements import discretise
+from study.elements import discretise, mesh_curves
 from study.store import Result
 
 TITLE = "Contact patch test"
@@ -67,15 +67,14 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "iterations": solved.iterations,
         "residual": solved.residuals.largest(),
     }
-    curves = {
+    curves: dict[str, np.ndarray] = {
         "x": contact.position[:, 0],
         "force_n": force,
         "force_t": -contact.force_tangential[:, 0],
         "pressure": own,
         "pressure_tributary": tributary,
         "status": contact.status,
-        "nodes": space.tabulate_dof_coordinates()[:, :2],
-        "cells": space.dofmap.list.copy(),
+        **mesh_curves(space),
     }
     return Result({k: float(v) for k, v in scalars.items()}, {}, curves, dofs=body.K.getSize()[0])
 

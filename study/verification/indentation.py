@@ -17,7 +17,7 @@ from pw_elements import Material, State, reactions, support
 from pw_elements.contact import OPEN, ContactPair, ContactState, Motion, Surface, solve_contact
 from pw_elements.meshes import on_lines
 from pw_elements.recovery import ContactSurface, force_transfer, forces_along
-from study.elements import discretise
+from study.elements import discretise, mesh_curves
 from study.store import Result
 from study.verification.half_space import BondedLine, KnownContact
 
@@ -121,7 +121,7 @@ def _indent(
     (solved,) = solve_contact(body.K, nothing, body.supports(conditions), [pair], body.space)
 
     surface = ContactSurface.of(body.body, touching)
-    curves = _along(solved, known, surface)
+    curves = _along(solved, known, surface) | mesh_curves(body.space)
     if element == "galerkin-T6" and indenter.state is State.PLANE_STRAIN:
         r = reactions(body.K, solved.displacement, nothing)
         transferred = forces_along(body.space, force_transfer(body.space) * r, touching)

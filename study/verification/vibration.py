@@ -27,7 +27,14 @@ from pw_elements import (
 from pw_elements.mechanics import Marker
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from study.cases import Case
-from study.elements import Discretisation, discretise, is_quadrilateral, is_symmetrised, spaces
+from study.elements import (
+    Discretisation,
+    discretise,
+    is_quadrilateral,
+    is_symmetrised,
+    mesh_curves,
+    spaces,
+)
 from study.exact import Strip
 from study.store import Result
 from study.verification.vibration_exact import Rod, rectangle_eigenvalues
@@ -225,14 +232,13 @@ def _converging(
     Scalars, of the finest mesh: each value by its name, with the endings `_exact`, `_error`
     (relative) and `_order` (in the element size, of the last refinement); `error` is the largest
     size of the errors, `order` the lowest order, `residual` and `imaginary` the largest of all
-    meshes. Curves: `squares` (m,), `errors` (m, n), `imaginaries` (m,).
+    meshes. Curves: `squares` (m,), `errors` (m, n), `imaginaries` (m,); the finest mesh.
     """
-    found, qualities, dofs = [], [], 0
+    found, qualities = [], []
     for n in squares:
         values, quality, body = level(n)
         found.append(values)
         qualities.append(quality)
-        dofs = body.K.getSize()[0]
     errors = np.array(found) / np.array(exact) - 1
     orders = np.log2(np.abs(errors[-2] / errors[-1])) / np.log2(squares[-1] / squares[-2])
     scalars = {name: max(q[name] for q in qualities) for name in qualities[0]}
@@ -245,10 +251,10 @@ def _converging(
             f"{name}_order": orders[i],
         }
     scalars = {name: float(value) for name, value in scalars.items()}
-    curves = {"squares": np.array(squares), "errors": errors}
+    curves = {"squares": np.array(squares), "errors": errors, **mesh_curves(body.space)}
     if "imaginary" in scalars:
         curves["imaginaries"] = np.array([q["imaginary"] for q in qualities])
-    return Result(scalars, {}, curves, dofs=dofs)
+    return Result(scalars, {}, curves, dofs=body.K.getSize()[0])
 
 
 def _quality(modes: VibrationModes) -> dict[str, float]:

@@ -31,7 +31,7 @@ from pw_elements.contact import (
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.recovery import ContactSurface
 from study.cases import Case
-from study.elements import Discretisation, discretise
+from study.elements import Discretisation, discretise, mesh_curves
 from study.store import Result
 from study.verification.friction import (
     WEDGE_PUSH,
@@ -92,6 +92,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "pressure": pressure,
         "shear": surface.pressure(force_t),
         "status": contact.status,
+        **mesh_curves(wedge.space),
     }
     units = {
         "force_normal": "N",

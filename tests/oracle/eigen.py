@@ -1,0 +1,26 @@
+"""The smallest eigenvalues of a pair of matrices that need not be symmetric."""
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, eigs, splu
+
+
+def smallest(
+    K: sparse.spmatrix, M: sparse.spmatrix, held: np.ndarray, count: int, shift: float = 0.0
+) -> np.ndarray:
+    """Eigenvalues (count,) of K x = lambda M x nearest to the shift, sorted by their real parts.
+
+    Args:
+        K: (n, n).
+        M: (n, n).
+        held: mask of n unknowns that are zero, of any shape.
+        count: how many.
+        shift: a number that is none of them.
+    """
+    kept = np.flatnonzero(~held.ravel())
+    K, M = (matrix.tocsc()[kept][:, kept] for matrix in (K, M))
+    factors = splu((K - shift * M).tocsc())
+    inverse = LinearOperator(K.shape, lambda x: factors.solve(M @ x))
+    start = np.random.default_rng(0).standard_normal(K.shape[0])
+    values = eigs(inverse, count, v0=start, tol=1e-14, return_eigenvectors=False)
+    return np.sort_complex(shift + 1 / values)

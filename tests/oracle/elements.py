@@ -1,0 +1,171 @@
+"""Reference elements: quadratic shape functions, piecewise-linear weights, Gauss rules.
+
+Nodes have Basix's order: vertices first; mid-sides of simplices after the vertex or edge they
+lie opposite to; those of quadrilaterals, whose vertices are 00 10 01 11, below, left, right,
+above; the centre last. A tetrahedron's inner octahedron is cut from the middle of the edge 1-3
+to that of the edge 0-2 (nodes 5 and 8): `tests/test_oracle_parts.py` finds that Basix does so.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Element:
+    """A reference element with n nodes in d dimensions.
+
+    Args:
+        simplex: whether it is one; a tensor product of unit intervals otherwise.
+        nodes: coordinates (n, d), in halves.
+        powers: exponents (n, d) of the monomials that span the shape functions.
+        parts: nodes of its sub-cells (s, corners); none where weights are never linear.
+        facets: nodes of its facets, in the order of the element `facet`.
+        facet: name of that element.
+    """
+
+    simplex: bool
+    nodes: tuple
+    powers: tuple
+    parts: tuple = ()
+    facets: tuple = ()
+    facet: str = ""
+
+
+_TRIANGLE = ((0, 0), (2, 0), (0, 2), (1, 1), (0, 1), (1, 0))
+_SQUARE = ((0, 0), (2, 0), (0, 2), (2, 2), (1, 0), (0, 1), (2, 1), (1, 2), (1, 1))
+_TETRAHEDRON = (
+    *((0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2)),
+    *((0, 1, 1), (1, 0, 1), (1, 1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0)),
+)
+_SIDES_OF_SQUARE = ((0, 1, 4), (0, 2, 5), (1, 3, 6), (2, 3, 7))
+
+ELEMENTS = {
+    "L3": Element(True, ((0,), (2,), (1,)), ((0,), (1,), (2,)), ((0, 2), (2, 1))),
+    "T6": Element(
+        True,
+        _TRIANGLE,
+        _TRIANGLE,  # exponents of the monomials up to degree 2 are these very pairs
+        ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
+        ((1, 2, 3), (0, 2, 4), (0, 1, 5)),
+        "L3",
+    ),
+    "Q8": Element(
+        False,
+        _SQUARE[:8],
+        tuple(p for p in product(range(3), repeat=2) if p != (2, 2)),
+        (),
+        _SIDES_OF_SQUARE,
+        "L3",
+    ),
+    "Q9": Element(
+        False,
+        _SQUARE,
+        tuple(product(range(3), repeat=2)),
+        ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
+        _SIDES_OF_SQUARE,
+        "L3",
+    ),
+    "T10": Element(
+        True,
+        _TETRAHEDRON,
+        _TETRAHEDRON,
+        (
+            *((0, 9, 8, 7), (9, 1, 6, 5), (8, 6, 2, 4), (7, 5, 4, 3)),
+            *((5, 8, 4, 6), (5, 8, 6, 9), (5, 8, 9, 7), (5, 8, 7, 4)),
+        ),
+        ((1, 2, 3, 4, 5, 6), (0, 2, 3, 4, 7, 8), (0, 1, 3, 5, 7, 9), (0, 1, 2, 6, 8, 9)),
+        "T6",
+    ),
+}
+
+
+class Table(NamedTuple):
+    """Functions and their slopes at the q points of a rule on the reference element."""
+
+    shapes: np.ndarray  # (q, n)
+    slopes: np.ndarray  # (q, n, d)
+    weights: np.ndarray  # (q, n)
+    weight_slopes: np.ndarray  # (q, n, d)
+    measure: np.ndarray  # (q,)
+
+
+@cache
+def table(name: str, linear_weights: bool, count: int) -> Table:
+    """An element's functions at Gauss points, `count` in each direction.
+
+    The rule is one of the whole element with quadratic weights, and one of each sub-cell with
+    piecewise-linear ones.
+    """
+    element = ELEMENTS[name]
+    points, measure = gauss(element.simplex, len(element.nodes[0]), count)
+    if not linear_weights:
+        values, slopes = shapes(name, points)
+        return Table(values, slopes, values, slopes, measure)
+    nodes = np.array(element.nodes) / 2
+    hats, hat_slopes = _corner_functions(element.simplex, points)
+    collected = []
+    for part in element.parts:
+        jacobian = np.einsum("ka,qkb->qab", nodes[list(part)], hat_slopes)
+        weights = np.zeros((len(points), len(nodes)))
+        weight_slopes = np.zeros((*weights.shape, points.shape[1]))
+        weights[:, part] = hats
+        weight_slopes[:, part] = hat_slopes @ np.linalg.inv(jacobian)
+        inside = shapes(name, hats @ nodes[list(part)])
+        size = np.abs(np.linalg.det(jacobian))
+        collected.append((*inside, weights, weight_slopes, measure * size))
+    return Table(*(np.concatenate(arrays) for arrays in zip(*collected, strict=True)))
+
+
+def shapes(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratic shape functions (q, n) at points (q, d), and their slopes (q, n, d)."""
+    element = ELEMENTS[name]
+    powers = np.array(element.powers)
+    at_nodes, _ = _monomials(np.array(element.nodes) / 2, powers)
+    values, slopes = _monomials(points, powers)
+    inverse = np.linalg.inv(at_nodes)
+    return values @ inverse, np.einsum("qmd,mn->qnd", slopes, inverse)
+
+
+def gauss(simplex: bool, dimension: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (q, d) and weights (q,) of a Gauss rule; on simplices a collapsed one.
+
+    Exact for polynomials of degree 2 count - 1 on tensor products, 2 count - d on simplices.
+    """
+    t, w = np.polynomial.legendre.leggauss(count)
+    t, w = (t + 1) / 2, w / 2
+    points = np.array(list(product(t, repeat=dimension)))
+    weights = np.array([np.prod(ws) for ws in product(w, repeat=dimension)])
+    if simplex:
+        left = np.ones(len(points))  # 1 - x - y ... of the coordinates so far
+        for axis in range(dimension):
+            weights = weights * left ** (axis > 0)
+            points[:, axis] *= left
+            left = left - points[:, axis]
+    return points, weights
+
+
+def _monomials(points: np.ndarray, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (q, m) and slopes (q, m, d) of monomials at points (q, d)."""
+    factors = points[:, None, :] ** powers
+    slopes = np.empty_like(factors)
+    for axis in range(points.shape[1]):
+        others = np.delete(factors, axis, axis=2).prod(axis=2)
+        power = powers[:, axis]
+        slopes[:, :, axis] = others * power * points[:, None, axis] ** np.maximum(power - 1, 0)
+    return factors.prod(axis=2), slopes
+
+
+def _corner_functions(simplex: bool, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Functions (q, k) that are linear on a simplex, bilinear on a square; slopes (q, k, d)."""
+    if simplex:
+        slopes = np.vstack([-np.ones(x.shape[1]), np.eye(x.shape[1])])
+        return np.column_stack([1 - x.sum(axis=1), x]), np.tile(slopes, (len(x), 1, 1))
+    (s, t), one = x.T, np.ones(len(x))
+    values = np.column_stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
+    along_s = np.column_stack([t - 1, 1 - t, -t, t])
+    along_t = np.column_stack([s - 1, -s, one - s, s])
+    return values, np.stack([along_s, along_t], axis=2)
