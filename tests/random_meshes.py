@@ -94,19 +94,33 @@ def _turned(cell, rng):
 
 @dataclass(frozen=True)
 class Placement:
-    """x -> unit Q (x + offset): another unit of length, a rigid motion."""
+    """x -> unit A (x + offset): another unit of length, a rigid motion or a skewed body."""
 
     unit: float = 1.0
-    rotation: np.ndarray | None = None
+    matrix: np.ndarray | float = 1.0
     offset: np.ndarray | float = 0.0
 
     def point(self, x):
-        return self.vector(np.asarray(x) + self.offset) * self.unit
+        return self.unit * self.vector(np.asarray(x) + self.offset)
 
     def vector(self, v):
         """Directions (..., dim), without the unit."""
         v = np.asarray(v, dtype=float)
-        return v if self.rotation is None else v @ self.rotation.T
+        return v @ self.matrix.T if np.ndim(self.matrix) else v
+
+    def back(self, x):
+        inverse = np.linalg.inv(self.matrix) if np.ndim(self.matrix) else np.float64(1.0)
+        return Placement(1.0, inverse).vector(x / self.unit) - self.offset
+
+    def side(self, axis, value):
+        """Marker of a plane x[axis] = value of the body before it was placed."""
+
+        def there(x):
+            dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
+            # far from the origin coordinates keep 1e-10; neighbours are 1e-3 apart or more
+            return np.abs(self.back(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
+
+        return there
 
 
 def rotation(dim, seed):
@@ -244,13 +258,10 @@ def grids(draw, cells=CELLS, size=None, most=None):
     return structured(cell, lines, seed, float(kind == "distorted"))
 
 
-@st.composite
-def affine_maps(draw, dim):
-    """x -> A x with a skewed A, its singular values between 1/2 and 2."""
-    rng = np.random.default_rng(draw(SEEDS))
-    stretch = np.diag(rng.uniform(0.5, 2.0, dim))
-    A = rotation(dim, rng) @ stretch @ rotation(dim, rng)
-    return lambda x: x @ A.T
+def skew(dim, seed):
+    """A matrix of positive determinant, its singular values between 1/2 and 2."""
+    rng = np.random.default_rng(seed)
+    return rotation(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ rotation(dim, rng)
 
 
 def powers(low, high):
