@@ -106,7 +106,7 @@ class Elastic:
         K = np.abs(dense(self.K))
         return len(K) * self.round_off * (K @ np.abs(a.ravel())).max()
 
-    def error_of_solution(self, reduction, a, f):
+    def error_of_solution(self, reduction, a, f, round_off=None):
         """Bounds of the errors of a displacement and of a nodal force, from round-off of data.
 
         With entries of K and f wrong by a relative d the solution is wrong by at most
@@ -114,11 +114,11 @@ class Elastic:
         |K| times that and d |K||a|.
         """
         A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
-        d = terms(full) * self.round_off
+        d = terms(full) * (self.round_off if round_off is None else round_off)
         wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
         free = dense(reduction.right).T @ wrong
-        moved = (np.abs(np.linalg.inv(A)) @ free).max()
-        return moved, (full.sum(axis=1) * moved + wrong).max()
+        moved = np.abs(np.linalg.inv(A)) @ free
+        return moved.max(), (full @ dense(reduction.right) @ moved + wrong).max()
 
 
 def eigenvalue_error(A, B, which, wrong_A, wrong_B):

@@ -265,8 +265,8 @@ def skew(dim, seed):
 
 
 def powers(low, high):
-    """Numbers between 10**low and 10**high, evenly in the exponent."""
-    return st.floats(low, high).map(lambda exponent: float(10.0**exponent))
+    """Numbers between 10**low and 10**high, evenly in the exponent (floats would crowd at 0)."""
+    return st.integers(10 * low, 10 * high).map(lambda exponent: 10.0 ** (exponent / 10))
 
 
 UNITS = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
