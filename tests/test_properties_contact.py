@@ -39,9 +39,15 @@ def test_equilibrium_and_the_laws_of_contact():
         if outcome == "solved":
             for increment in solved:
                 assert_equilibrium(increment)
-                assert_law(increment)
+                assert_law(increment, problem.friction)
+                if slides(increment):
+                    outcomes["slides"] += 1  # a hundredth of friction less or more would show
+                    for factor in (0.99, 1.01):
+                        with pytest.raises(AssertionError):
+                            assert_law(increment, factor * problem.friction)
 
     holds()
+    assert outcomes.pop("slides") > outcomes["solved"] / 5
     assert outcomes["solved"] > outcomes.total() / 5, outcomes
 
 
@@ -64,8 +70,15 @@ def assert_equilibrium(now):
                 assert_small(now.r[now.node, axis].sum() - wanted, total)
 
 
-def assert_law(now):
-    mu, c = now.stated.problem.friction, now.stiffness
+def slides(now):
+    """Whether some node under pressure slides far, with friction."""
+    limit = now.stated.problem.friction * now.r_n
+    far = now.stiffness * np.linalg.norm(now.slip, axis=1) > 0.1 * limit
+    return np.any(far & (limit > 0.1 * limit.max()) & (now.r_n > 0))
+
+
+def assert_law(now, mu):
+    c = now.stiffness
     lost = LAW * np.abs(now.r[now.node]).max() + now.lost()
     faced = np.isfinite(now.gap)
     assert_small(now.r[now.node][~faced], lost.max())
