@@ -92,6 +92,25 @@ def test_loads_have_the_resultant_and_moment_of_what_they_stand_for(elastic, see
         bound = len(f) * elastic.round_off * np.abs(f).sum()
         assert_small(f.sum(axis=0) - size * force, bound)
         assert_small(elastic.x.T @ f - size * np.outer(middle, force), bound * 4)
+    # node by node: what the mass, of density one here, needs for a uniform acceleration
+    f = assemble_vector(body.body_load(force)).array
+    needed = dense(assemble_matrix(body.mass())) @ np.tile(force, len(f) // dim)
+    assert_small(needed - f, len(f) * elastic.round_off * np.abs(f).max())
+
+
+@given(bodies())
+def test_mass_integrates_cubics(elastic):
+    """Quadratic trial functions hold x², the weights y: what remains is the rule of integration."""
+    dim, A = elastic.grid.dim, elastic.placement.matrix
+    point, weight = np.polynomial.legendre.leggauss(2)  # exact for cubics
+    y = np.array(np.meshgrid(*[(point + 1) / 2] * dim)).reshape(dim, -1)
+    weights = np.prod(np.meshgrid(*[weight / 2] * dim), axis=0).ravel()
+    x = A @ y
+    exact = np.linalg.det(A) * (weights * x[0] ** 2) @ x[1]
+    M = dense(assemble_matrix(elastic.body.mass()))[::dim, ::dim]
+    x = elastic.x.T
+    bound = len(M) * elastic.round_off * (np.abs(x[1]) @ np.abs(M) @ x[0] ** 2)
+    assert_small(x[1] @ M @ x[0] ** 2 - exact, bound)
 
 
 @given(bodies())
