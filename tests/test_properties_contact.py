@@ -7,10 +7,19 @@ import pytest
 from hypothesis import event, given
 from hypothesis import strategies as st
 
-from pw_elements.contact import ContactFailed
-from tests.properties import assert_small, rigid_modes
+from pw_elements import Material, Reduction, assemble_vector, boundary_measure
+from pw_elements.contact import (
+    SLIP,
+    STICK,
+    ContactFailed,
+    ContactNotConverged,
+    ContactPair,
+    Plane,
+    solve_contact,
+)
+from tests.properties import Elastic, assert_small, rigid_modes
 from tests.random_contact import problems
-from tests.random_meshes import MODULI, SEEDS, UNITS, Placement, powers, same_nodes
+from tests.random_meshes import MODULI, SEEDS, UNITS, Grid, Placement, powers, same_nodes
 from tests.random_meshes import rotation as random_rotation
 from tests.solved_contact import read
 
@@ -160,3 +169,24 @@ def assert_same(one, two):
     forced = forced.max() + forced_two.max() / scale
     assert_small(two.a / place.unit - place.vector(one.a)[at], dim * moved)
     assert_small(two.r / scale - place.vector(one.r)[at], dim * forced)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=ContactNotConverged,
+    reason="the iteration runs in a circle of two sets; of the 64 sets of status that three nodes "
+    "can have exactly one is a solution: stick, stick, slip (ten steps in place of one find it)",
+)
+def test_finds_the_only_solution_of_three_nodes():
+    x = [(1, 0), (1, 0.30265714), (1, 0.65394022), (1, 1)]
+    x += [(3, 0), (3, 0.294989), (3, 0.67465787), (3, 1)]
+    grid = Grid("quadrilateral", np.array(x), np.arange(3)[:, None] + [0, 4, 1, 5])
+    elastic = Elastic(grid, state="axisymmetric", material=Material(1.0, 0.2))
+    top = boundary_measure(elastic.body.spaces.mesh, lambda x: np.isclose(x[1], 1))
+    loads = [
+        assemble_vector(elastic.body.surface_load((pull, -0.041), top)) for pull in (0.0, -0.034)
+    ]
+    pair = ContactPair(lambda x: np.isclose(x[1], 0), Plane((0, 0), (0, 1)), 1.5)
+    free = Reduction.dirichlet(elastic.space, [])
+    _, pulled = solve_contact(elastic.K, loads, free, [pair], elastic.space)
+    assert pulled.pairs[0].status.tolist() == [STICK, STICK, SLIP]
