@@ -1,0 +1,273 @@
+"""Random meshes of all cells, and what may be done to one without changing the problem on it.
+
+Strategies draw few numbers, one of them the seed of everything else: arrays drawn by hypothesis
+would cost more than the finite elements.
+"""
+
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+
+import basix
+import basix.ufl
+import numpy as np
+from dolfinx.mesh import create_mesh
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay, cKDTree
+
+DIMENSION = {"interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+CELLS = tuple(DIMENSION)
+BODIES = CELLS[1:]  # cells of elastic bodies
+SIMPLICES = ("interval", "triangle", "tetrahedron")
+EPS = float(np.finfo(float).eps)
+
+# Least altitude of a Delaunay cell over its longest edge; .87 and .82 in regular ones
+_FLATTEST = {2: 0.1, 3: 0.08}
+# How far a vertex is moved in a structured mesh, over half the distance to the next one: cells
+# stay convex below 1/2
+_MOVED = 0.4
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Vertices (n, dim) and cells (m, k) with their vertices in Basix's order."""
+
+    cell: str
+    x: np.ndarray
+    cells: np.ndarray
+
+    @property
+    def dim(self):
+        return DIMENSION[self.cell]
+
+    def mesh(self):
+        return create_mesh(
+            MPI.COMM_SELF,
+            cells=self.cells.astype(np.int64),
+            x=np.ascontiguousarray(self.x, dtype=float),
+            e=basix.ufl.element("Lagrange", self.cell, 1, shape=(self.dim,)),
+        )
+
+    def moved(self, image):
+        """The same cells with the vertices at image(x)."""
+        return replace(self, x=image(self.x))
+
+    def altitude(self):
+        """A length no cell is thinner than; of simplices, their least altitude.
+
+        Half the inverse of the largest norm of the inverse Jacobian at the cells' corners, for
+        simplices the inverse of the largest gradient of a hat function.
+        """
+        element = basix.create_element(basix.ElementFamily.P, basix.CellType[self.cell], 1)
+        gradients = element.tabulate(1, element.points)[1:, :, :, 0]
+        jacobian = np.einsum("jpn,cni->cpij", gradients, self.x[self.cells])
+        slopes = np.einsum("jpn,cpji->cpni", gradients, np.linalg.inv(jacobian))
+        return 1 / np.linalg.norm(slopes, axis=-1).max()
+
+    def round_off(self):
+        """Relative error of slopes of shape functions: vertices are rounded, heights are small."""
+        return EPS * np.abs(self.x).max() / self.altitude()
+
+    def renumbered(self, seed, within_cells=True):
+        """The same cells: vertices and cells in another order, and the vertices within cells.
+
+        Within quadrilaterals and hexahedra the cube's symmetries may change it.
+        """
+        rng = np.random.default_rng(seed)
+        new = rng.permutation(len(self.x))
+        x = np.empty_like(self.x)
+        x[new] = self.x
+        cells = new[self.cells[rng.permutation(len(self.cells))]]
+        if within_cells:
+            cells = np.array([c[_turned(self.cell, rng)] for c in cells])
+        return replace(self, x=x, cells=cells)
+
+
+def _turned(cell, rng):
+    """Another order of a cell's vertices."""
+    dim = DIMENSION[cell]
+    if cell in SIMPLICES:
+        return rng.permutation(dim + 1)
+    corners = np.arange(2**dim).reshape((2,) * dim).transpose(rng.permutation(dim))
+    return np.flip(corners, np.flatnonzero(rng.random(dim) < 0.5)).ravel()
+
+
+@dataclass(frozen=True)
+class Placement:
+    """x -> unit A (x + offset): another unit of length, a rigid motion or a skewed body."""
+
+    unit: float = 1.0
+    matrix: np.ndarray | float = 1.0
+    offset: np.ndarray | float = 0.0
+
+    def point(self, x):
+        return self.unit * self.vector(np.asarray(x) + self.offset)
+
+    def vector(self, v):
+        """Directions (..., dim), without the unit."""
+        v = np.asarray(v, dtype=float)
+        return v @ self.matrix.T if np.ndim(self.matrix) else v
+
+    def back(self, x):
+        inverse = np.linalg.inv(self.matrix) if np.ndim(self.matrix) else np.float64(1.0)
+        return Placement(1.0, inverse).vector(x / self.unit) - self.offset
+
+    def side(self, axis, value):
+        """Marker of a plane x[axis] = value of the body before it was placed."""
+
+        def there(x):
+            dim = len(self.matrix) if np.ndim(self.matrix) else np.size(self.offset)
+            # far from the origin coordinates keep 1e-10; neighbours are 1e-3 apart or more
+            return np.abs(self.back(x.T[:, : max(dim, axis + 1)])[:, axis] - value) < 1e-6
+
+        return there
+
+
+def rotation(dim, seed):
+    """A random one, of determinant 1."""
+    Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((dim, dim)))
+    Q *= np.sign(np.diag(R))
+    Q[0] *= np.sign(np.linalg.det(Q))
+    return Q
+
+
+def same_nodes(x, y, placement=None):
+    """For each node of y its number in x, where y are the nodes x, placed elsewhere."""
+    if placement is not None:
+        x = placement.point(x)
+    distance, at = cKDTree(x).query(y)
+    # mid-side nodes are computed from vertices that were rounded
+    assert distance.max() <= 8 * EPS * np.abs(x).max() * x.shape[1]
+    assert len(np.unique(at)) == len(x) == len(y)
+    return at
+
+
+# -- builders ------------------------------------------------------------------------------------
+
+
+def delaunay(dim, seed, inside=6, size=None):
+    """Delaunay triangulation of random points in a box and on its boundary, no slivers."""
+    rng = np.random.default_rng(seed)
+    size = np.ones(dim) if size is None else np.asarray(size, dtype=float)
+    corners = np.array(np.meshgrid(*[(0.0, 1.0)] * dim)).reshape(dim, -1).T
+    points = rng.random((inside + 2 * dim * dim, dim))
+    on_side = np.arange(inside, len(points))
+    points[on_side, on_side % dim] = on_side // dim % 2
+    x = np.vstack([corners, points]) * size
+    while True:
+        cells = Delaunay(x).simplices
+        shape = _shapes(x[cells])
+        real = shape > 1e-9  # flat ones lie on a side of the box
+        cells, shape = cells[real], shape[real]
+        worst = np.argmin(shape)
+        loose = cells[worst][cells[worst] >= len(corners)]
+        if shape[worst] > _FLATTEST[dim] or not len(loose):
+            break
+        x = np.delete(x, rng.choice(loose), axis=0)
+    grid = Grid("triangle" if dim == 2 else "tetrahedron", x, cells.astype(np.int64))
+    assert abs(_volume(grid) - np.prod(size)) < 1e-12 * np.prod(size)
+    return grid
+
+
+def structured(cell, lines, seed=0, moved=0.0):
+    """Box between grid lines, graded where these are; each square of triangles cut at random.
+
+    `moved`, 0 to 1, is how far vertices leave their places; those on sides stay on them.
+    """
+    rng = np.random.default_rng(seed)
+    dim, shape = DIMENSION[cell], tuple(len(line) for line in lines)
+    x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, dim)
+    number = np.arange(len(x)).reshape(shape)
+    offsets = np.array(np.meshgrid(*[(0, 1)] * dim, indexing="ij")).reshape(dim, -1)[::-1].T
+    parts = [
+        number[tuple(slice(o, n - 1 + o) for o, n in zip(off, shape, strict=True))].ravel()
+        for off in offsets
+    ]
+    boxes = np.stack(parts, axis=1)
+    x = x + moved * _MOVED * _shifts(lines, rng)
+    if cell == "triangle":
+        cut = rng.random(len(boxes)) < 0.5
+        halves = np.where(
+            cut[:, None, None], boxes[:, [[0, 1, 3], [0, 2, 3]]], boxes[:, [[0, 1, 2], [1, 2, 3]]]
+        )
+        boxes = halves.reshape(-1, 3)
+    elif cell == "tetrahedron":
+        paths = [[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]]
+        boxes = boxes[:, paths].reshape(-1, 4)
+    return Grid(cell, x, boxes)
+
+
+def _shifts(lines, rng):
+    """Random vectors (n, dim) at grid points, up to half the way to the next one."""
+    room = []
+    for line in lines:
+        step = np.diff(line)
+        least = np.minimum(np.append(step, np.inf), np.append(np.inf, step)) / 2
+        least[[0, -1]] = 0.0
+        room.append(least)
+    room = np.stack(np.meshgrid(*room, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    return room * rng.uniform(-1, 1, room.shape)
+
+
+def graded_lines(count, length, seed):
+    """Increasing coordinates of count + 1 lines, steps up to 4 times as long as others."""
+    steps = np.random.default_rng(seed).uniform(0.25, 1.0, count)
+    return length * np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+
+
+def _shapes(x):
+    """Least altitude over the longest edge of simplices (m, dim + 1, dim)."""
+    longest = np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2))
+    jacobian = (x[:, 1:] - x[:, :1]) / longest[:, None, None]
+    flat = np.abs(np.linalg.det(jacobian)) < 1e-12
+    jacobian[flat] = np.eye(x.shape[2])
+    slopes = np.swapaxes(np.linalg.inv(jacobian), 1, 2)
+    slopes = np.concatenate([slopes, slopes.sum(axis=1, keepdims=True)], axis=1)
+    return np.where(flat, 0.0, 1 / np.linalg.norm(slopes, axis=2).max(axis=1))
+
+
+def _volume(grid):
+    corners = grid.x[grid.cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.abs(np.linalg.det(edges)).sum() / (2.0 if grid.dim == 2 else 6.0)
+
+
+# -- strategies ----------------------------------------------------------------------------------
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@st.composite
+def grids(draw, cells=CELLS, size=None, most=None):
+    """A box, by default of side 1: Delaunay, graded or distorted."""
+    cell, seed = draw(st.sampled_from(cells)), draw(SEEDS)
+    dim = DIMENSION[cell]
+    size = np.ones(dim) if size is None else np.asarray(size, dtype=float)
+    kinds = ["graded", "distorted"]
+    if cell in ("triangle", "tetrahedron"):
+        kinds.append("delaunay")
+    kind = draw(st.sampled_from(kinds))
+    if kind == "delaunay":
+        return delaunay(dim, seed, draw(st.integers(0, 8 if dim == 2 else 4)), size)
+    most = most or {1: 8, 2: 4, 3: 2}[dim]
+    counts = [draw(st.integers(1, most)) for _ in range(dim)]
+    lines = [
+        graded_lines(n, length, (seed, axis))
+        for axis, (n, length) in enumerate(zip(counts, size, strict=True))
+    ]
+    return structured(cell, lines, seed, float(kind == "distorted"))
+
+
+def skew(dim, seed):
+    """A matrix of positive determinant, its singular values between 1/2 and 2."""
+    rng = np.random.default_rng(seed)
+    return rotation(dim, rng) @ np.diag(rng.uniform(0.5, 2.0, dim)) @ rotation(dim, rng)
+
+
+def powers(low, high):
+    """Numbers between 10**low and 10**high, evenly in the exponent (floats would crowd at 0)."""
+    return st.integers(10 * low, 10 * high).map(lambda exponent: 10.0 ** (exponent / 10))
+
+
+UNITS = st.sampled_from([1.0, 1e-3, 1e3, 1e6, 25.4e-3])  # m, km, mm, um, 25.4 m
+MODULI = powers(-9, 12)
