@@ -121,6 +121,7 @@ def frequencies(
     if shift is None:
         shift = -_SHIFT * short / B.getSize()[0]
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
+    B.setAttr("form", None)  # the next call would lose it, and mesh and all never be freed
     B.axpy(-shift, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH

@@ -7,8 +7,8 @@ from scipy.linalg import null_space
 from scipy.spatial import cKDTree
 
 from pw_elements.contact import OPEN, STICK, ContactState
-from tests.properties import dense, terms
 from tests.drawn_contact import Stated
+from tests.properties import dense, terms
 from tests.random_meshes import EPS
 
 # What the library promises of the law: this part of the largest nodal force, or round-off

@@ -17,8 +17,8 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from tests.properties import Elastic, assert_small, rigid_modes
 from tests.drawn_contact import problems
+from tests.properties import Elastic, assert_small, rigid_modes
 from tests.random_meshes import MODULI, SEEDS, UNITS, Grid, Placement, powers, same_nodes
 from tests.random_meshes import rotation as random_rotation
 from tests.solved_contact import read
