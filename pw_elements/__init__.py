@@ -15,6 +15,7 @@ if find_spec("dolfinx") is None:
         "fenics-dolfinx or the container dolfinx/dolfinx, or start through ./run, which fetches it"
     )
 
+from pw_elements._compat import renamed
 from pw_elements.algebra import (
     Reduction,
     SingularSystem,
@@ -24,7 +25,7 @@ from pw_elements.algebra import (
     solve,
     symmetric_part,
 )
-from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, frequencies
+from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, vibration_modes
 from pw_elements.elements import (
     composite_element,
     macro_element,
@@ -35,11 +36,11 @@ from pw_elements.linear_solver import Direct, LinearSolver, SolverReport
 from pw_elements.mechanics import (
     Body,
     Material,
-    State,
+    StressState,
     boundary_measure,
     lumped_mass,
     nodal_load,
-    support,
+    prescribe,
 )
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
@@ -55,7 +56,7 @@ __all__ = [
     "SingularSystem",
     "SolverReport",
     "Spaces",
-    "State",
+    "StressState",
     "VibrationModes",
     "as_function",
     "assemble_matrix",
@@ -63,15 +64,24 @@ __all__ = [
     "boundary_measure",
     "buckling",
     "composite_element",
-    "frequencies",
     "lumped_mass",
     "macro_element",
     "nodal_load",
+    "prescribe",
     "quadratic_element",
     "reactions",
     "serendipity_element",
     "solve",
-    "support",
     "symmetric_part",
     "test_space",
+    "vibration_modes",
 ]
+
+__getattr__ = renamed(
+    __name__,
+    {
+        "State": ("StressState", StressState),
+        "frequencies": ("vibration_modes", vibration_modes),
+        "support": ("prescribe", prescribe),
+    },
+)

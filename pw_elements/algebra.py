@@ -11,6 +11,7 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
     a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -177,11 +178,16 @@ class Reduction:
         self.right.multAdd(reduced, self.offset, full)
         return full
 
-    def shape(self, reduced: PETSc.Vec) -> PETSc.Vec:
+    def expand_mode(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r: a mode, which vanishes where values are prescribed."""
         full = self.offset.duplicate()
         self.right.mult(reduced, full)
         return full
+
+    def shape(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """The old name of `expand_mode`."""
+        warnings.warn("Reduction.shape is now called expand_mode", DeprecationWarning, stacklevel=2)
+        return self.expand_mode(reduced)
 
     def then(self, inner: "Reduction") -> "Reduction":
         """This reduction followed by another one of the reduced system."""

@@ -8,6 +8,7 @@ from slepc4py import SLEPc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements._compat import renamed
 from pw_elements.algebra import Reduction, factorise, symmetric_part
 from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
 
@@ -83,7 +84,7 @@ class VibrationModes:
     report: SolverReport
 
 
-def frequencies(
+def vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
     reduction: Reduction,
@@ -135,7 +136,7 @@ def frequencies(
     elastic = values[~rigid]
     lowest = elastic.real.min(initial=np.inf)
     if not given and 0 < lowest < -_SLENDER * shift:
-        again = frequencies(K, M, reduction, count, symmetrised, -lowest, solver)
+        again = vibration_modes(K, M, reduction, count, symmetrised, -lowest, solver)
         return replace(again, report=again.report.after(report))
     return VibrationModes(
         values.real,
@@ -274,7 +275,13 @@ def _residual(
 
 def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     """Full vector of a mode, its entry of largest absolute value 1."""
-    mode = reduction.shape(reduced)
+    mode = reduction.expand_mode(reduced)
     low, high = mode.min()[1], mode.max()[1]
     mode.scale(1 / (high if abs(high) >= abs(low) else low))
     return mode
+
+
+__getattr__ = renamed(
+    __name__,
+    {"frequencies": ("vibration_modes", vibration_modes)},
+)

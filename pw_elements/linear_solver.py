@@ -1,7 +1,7 @@
-"""Linear solvers: what `solve`, `solve_contact`, `frequencies` and `buckling` take as `solver`.
+"""Linear solvers: what `solve`, `solve_contact`, `vibration_modes` and `buckling` take as `solver`.
 
 A `LinearSolver` is a statement, such as `Direct({"mat_mumps_icntl_14": 50})`; `prepare` binds it
-to one matrix. A Krylov method joins as another class with `prepare`: `solve` and `frequencies`
+to one matrix. A Krylov method joins as another class with `prepare`: `solve` and `vibration_modes`
 need `PreparedSolver.ksp`, `solve` and `report` from it. Contact needs `solve_changed` besides,
 which may return None; a solver that wants contact unassembled, as E K + C on one K, takes the
 place of `contact.system.Tangent` and leaves law and loop as they are.

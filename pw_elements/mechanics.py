@@ -18,6 +18,7 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, exterior_facet_indices, locate_entities_boundary, meshtags
 from ufl.core.expr import Expr
 
+from pw_elements._compat import renamed
 from pw_elements.spaces import Spaces
 
 Scalar: TypeAlias = float | Expr
@@ -32,7 +33,7 @@ _RATIONAL_DEGREE = 8
 _ROUND_OFF = 1e-12
 
 
-class State(Enum):
+class StressState(Enum):
     """How the third direction behaves."""
 
     PLANE_STRESS = "plane stress"
@@ -70,7 +71,7 @@ class Body:
     Args:
         spaces: trial and test space of the displacements.
         material: elastic constants and density.
-        state: a `State`, or its value as a string: "plane stress", "plane strain",
+        state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
         thickness: t(x, y) of a plane body, number or UFL expression.
         quadrature_degree: exact degree is chosen for straight simplices with constant data,
@@ -84,15 +85,15 @@ class Body:
 
     spaces: Spaces
     material: Material
-    state: State
+    state: StressState
     thickness: Scalar = 1.0
     quadrature_degree: int | None = None
 
     def __post_init__(self) -> None:
         try:
-            object.__setattr__(self, "state", State(self.state))
+            object.__setattr__(self, "state", StressState(self.state))
         except ValueError:
-            names = ", ".join(repr(state.value) for state in State)
+            names = ", ".join(repr(state.value) for state in StressState)
             raise ValueError(f"state {self.state!r}: the states are {names}") from None
         mesh = self.spaces.mesh
         dimension = mesh.geometry.dim
@@ -101,16 +102,16 @@ class Body:
                 f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
                 "its nodes as many coordinates as its cells have dimensions"
             )
-        if (self.state is State.SOLID) != (dimension == 3) or dimension == 1:
+        if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
-        if self.state is State.AXISYMMETRIC:
+        if self.state is StressState.AXISYMMETRIC:
             r = mesh.geometry.x[:, 0]
             radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
             size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
             if radius < -_ROUND_OFF * size:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         nu = self.material.poissons_ratio
-        if self.state is not State.PLANE_STRESS and _is_number(nu) and nu == 0.5:
+        if self.state is not StressState.PLANE_STRESS and _is_number(nu) and nu == 0.5:
             raise ValueError("poissons_ratio = 0.5: in plane stress only may it be 0.5")
         if _is_number(self.thickness) and not (np.isfinite(self.thickness) and self.thickness > 0):
             raise ValueError(f"thickness = {self.thickness}: has to be a positive number")
@@ -118,7 +119,7 @@ class Body:
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
         plane = ufl.sym(ufl.grad(u))
-        if self.state is not State.AXISYMMETRIC:
+        if self.state is not StressState.AXISYMMETRIC:
             return plane
         hoop = u[0] / self._radius()
         return ufl.as_tensor(
@@ -129,7 +130,7 @@ class Body:
         """Stress tensor, Eqs (6) and (22), of the strain tensor's shape."""
         E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
         mu = E / (2 * (1 + nu))
-        if self.state is State.PLANE_STRESS:
+        if self.state is StressState.PLANE_STRESS:
             lame = E * nu / (1 - nu**2)
         else:
             lame = E * nu / ((1 + nu) * (1 - 2 * nu))
@@ -183,7 +184,7 @@ class Body:
 
     def _gradient(self, u: Expr) -> Expr:
         grad = ufl.grad(u)
-        if self.state is not State.AXISYMMETRIC:
+        if self.state is not StressState.AXISYMMETRIC:
             return grad
         hoop = u[0] / self._radius()
         return ufl.as_tensor(
@@ -195,9 +196,9 @@ class Body:
 
     def _depth(self) -> Scalar:
         """What an area of the mesh is multiplied by to be a volume."""
-        if self.state is State.AXISYMMETRIC:
+        if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * self._radius()
-        if self.state is State.SOLID:
+        if self.state is StressState.SOLID:
             return 1.0
         return self._value(self.thickness)
 
@@ -219,7 +220,7 @@ class Body:
             self.thickness,
         )
         curved = geometry.degree > 1
-        if curved or self.state is State.AXISYMMETRIC or not all(map(_is_number, data)):
+        if curved or self.state is StressState.AXISYMMETRIC or not all(map(_is_number, data)):
             return _RATIONAL_DEGREE
         simplex = self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron")
         return exact_degree if simplex else 5  # 3 points a direction
@@ -285,7 +286,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     )
 
 
-def support(
+def prescribe(
     space: fem.FunctionSpace, component: int, where: Marker, value: float = 0.0
 ) -> fem.DirichletBC:
     """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
@@ -368,3 +369,9 @@ def _nodes(space: fem.FunctionSpace, where: Marker) -> npt.NDArray[np.int32]:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number)
+
+
+__getattr__ = renamed(
+    __name__,
+    {"State": ("StressState", StressState), "support": ("prescribe", prescribe)},
+)

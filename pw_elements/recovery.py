@@ -22,6 +22,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
+from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
 from pw_elements.mechanics import Body, Marker, Part, boundary_measure, exterior_facets
 from pw_elements.spaces import Spaces
@@ -101,7 +102,7 @@ def forces_along(
 
 
 @dataclass(frozen=True)
-class ContactSurface:
+class SurfaceNodes:
     """Nodes of a part of the boundary, in the order of `by_position`, on every process.
 
     Areas are lengths times thickness in the plane, and of the whole circumference in
@@ -122,7 +123,7 @@ class ContactSurface:
     rim: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(cls, body: Body, where: Part) -> "ContactSurface":
+    def of(cls, body: Body, where: Part) -> "SurfaceNodes":
         """A part of the boundary: facets, or a marker that holds at every vertex of one.
 
         Nodes of a `ContactPair` with the same marker are the same if it ends at vertices.
@@ -261,3 +262,9 @@ def _edges(
     ordered[:, 1:].sort(axis=1)
     rim, count = np.unique(np.sort(numbered(ends), axis=1), axis=0, return_counts=True)
     return np.unique(ordered, axis=0), np.unique(rim[count == 1])
+
+
+__getattr__ = renamed(
+    __name__,
+    {"ContactSurface": ("SurfaceNodes", SurfaceNodes)},
+)

@@ -14,8 +14,8 @@ from study.sources import closure, package_sources, source
 from study.store import Result, StudyError
 
 SECTIONS = {
-    "3": "study.sec3",
-    "5": "study.sec5",
+    "3": "study.weight_functions",
+    "5": "study.condensation",
     "7.1": "study.ex71",
     "7.2": "study.ex72",
     "7.3": "study.ex73",

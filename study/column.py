@@ -46,7 +46,7 @@ class Face:
 
 
 @dataclass(frozen=True)
-class Section:
+class Profile:
     """A column of cylinders, and the divisions of its mesh.
 
     Args:
@@ -78,9 +78,9 @@ class Section:
         )
 
 
-SECTIONS = {
-    "first": Section((0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)),
-    "second": Section((0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)),
+PROFILES = {
+    "first": Profile((0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)),
+    "second": Profile((0.04233, 0.09821, 0.13936, 0.03448), (0.23225, 0.15762, 0.15352, 0.07237)),
 }
 """Columns found by `study.column_fit`, of 759 quadrilaterals each."""
 
@@ -90,7 +90,7 @@ def axis(x: Points) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
-def mesh(section: Section, cell: str, refined: int = 1, cut: Cut = "right") -> Mesh:
+def mesh(section: Profile, cell: str, refined: int = 1, cut: Cut = "right") -> Mesh:
     """The section in quadrilaterals, or in triangles: each quadrilateral cut in two.
 
     Mesh lines run through all steps; blocks outside of the section are left out.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from study import ex75
-from study.column import Section
+from study.column import Profile
 from study.paper import TABLE_1
 
 ELEMENT = {
@@ -29,13 +29,13 @@ STARTS = {
 WEIGHT_OF_CHANGE = 1.0
 
 
-def section(lengths: npt.ArrayLike) -> Section:
+def section(lengths: npt.ArrayLike) -> Profile:
     """The column of radii and heights (8,), in m."""
     r1, r2, r3, r4, h1, h2, h3, h4 = np.asarray(lengths, dtype=float)
-    return Section((r1, r2, r3, r4), (h1, h2, h3, h4))
+    return Profile((r1, r2, r3, r4), (h1, h2, h3, h4))
 
 
-def distances(column: Section) -> npt.NDArray[np.float64]:
+def distances(column: Profile) -> npt.NDArray[np.float64]:
     """Computed over printed eigenvalues less 1, in per cent: (4, 6), a row for each element."""
     return np.array(
         [

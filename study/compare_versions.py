@@ -38,7 +38,7 @@ class Kind:
     why: str
 
 
-KINDS = (
+KINDS: tuple[Kind, ...] = (
     Kind(
         "numbers on Gmsh's meshes",
         r"^C/.*-(curved-ring|ball)\b",
@@ -165,14 +165,13 @@ def main(arguments: list[str] | None = None) -> int:
         "--tolerance", type=float, metavar="T", help="of all kinds but counts of iterations"
     )
     given = parser.parse_args(arguments)
-    folders, kinds = given.folders, KINDS
-    if given.tolerance is not None:
-        kinds = redesigned(given.tolerance)
+    folders = given.folders
+    kinds = KINDS if given.tolerance is None else redesigned(given.tolerance)
     try:
         results = [Results(folder) for folder in folders]
         for folder, one in zip(folders, results, strict=True):
             print(f"{folder}: {', '.join(_versions(one)) or 'nothing'}")
-        differences, alone = compare(*results, kinds)
+        differences, alone = compare(results[0], results[1], kinds)
     except StudyError as error:
         print(f"study.compare_versions: {error}", file=sys.stderr)
         return 2

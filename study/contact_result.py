@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pw_elements import reactions
 from pw_elements.contact import OPEN, STICK, ContactState
 from pw_elements.mechanics import Marker
-from pw_elements.recovery import ContactSurface, force_transfer, forces_along
+from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
 from study.elements import Discretisation, mesh_curves
 from study.store import Result
 
@@ -53,7 +53,7 @@ def surface_result(
     contact = state.pairs[pair]
     (x, y), r_n = contact.position.T, contact.force_normal
     r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
-    surface = ContactSurface.of(body.body, line)
+    surface = SurfaceNodes.of(body.body, line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {

@@ -16,7 +16,7 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -86,7 +86,7 @@ def discretise(
     element: str,
     build: Callable[[str], Mesh],
     material: Material,
-    state: State,
+    state: StressState,
 ) -> Discretisation:
     """A body on an element; `build` makes a mesh of "triangle" or "quadrilateral" cells."""
     mesh = build("quadrilateral" if is_quadrilateral(element) else "triangle")

@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, reactions, solve, support
+from pw_elements import Material, StressState, prescribe, reactions, solve
 from pw_elements.meshes import Pattern, quadrilaterals, triangles
 from pw_elements.recovery import forces_along
 from study.cases import Case
@@ -43,10 +43,10 @@ def structure(
         return triangles(MPI.COMM_SELF, lower, upper, divisions, pattern)
 
     material = Material(youngs_modulus, poissons_ratio)
-    body = discretise(element, build, material, State(state))
+    body = discretise(element, build, material, StressState(state))
     K, U = body.K, body.space
     f = body.surface_load((0.0, -1.0), _upper_side)
-    held = [support(U, 1, _lower_side), support(U, 0, _lower_left)]
+    held = [prescribe(U, 1, _lower_side), prescribe(U, 0, _lower_left)]
     a = solve(K, f, body.supports(held))
 
     lower = forces_along(U, reactions(K, a, f), _lower_side)

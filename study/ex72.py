@@ -8,7 +8,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State
+from pw_elements import Material, StressState
 from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
 from pw_elements.meshes import quadrilaterals, triangles
 from study.cases import Case
@@ -52,7 +52,7 @@ def block(
             element,
             partial(mesh, level),
             Material(YOUNGS_MODULUS, POISSONS_RATIO),
-            State(state),
+            StressState(state),
         )
         loads = press_and_pull(body, pull, pressed_first)
         states = on_foundation(body, loads, friction, shared_is_rough, states)

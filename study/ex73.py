@@ -8,7 +8,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, support
+from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, ContactState, Motion, Parabola, solve_contact
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from study.cases import Case
@@ -45,7 +45,7 @@ def punch(
     """
     build = partial(_mesh, (divisions[0], divisions[1]), width, height)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    body = discretise(element, build, material, State.PLANE_STRESS)
+    body = discretise(element, build, material, StressState.PLANE_STRESS)
     solve = partial(_solve, body, friction, height, radius)
 
     steps = np.arange(1, INCREMENTS + 1) / INCREMENTS
@@ -69,7 +69,7 @@ def punch(
 def _solve(
     body: Discretisation, friction: float, height: float, radius: float, motions: list[Motion]
 ) -> list[ContactState]:
-    base = [support(body.space, i, _base) for i in range(2)]
+    base = [prescribe(body.space, i, _base) for i in range(2)]
     pair = ContactPair(_top(height), Parabola((0.0, height), radius), friction, motions)
     nothing = [body.K.createVecLeft()] * len(motions)
     return solve_contact(body.K, nothing, body.supports(base), [pair], body.space)

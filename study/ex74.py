@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, support
+from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
 from pw_elements.meshes import Pattern, on_lines
 from study.cases import Case
@@ -39,8 +39,8 @@ def plate(
     """Contact forces below the plate, pressed by its force; `translation` is its settlement."""
     build = partial(_mesh, under_half, half_width, depth, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    body = discretise(element, build, material, State(state))
-    held = [support(body.space, i, partial(_sides_and_base, half_width, depth)) for i in (0, 1)]
+    body = discretise(element, build, material, StressState(state))
+    held = [prescribe(body.space, i, partial(_sides_and_base, half_width, depth)) for i in (0, 1)]
     steps = np.arange(1, INCREMENTS + 1) / INCREMENTS
     motions = [Motion((0.0, None), (0.0, -FORCE * s)) for s in steps]
     friction = float(np.tan(np.deg2rad(friction_angle)))

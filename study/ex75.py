@@ -13,17 +13,17 @@ import numpy.typing as npt
 from pw_elements import (
     Material,
     Reduction,
-    State,
+    StressState,
     VibrationModes,
     assemble_matrix,
-    frequencies,
     lumped_mass,
-    support,
+    prescribe,
+    vibration_modes,
 )
 from pw_elements.contact import ContactPair, ContactState, Motion, Plane, solve_contact
 from study import column
 from study.cases import Case
-from study.column import SECTIONS, Cut, Section
+from study.column import PROFILES, Cut, Profile
 from study.contact_result import deformation_curves, solver_scalars, surface_result
 from study.elements import Discretisation, discretise
 from study.store import Result
@@ -52,7 +52,7 @@ def stepped_column(
 
     Scalars and curves of surface k end in `_k`; those without a number are of surface 4.
     """
-    geometry = SECTIONS[section]
+    geometry = PROFILES[section]
     body = _discretised(element, geometry, refined=refined)
     states = _pressed(body, geometry, (gaps[0], gaps[1]))
     scalars, curves = solver_scalars(states), deformation_curves(body, states[-1])
@@ -98,20 +98,20 @@ def vibration(
         youngs_modulus: as printed or in SI.
         section: which synthetic column.
     """
-    geometry = SECTIONS[section]
+    geometry = PROFILES[section]
     body = _discretised(element, geometry, refined, cut, quadrature_degree, youngs_modulus)
     modes = _modes(body, geometry, symmetrised, mass, guyan)
     return Result(_mode_scalars(modes), _units(youngs_modulus), dofs=body.K.getSize()[0])
 
 
-def eigenvalues(element: str, section: Section) -> npt.NDArray[np.float64]:
+def eigenvalues(element: str, section: Profile) -> npt.NDArray[np.float64]:
     """The first six (6,) of a column on an element, in 1000/s2."""
     return _modes(_discretised(element, section), section).eigenvalues
 
 
 def _discretised(
     element: str,
-    section: Section,
+    section: Profile,
     refined: int = 1,
     cut: Cut = "right",
     quadrature_degree: int | None = None,
@@ -119,7 +119,7 @@ def _discretised(
 ) -> Discretisation:
     material = Material(youngs_modulus, POISSONS_RATIO, DENSITY)
     build = partial(column.mesh, section, refined=refined, cut=cut)
-    body = discretise(element, build, material, State.AXISYMMETRIC)
+    body = discretise(element, build, material, StressState.AXISYMMETRIC)
     if quadrature_degree is None:
         return body
     elastic = replace(body.body, quadrature_degree=quadrature_degree)
@@ -127,7 +127,7 @@ def _discretised(
 
 
 def _pressed(
-    body: Discretisation, section: Section, gaps: tuple[float, float]
+    body: Discretisation, section: Profile, gaps: tuple[float, float]
 ) -> list[ContactState]:
     """The column on its three supports, the rigid plane on surface 4 moving down in equal steps."""
     levels = [face.level - gap for face, gap in zip(section.faces, (0.0, *gaps, 0.0), strict=True)]
@@ -137,14 +137,14 @@ def _pressed(
         ContactPair(face.holds, Plane((0.0, level), (0.0, -face.outward)), FRICTION, motions)
         for face, level, motions in zip(section.faces, levels, descents, strict=True)
     ]
-    on_axis = body.supports([support(body.space, 0, column.axis)])
+    on_axis = body.supports([prescribe(body.space, 0, column.axis)])
     nothing = [body.K.createVecLeft()] * INCREMENTS
     return solve_contact(body.K, nothing, on_axis, pairs, body.space)
 
 
 def _modes(
     body: Discretisation,
-    section: Section,
+    section: Profile,
     symmetrised: bool = False,
     mass: Literal["consistent", "lumped"] = "consistent",
     guyan: Literal["transposed", "same"] = "transposed",
@@ -154,11 +154,11 @@ def _modes(
     if mass == "lumped":
         M = lumped_mass(M, body.space)
     standing: Reduction = body.supports(
-        [support(body.space, 0, column.axis), support(body.space, 1, section.faces[0].holds)]
+        [prescribe(body.space, 0, column.axis), prescribe(body.space, 1, section.faces[0].holds)]
     )
     if len(body.inner_nodes()):
         standing = standing.guyan(guyan)
-    return frequencies(body.K, M, standing, MODES, symmetrised)
+    return vibration_modes(body.K, M, standing, MODES, symmetrised)
 
 
 def _mode_scalars(modes: VibrationModes) -> dict[str, float]:

@@ -16,15 +16,15 @@ from pw_elements import (
     Material,
     NoModes,
     Reduction,
-    State,
+    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
     nodal_load,
+    prescribe,
     solve,
-    support,
     symmetric_part,
 )
 from pw_elements.meshes import PATTERNS, Pattern, quadrilaterals, triangles
@@ -67,13 +67,13 @@ class HalfBeam:
     def supports(self, mode: int) -> Reduction:
         """Supports of Fig. 24 (symmetric, mode 1) and of Fig. 25 (antisymmetric, mode 2)."""
         U = self.body.spaces.trial
-        conditions = [support(U, 1, {"centre": _point_A, "face": _end_face}[self.end])]
+        conditions = [prescribe(U, 1, {"centre": _point_A, "face": _end_face}[self.end])]
         if mode == SYMMETRIC:
-            conditions.append(support(U, 0, _mid_section))
+            conditions.append(prescribe(U, 0, _mid_section))
         else:
-            conditions.append(support(U, 0, _mid_centre))
+            conditions.append(prescribe(U, 0, _mid_centre))
             where = {"centre": _mid_centre, "face": _mid_section}[self.middle]
-            conditions.append(support(U, 1, where))
+            conditions.append(prescribe(U, 1, where))
         return Reduction.dirichlet(U, conditions)
 
     def load_vector(self, mode: int) -> PETSc.Vec:
@@ -120,7 +120,7 @@ def half_beam_body(element: str, divisions: tuple[int, int], pattern: Pattern) -
     """The beam's elastic body on a half-beam mesh."""
     mesh = half_beam_mesh(element, divisions, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    return Body(spaces(element, mesh), material, State.PLANE_STRESS, THICKNESS)
+    return Body(spaces(element, mesh), material, StressState.PLANE_STRESS, THICKNESS)
 
 
 def beam(

@@ -18,7 +18,7 @@ from study.cases import Case, Section, fingerprint
 from study.provenance import provenance
 from study.store import CorruptResult, Results, discard, save
 
-State = Literal["stored", "outdated", "missing", "corrupt"]
+Validity = Literal["stored", "outdated", "missing", "corrupt"]
 Task = tuple[Case, str]  # with its fingerprint, taken before anything runs
 
 
@@ -35,7 +35,7 @@ class Done:
     error: str = ""
 
 
-def state(case: Case, results: Results) -> State:
+def state(case: Case, results: Results) -> Validity:
     """Tell whether a case has a stored result, and whether it still holds."""
     if case.key not in results:
         return "missing"
@@ -140,7 +140,7 @@ def _serial(todo: list[Task], out: Path) -> Iterator[tuple[Case, Done | None]]:
 
 
 def _parallel(todo: list[Task], out: Path, jobs: int) -> Iterator[tuple[Case, Done | None]]:
-    """Yield the cases as they end, with None if their process did not live to tell."""
+    """Yield the cases as they end, with None for one whose worker process was killed."""
     if not todo:
         return
     context = multiprocessing.get_context("spawn")  # MPI does not survive a fork

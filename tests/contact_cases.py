@@ -9,11 +9,11 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    support,
+    prescribe,
 )
 from pw_elements.contact import ContactPair, Parabola, Plane, solve_contact
 from pw_elements.meshes import mapped, triangles
@@ -28,7 +28,7 @@ class Block:
 
     def __init__(self, n, method=Spaces.petrov_galerkin, comm=MPI.COMM_SELF):
         mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
-        self.body = Body(method(mesh), Material(1000.0, 0.3), State.PLANE_STRESS)
+        self.body = Body(method(mesh), Material(1000.0, 0.3), StressState.PLANE_STRESS)
         self.space = self.body.spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
         self.free = Reduction.dirichlet(self.space, [])
@@ -82,10 +82,10 @@ class Punch:
             return np.column_stack([4 * (s + (grade - 1) * s**3) / grade, 4 * x[:, 1], x[:, 2]])
 
         mesh = mapped(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
-        body = Body(method(mesh), Material(1000.0, 0.25), State.PLANE_STRESS)
+        body = Body(method(mesh), Material(1000.0, 0.25), StressState.PLANE_STRESS)
         self.space = body.spaces.trial
         self.K = assemble_matrix(body.stiffness())
-        foot = [support(self.space, i, at(1, 0.0)) for i in range(2)]
+        foot = [prescribe(self.space, i, at(1, 0.0)) for i in range(2)]
         self.foot = Reduction.dirichlet(self.space, foot)
 
     def solve(self, mu, motions, start=()):
@@ -99,13 +99,13 @@ class Greco:
 
     def __init__(self, n, method=Spaces.petrov_galerkin):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))
-        body = Body(method(mesh), Material(1.3e11, 0.2), State.PLANE_STRAIN)
+        body = Body(method(mesh), Material(1.3e11, 0.2), StressState.PLANE_STRAIN)
         self.space = body.spaces.trial
         self.K = assemble_matrix(body.stiffness())
         top, left = (boundary_measure(mesh, where) for where in (at(1, 0.04), at(0, 0.0)))
         self.load = assemble_vector(body.surface_load((0.0, -5e7), top))
         self.load.axpy(1.0, assemble_vector(body.surface_load((15e7, 0.0), left)))
-        self.symmetry = Reduction.dirichlet(self.space, [support(self.space, 0, at(0, 0.04))])
+        self.symmetry = Reduction.dirichlet(self.space, [prescribe(self.space, 0, at(0, 0.04))])
 
     def solve(self, mu, **options):
         pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Body, Material, Reduction, Spaces, State, assemble_matrix, support
+from pw_elements import Body, Material, Reduction, Spaces, StressState, assemble_matrix, prescribe
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from tests.contact_cases import Block, Punch, at
 
@@ -30,10 +30,10 @@ def noted(name, states):
 
 def drag():
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (5, 5, 3), CellType.tetrahedron)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), State.SOLID)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
-    foot = Reduction.dirichlet(U, [support(U, i, at(2, 0.0)) for i in range(3)])
+    foot = Reduction.dirichlet(U, [prescribe(U, i, at(2, 0.0)) for i in range(3)])
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
     ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
     loads = [K.createVecLeft()] * 2

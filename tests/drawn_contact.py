@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from hypothesis import strategies as st
 
-from pw_elements import Material, Reduction, assemble_vector, boundary_measure, support
+from pw_elements import Material, Reduction, assemble_vector, boundary_measure, prescribe
 from pw_elements.contact import (
     ContactPair,
     FlatPunch,
@@ -124,7 +124,7 @@ class Stated:
         p = self.problem
         side = (0, p.first) if p.kind == "block" else (p.dim - 1, 0.0)
         marker = self.place.side(*side)
-        held = [support(self.elastic.space, i, marker) for i in range(p.dim)]
+        held = [prescribe(self.elastic.space, i, marker) for i in range(p.dim)]
         return Reduction.dirichlet(self.elastic.space, held)
 
     def _block(self):

@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from pw_elements import State, mechanics
+from pw_elements import StressState, mechanics
 from pw_elements.contact import FlatPunch, Parabola
 from study import column, ex71, ex72, ex73, ex74, ex75, ex76
 from study.verification import (
@@ -239,11 +239,11 @@ def rigid_plate(element):
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
-COARSE = column.Section(RADII, HEIGHTS, (2, 1, 2, 1), (6, 4, 5, 2))
+COARSE = column.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (6, 4, 5, 2))
 
 
 def stepped_column(element):
-    with patch.dict(ex75.SECTIONS, coarse=COARSE), converged(element):
+    with patch.dict(ex75.PROFILES, coarse=COARSE), converged(element):
         result = ex75.stepped_column(element, section="coarse")
     level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
@@ -343,7 +343,7 @@ def patch_test(element, mesh="distorted", state="plane strain"):
 
 def indented(element, state, E, force, surface, oracle_surface, lines, known, mu=0.0):
     """V2 and V3: half of a body under an indenter, its outer sides held."""
-    indenter = indentation.Indenter(known, surface, State(state))
+    indenter = indentation.Indenter(known, surface, StressState(state))
     with converged(element):
         result = indentation.series(element, indenter, {4: [lines]}, far_field=False)
 

@@ -17,19 +17,19 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
-    frequencies,
     lumped_mass,
     macro_element,
     nodal_load,
+    prescribe,
     reactions,
     solve,
-    support,
     symmetric_part,
+    vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
@@ -51,13 +51,13 @@ def corner(x):
 
 def beam(method, name):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
-    body = Body(method(mesh), Material(2.0, 0.3), State.PLANE_STRESS)
+    body = Body(method(mesh), Material(2.0, 0.3), StressState.PLANE_STRESS)
     U = body.spaces.trial
     right = boundary_measure(mesh, lambda x: np.isclose(x[0], 8.0))
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.surface_load((-1.0, 0.0), right))
     f.axpy(1.0, nodal_load(U, lambda x: np.isclose(x[0], 8.0) & np.isclose(x[1], 0.0), (0, 1e-3)))
-    supports = Reduction.dirichlet(U, [support(U, 0, left), support(U, 1, left, 0.01)])
+    supports = Reduction.dirichlet(U, [prescribe(U, 0, left), prescribe(U, 1, left, 0.01)])
     a = solve(K, f, supports)
     r = forces_along(U, reactions(K, a, f), left, axis=1)
     numbers[f"{name}_displacement_norm"] = a.norm()
@@ -77,9 +77,9 @@ def beam(method, name):
     M = assemble_matrix(body.mass())
     numbers[f"{name}_mass_norm"] = M.norm()
     for symmetrised in (False, True):
-        modes = frequencies(K, M, supports, 3, symmetrised)
+        modes = vibration_modes(K, M, supports, 3, symmetrised)
         numbers[f"{name}_frequencies_{symmetrised}"] = modes.eigenvalues.tolist()
-    free = frequencies(K, M, Reduction.dirichlet(U, []), 4)
+    free = vibration_modes(K, M, Reduction.dirichlet(U, []), 4)
     numbers[f"{name}_rigid"] = free.rigid
     numbers[f"{name}_free_frequencies"] = free.eigenvalues[3:].tolist()
 
@@ -88,8 +88,8 @@ def identity():
     mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
     galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
     material = Material(1.0, 0.3)
-    K = assemble_matrix(Body(galerkin, material, State.PLANE_STRESS).stiffness())
-    K_pw = assemble_matrix(Body(pw, material, State.PLANE_STRESS).stiffness())
+    K = assemble_matrix(Body(galerkin, material, StressState.PLANE_STRESS).stiffness())
+    K_pw = assemble_matrix(Body(pw, material, StressState.PLANE_STRESS).stiffness())
     difference = force_transfer(galerkin.trial).matMult(K) - K_pw
     numbers["identity"] = difference.norm() / K_pw.norm()
 
@@ -99,10 +99,10 @@ def element(name):
         make = quadrilaterals if cell == "quadrilateral" else triangles
         return mapped(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
 
-    body = discretise(name, build, Material(1.0, 0.3), State.PLANE_STRESS)
+    body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
-    supports = body.supports([support(U, i, left, 0.01 * i) for i in (0, 1)])
+    supports = body.supports([prescribe(U, i, left, 0.01 * i) for i in (0, 1)])
     a = solve(K, f, supports)
     numbers[f"{name}_displacement_norm"] = a.norm()
     numbers[f"{name}_stiffness_norm"] = supports.matrix(K).norm()
@@ -115,32 +115,32 @@ def element(name):
     numbers[f"{name}_contact_displacement_norm"] = state.displacement.norm()
     M = assemble_matrix(body.body.mass())
     for left_matrix in ("transposed", "same"):
-        modes = frequencies(K, M, supports.guyan(left_matrix), 3)
+        modes = vibration_modes(K, M, supports.guyan(left_matrix), 3)
         numbers[f"{name}_guyan_{left_matrix}"] = modes.eigenvalues.tolist()
     if name == "pw-Q8":
-        lumped = frequencies(K, lumped_mass(M, U), supports.guyan("transposed"), 3)
+        lumped = vibration_modes(K, lumped_mass(M, U), supports.guyan("transposed"), 3)
         numbers[f"{name}_lumped"] = lumped.eigenvalues.tolist()
 
 
 def solid():
     mesh = create_box(comm, [(0, 0, 0), (1, 1, 2)], (3, 3, 5), CellType.tetrahedron)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.SOLID)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
-    foot = [support(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
+    foot = [prescribe(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     numbers["solid"] = solve(K, f, Reduction.dirichlet(U, foot)).norm()
     nodes = fem.locate_dofs_geometrical(U, lambda x: np.isclose(x[2], 0.0))
     whole = [fem.dirichletbc(np.zeros(3), nodes, U)]
     numbers["solid_held_as_vectors"] = solve(K, f, Reduction.dirichlet(U, whole)).norm()
-    free = frequencies(K, assemble_matrix(body.mass()), Reduction.dirichlet(U, []), 8)
+    free = vibration_modes(K, assemble_matrix(body.mass()), Reduction.dirichlet(U, []), 8)
     numbers["solid_rigid"] = free.rigid
     numbers["solid_frequencies"] = free.eigenvalues[6:].tolist()
 
 
 def tube():
     mesh = curved(triangles(comm, (1.0, 0.0), (2.0, 1.0), (6, 5)), distorted)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.AXISYMMETRIC)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.AXISYMMETRIC)
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     numbers["tube_stiffness_norm"], numbers["tube_mass_norm"] = K.norm(), M.norm()
     W = fem.functionspace(mesh, macro_element("triangle"))

@@ -14,9 +14,9 @@ from pw_elements import (
     Spaces,
     assemble_matrix,
     assemble_vector,
+    prescribe,
     reactions,
     solve,
-    support,
 )
 from tests.random_meshes import Grid, Placement
 
@@ -91,7 +91,7 @@ class Elastic:
         return self.placement.side(axis, value)
 
     def clamped(self, axis=0):
-        held = [support(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
+        held = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
         return Reduction.dirichlet(self.space, held)
 
     def solved(self, force):

@@ -14,13 +14,13 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    prescribe,
     reactions,
     solve,
-    support,
     symmetric_part,
 )
 from pw_elements.algebra import factorise
@@ -39,7 +39,7 @@ def right(x):
 def problem(request):
     """A square pulled to the right: body, K, f."""
     spaces = request.param(create_unit_square(MPI.COMM_SELF, 3, 3))
-    body = Body(spaces, Material(7.0, 0.3), State.PLANE_STRESS)
+    body = Body(spaces, Material(7.0, 0.3), StressState.PLANE_STRESS)
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.surface_load((1.0, 0.2), boundary_measure(spaces.mesh, right)))
     return body, K, f
@@ -48,7 +48,7 @@ def problem(request):
 def test_prescribed_values_against_dense_algebra(problem):
     body, K, f = problem
     U = body.spaces.trial
-    conditions = [support(U, 0, left), support(U, 1, left), support(U, 0, right, 0.03)]
+    conditions = [prescribe(U, 0, left), prescribe(U, 1, left), prescribe(U, 0, right, 0.03)]
     a = solve(K, f, Reduction.dirichlet(U, conditions)).array
 
     A, b = dense(K), f.array.copy()
@@ -64,7 +64,7 @@ def test_prescribed_values_against_dense_algebra(problem):
 def test_reactions_balance_the_load(problem):
     body, K, f = problem
     U = body.spaces.trial
-    a = solve(K, f, Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)]))
+    a = solve(K, f, Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)]))
     r = reactions(K, a, f).array.reshape(-1, 2)
     held = fem.locate_dofs_geometrical(U, left)
     assert r[held].sum(axis=0) == pytest.approx([-1.0, -0.2], abs=1e-12)
@@ -75,8 +75,8 @@ def test_reactions_balance_the_load(problem):
 def test_chained_reductions_are_one_reduction(problem):
     body, K, f = problem
     U = body.spaces.trial
-    at_once = Reduction.dirichlet(U, [support(U, i, left, 0.1 * i) for i in (0, 1)])
-    first = Reduction.dirichlet(U, [support(U, 0, left, 0.0)])
+    at_once = Reduction.dirichlet(U, [prescribe(U, i, left, 0.1 * i) for i in (0, 1)])
+    first = Reduction.dirichlet(U, [prescribe(U, 0, left, 0.0)])
     # the second one selects from the first one's system
     kept = list(dense(at_once.right).argmax(axis=0))
     all_first = list(dense(first.right).argmax(axis=0))
@@ -99,7 +99,7 @@ def test_missing_supports_end_in_an_error(problem, components):
     # one component held on one side leaves a translation (and a rotation) free
     body, K, f = problem
     U = body.spaces.trial
-    supports = Reduction.dirichlet(U, [support(U, i, left) for i in components])
+    supports = Reduction.dirichlet(U, [prescribe(U, i, left) for i in components])
     with pytest.raises(SingularSystem, match="rigid motion"):
         solve(K, f, supports)
 
@@ -107,7 +107,7 @@ def test_missing_supports_end_in_an_error(problem, components):
 def test_a_balanced_load_does_not_hide_a_missing_support():
     # the right-hand side is consistent, so the residual alone would be small
     spaces = Spaces.petrov_galerkin(create_unit_square(MPI.COMM_SELF, 4, 4))
-    body = Body(spaces, Material(1.0, 0.3), State.PLANE_STRESS)
+    body = Body(spaces, Material(1.0, 0.3), StressState.PLANE_STRESS)
     K = assemble_matrix(body.stiffness())
     mesh = spaces.mesh
     f = assemble_vector(body.surface_load((1.0, 0.0), boundary_measure(mesh, right)))
@@ -122,12 +122,12 @@ def test_bad_conditioning_alone_is_no_singularity():
 
     mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (100, 1)], [200, 1])
     spaces = Spaces.petrov_galerkin(mesh)
-    body = Body(spaces, Material(2e11), State.PLANE_STRESS)
+    body = Body(spaces, Material(2e11), StressState.PLANE_STRESS)
     K = assemble_matrix(body.stiffness())
     end = boundary_measure(mesh, lambda x: np.isclose(x[0], 100))
     f = assemble_vector(body.surface_load((0.0, -1.0), end))
     U = spaces.trial
-    a = solve(K, f, Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)]))
+    a = solve(K, f, Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)]))
     assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
 
 
@@ -135,20 +135,20 @@ def test_refuses_what_is_not_finite_or_leaves_nothing_free(problem):
     body, K, f = problem
     U = body.spaces.trial
     with pytest.raises(ValueError, match="finite"):
-        Reduction.dirichlet(U, [support(U, 0, left, np.nan)])
+        Reduction.dirichlet(U, [prescribe(U, 0, left, np.nan)])
     with pytest.raises(ValueError, match="no degree of freedom"):
-        Reduction.dirichlet(U, [support(U, i, lambda x: x[0] > -1) for i in (0, 1)])
+        Reduction.dirichlet(U, [prescribe(U, i, lambda x: x[0] > -1) for i in (0, 1)])
     finer = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 6, 6)).trial
     linear = fem.functionspace(body.spaces.mesh, ("Lagrange", 1, (2,)))
     twin = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 3, 3)).trial
     for other in (finer, linear, twin):
         with pytest.raises(ValueError, match="made on another space"):
-            Reduction.dirichlet(U, [support(other, 0, left)])
-    Reduction.dirichlet(U, [support(body.spaces.test, 0, left)])  # its nodes are the same
+            Reduction.dirichlet(U, [prescribe(other, 0, left)])
+    Reduction.dirichlet(U, [prescribe(body.spaces.test, 0, left)])  # its nodes are the same
     f.setValue(0, np.inf)
     f.assemble()
     with pytest.raises(ValueError, match="finite"):
-        solve(K, f, Reduction.dirichlet(U, [support(U, i, right) for i in (0, 1)]))
+        solve(K, f, Reduction.dirichlet(U, [prescribe(U, i, right) for i in (0, 1)]))
 
 
 def test_symmetric_part_and_inertia(problem):
@@ -157,7 +157,7 @@ def test_symmetric_part_and_inertia(problem):
     assert np.abs(part - part.T).max() == 0
     assert np.abs(part - (dense(K) + dense(K).T) / 2).max() < 1e-15
     U = body.spaces.trial
-    held = Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)])
+    held = Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)])
     reduced = symmetric_part(held.matrix(K))
     eigenvalues = np.linalg.eigvalsh(dense(reduced))
     assert factorise(reduced, symmetric=True).negative_pivots == (eigenvalues < 0).sum()
@@ -166,9 +166,9 @@ def test_symmetric_part_and_inertia(problem):
 def test_matrices_and_vectors_outlive_their_mesh():
     def make():
         spaces = Spaces.petrov_galerkin(create_unit_square(MPI.COMM_SELF, 8, 8))
-        body = Body(spaces, Material(1.0), State.PLANE_STRESS)
+        body = Body(spaces, Material(1.0), StressState.PLANE_STRESS)
         U = spaces.trial
-        held = Reduction.dirichlet(U, [support(U, i, left) for i in (0, 1)])
+        held = Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)])
         f = assemble_vector(body.body_load((0.0, -1.0)))
         return assemble_matrix(body.stiffness()), f, held
 

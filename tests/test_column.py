@@ -11,7 +11,7 @@ from pw_elements import Spaces, assemble_matrix
 from pw_elements.inner_nodes import mid_diagonal_nodes
 from study import column, column_fit, ex75, measures
 
-FIRST = column.SECTIONS["first"]
+FIRST = column.PROFILES["first"]
 VOLUME = np.pi * np.dot(np.square(FIRST.radii), FIRST.heights)
 
 
@@ -19,7 +19,7 @@ def cells(mesh):
     return mesh.topology.index_map(2).size_local
 
 
-@pytest.mark.parametrize("section", column.SECTIONS.values(), ids=column.SECTIONS)
+@pytest.mark.parametrize("section", column.PROFILES.values(), ids=column.PROFILES)
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_mesh_fills_the_section(section, cell):
     mesh = column.mesh(section, cell)
@@ -61,7 +61,7 @@ def test_eigenvalues_agree_with_an_independent_program():
     assert ex75.eigenvalues("galerkin-Q8", coarse) == pytest.approx(known, rel=3e-4)
 
 
-@pytest.mark.parametrize("section", column.SECTIONS.values(), ids=column.SECTIONS)
+@pytest.mark.parametrize("section", column.PROFILES.values(), ids=column.PROFILES)
 def test_columns_have_table_1(section):
     distances = column_fit.distances(section)
     assert np.abs(distances).max() < 0.3
@@ -69,10 +69,10 @@ def test_columns_have_table_1(section):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", column.SECTIONS)
+@pytest.mark.parametrize("name", column.PROFILES)
 def test_columns_are_those_of_the_fit(name):
     found = column_fit.fitted(column_fit.STARTS[name])
-    stored = column.SECTIONS[name]
+    stored = column.PROFILES[name]
     assert found == pytest.approx([*stored.radii, *stored.heights], abs=2e-5)
 
 

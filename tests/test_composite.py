@@ -13,15 +13,15 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
     macro_element,
+    prescribe,
     reactions,
     solve,
-    support,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.elements import composite_element
@@ -56,7 +56,7 @@ def test_gradient_is_the_projection_of_the_piecewise_constant_one():
         composite.tabulate(2, points)
 
 
-@pytest.mark.parametrize("state", [State.PLANE_STRESS, State.PLANE_STRAIN])
+@pytest.mark.parametrize("state", [StressState.PLANE_STRESS, StressState.PLANE_STRAIN])
 def test_stiffness_is_that_of_the_assumed_strain_method(state):
     # G = (q, eps(u)) with discontinuous linear q, K = G^T (D x M^-1) G
     mesh = square()
@@ -65,7 +65,7 @@ def test_stiffness_is_that_of_the_assumed_strain_method(state):
     Q = fem.functionspace(mesh, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
     u, strain, q = ufl.TrialFunction(W), ufl.TrialFunction(Q), ufl.TestFunction(Q)
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
-    reduced = nu / (1 - nu) if state is State.PLANE_STRESS else nu / (1 - 2 * nu)
+    reduced = nu / (1 - nu) if state is StressState.PLANE_STRESS else nu / (1 - 2 * nu)
     stress = E / (1 + nu) * (strain + reduced * ufl.tr(strain) * ufl.Identity(2))
     dx = ufl.dx(metadata={"quadrature_degree": 2})
     G = dense(assemble_matrix(ufl.inner(ufl.sym(ufl.grad(u)), q) * dx))
@@ -79,7 +79,7 @@ def test_stiffness_is_that_of_the_assumed_strain_method(state):
 
 @pytest.mark.parametrize(
     ("state", "motions"),
-    [(State.PLANE_STRESS, 3), (State.PLANE_STRAIN, 3), (State.AXISYMMETRIC, 1)],
+    [(StressState.PLANE_STRESS, 3), (StressState.PLANE_STRAIN, 3), (StressState.AXISYMMETRIC, 1)],
 )
 def test_rigid_motions_of_one_triangle_are_its_only_zero_modes(state, motions):
     mesh = triangles(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (1, 1))
@@ -99,7 +99,7 @@ def _nodal(x):
     return np.sin(2 * x[0]) * np.cos(x[1]), np.cos(x[0] + 0.5) * np.sin(1.5 * x[1])
 
 
-def _solved(mesh, exact, boundary, state=State.PLANE_STRESS):
+def _solved(mesh, exact, boundary, state=StressState.PLANE_STRESS):
     body = Body(Spaces.composite(mesh), MATERIAL, state, quadrature_degree=6)
     U = body.spaces.trial
     prescribed = fem.Function(U)
@@ -114,7 +114,7 @@ def _solved(mesh, exact, boundary, state=State.PLANE_STRESS):
     return u
 
 
-@pytest.mark.parametrize("state", [State.PLANE_STRESS, State.PLANE_STRAIN])
+@pytest.mark.parametrize("state", [StressState.PLANE_STRESS, StressState.PLANE_STRAIN])
 def test_patch_test(state):
     mesh = square()
     x = ufl.SpatialCoordinate(mesh)
@@ -155,11 +155,11 @@ def test_is_the_standard_triangle_after_a_change_of_variables():
     mesh = square()
     solutions = []
     for method in (Spaces.galerkin, Spaces.petrov_galerkin, Spaces.composite):
-        body = Body(method(mesh), MATERIAL, State.PLANE_STRESS)
+        body = Body(method(mesh), MATERIAL, StressState.PLANE_STRESS)
         U = body.spaces.trial
         K = assemble_matrix(body.stiffness())
         f = assemble_vector(body.body_load((0.3, -1.0)))
-        held = [support(U, i, lambda x: np.isclose(x[0], 0.0)) for i in (0, 1)]
+        held = [prescribe(U, i, lambda x: np.isclose(x[0], 0.0)) for i in (0, 1)]
         a = solve(K, f, Reduction.dirichlet(U, held))
         solutions.append((a.array.copy(), reactions(K, a, f).array.copy()))
     (a_G, r_G), (_, r_pw), (a, r) = solutions
@@ -175,12 +175,12 @@ def test_buckling_factors_are_the_standard_ones(form):
     factors = []
     for method in (Spaces.galerkin, Spaces.composite):
         mesh = triangles(MPI.COMM_SELF, (0.0, -0.5), (8.0, 0.5), (8, 2), "crossed")
-        body = Body(method(mesh), MATERIAL, State.PLANE_STRESS)
+        body = Body(method(mesh), MATERIAL, StressState.PLANE_STRESS)
         U = body.spaces.trial
         K = assemble_matrix(body.stiffness())
         end = boundary_measure(mesh, lambda x: np.isclose(x[0], 8.0))
         f = assemble_vector(body.surface_load((-1.0, 0.1), end))
-        held = [support(U, i, lambda x: np.isclose(x[0], 0.0)) for i in (0, 1)]
+        held = [prescribe(U, i, lambda x: np.isclose(x[0], 0.0)) for i in (0, 1)]
         supports = Reduction.dirichlet(U, held)
         u = fem.Function(U)
         u.x.array[:] = solve(K, f, supports).array
@@ -191,12 +191,12 @@ def test_buckling_factors_are_the_standard_ones(form):
 
 def test_even_contact_forces_under_even_pressure():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (8, 4))
-    body = Body(Spaces.composite(mesh), MATERIAL, State.PLANE_STRESS)
+    body = Body(Spaces.composite(mesh), MATERIAL, StressState.PLANE_STRESS)
     U = body.spaces.trial
     top = boundary_measure(mesh, lambda x: np.isclose(x[1], 1.0))
     f = assemble_vector(body.surface_load((0.0, -1.0), top))
     foot = ContactPair(lambda x: np.isclose(x[1], 0.0), Plane((0.0, 0.0), (0.0, 1.0)))
-    symmetry = Reduction.dirichlet(U, [support(U, 0, lambda x: np.isclose(x[0], 0.0))])
+    symmetry = Reduction.dirichlet(U, [prescribe(U, 0, lambda x: np.isclose(x[0], 0.0))])
     (state,) = solve_contact(assemble_matrix(body.stiffness()), f, symmetry, [foot], U)
     forces = state.pairs[0].force_normal
     assert forces[1:-1] == pytest.approx(2.0 / 16, abs=1e-12)

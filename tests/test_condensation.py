@@ -13,12 +13,12 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
+    prescribe,
     reactions,
     solve,
-    support,
 )
 from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
 from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
@@ -44,7 +44,7 @@ def left(x):
 @pytest.fixture(params=CONDENSED)
 def problem(request):
     """A distorted square whose body load acts on inner nodes, too: discretisation, f, inner."""
-    body = discretise(request.param, square, MATERIAL, State.PLANE_STRESS)
+    body = discretise(request.param, square, MATERIAL, StressState.PLANE_STRESS)
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
     inner = (2 * body.inner_nodes()[:, None] + [0, 1]).ravel()
     assert np.abs(f.array[inner]).min() > 1e-3
@@ -52,7 +52,7 @@ def problem(request):
 
 
 def clamp(body):
-    return [support(body.space, 0, left), support(body.space, 1, left, 0.03)]
+    return [prescribe(body.space, 0, left), prescribe(body.space, 1, left, 0.03)]
 
 
 def test_left_and_right_matrices_against_dense_algebra(problem):
@@ -153,7 +153,7 @@ def test_guyan_reduction_has_one_stiffness_and_two_masses(problem):
 
 @pytest.mark.parametrize("element", CONDENSED)
 def test_patch_test(element):
-    body = discretise(element, square, MATERIAL, State.PLANE_STRESS)
+    body = discretise(element, square, MATERIAL, StressState.PLANE_STRESS)
     U, mesh = body.space, body.space.mesh
     exact = fem.Function(U)
     exact.interpolate(lambda x: np.array([[1.0, 0.4], [-0.3, 0.7]]) @ x[:2])
@@ -168,7 +168,7 @@ def test_cuts_agree_for_equilibrated_quadratic_displacements_only():
     # x^2 - y^2 and 2 x y and the like: harmonic and free of divergence, so without body force
     def forces(pattern, field):
         body = discretise(
-            "pw-Q8", lambda cell: square(cell, (1, 1), pattern), MATERIAL, State.PLANE_STRESS
+            "pw-Q8", lambda cell: square(cell, (1, 1), pattern), MATERIAL, StressState.PLANE_STRESS
         )
         u = fem.Function(body.space)
         u.interpolate(field)
@@ -262,7 +262,7 @@ def _mesh(x, cells):
 def test_refuses_what_cannot_be_condensed(problem):
     body, _, _ = problem
     K, U, inner = body.K, body.space, body.inner_nodes()
-    everywhere = support(U, 0, lambda x: x[0] > -9)
+    everywhere = prescribe(U, 0, lambda x: x[0] > -9)
     with pytest.raises(ValueError, match="is to be condensed"):
         body.supports([everywhere])
     cell = U.dofmap.list[0]
@@ -271,7 +271,7 @@ def test_refuses_what_cannot_be_condensed(problem):
     rest = np.setdiff1d(np.arange(U.dofmap.index_map.size_local), inner)
     at_rest = U.tabulate_dof_coordinates()[rest]
     others = [
-        support(U, i, lambda x: np.isclose(x.T[:, None], at_rest).all(axis=2).any(axis=1))
+        prescribe(U, i, lambda x: np.isclose(x.T[:, None], at_rest).all(axis=2).any(axis=1))
         for i in (0, 1)
     ]
     with pytest.raises(ValueError, match="nothing but inner and prescribed"):
@@ -298,7 +298,7 @@ def test_contact_is_that_of_all_nodes(element):
         make = quadrilaterals if cell == "quadrilateral" else triangles
         return make(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (8, 4))
 
-    body = discretise(element, build, Material(1000.0, 0.3), State.PLANE_STRESS)
+    body = discretise(element, build, Material(1000.0, 0.3), StressState.PLANE_STRESS)
     state, every = contact(body, True), contact(body, False)
     (pair,), (pair_every,) = state.pairs, every.pairs
     assert {STICK, SLIP} <= set(pair.status)
@@ -313,7 +313,7 @@ def test_contact_is_that_of_all_nodes(element):
 
 
 def test_two_galerkin_triangles_condense_symmetrically():
-    body = Body(Spaces.galerkin(square("triangle")), MATERIAL, State.PLANE_STRAIN)
+    body = Body(Spaces.galerkin(square("triangle")), MATERIAL, StressState.PLANE_STRAIN)
     K = assemble_matrix(body.stiffness())
     U = body.spaces.trial
     reduction = Reduction.condensation(K, U, mid_diagonal_nodes(U))

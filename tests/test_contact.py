@@ -12,11 +12,11 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    support,
+    prescribe,
 )
 from pw_elements.contact import (
     OPEN,
@@ -54,7 +54,7 @@ ELEMENTS = {
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
-@pytest.mark.parametrize("state", [State.PLANE_STRESS, State.PLANE_STRAIN])
+@pytest.mark.parametrize("state", [StressState.PLANE_STRESS, StressState.PLANE_STRAIN])
 def test_contact_patch(element, state):
     """A uniform pressure arrives at the rigid plane as exact nodal forces on a skewed mesh."""
     build, method, (end, middle) = ELEMENTS[element]
@@ -63,7 +63,7 @@ def test_contact_patch(element, state):
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.surface_load((0.0, -PRESSURE), boundary_measure(mesh, at(1, 1.0))))
-    left = Reduction.dirichlet(U, [support(U, 0, at(0, 0.0))])
+    left = Reduction.dirichlet(U, [prescribe(U, 0, at(0, 0.0))])
     pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
     (state_,) = solve_contact(K, f, left, [pair], U)
     (contact,) = state_.pairs
@@ -83,13 +83,13 @@ def test_contact_patch(element, state):
 def test_contact_patch_in_space(method):
     """Corners of a face carry nothing on T10, a twelfth of the face with macro functions."""
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
-    body = Body(method(mesh), Material(10.0, 0.3), State.SOLID)
+    body = Body(method(mesh), Material(10.0, 0.3), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     top, foot = (boundary_measure(mesh, at(2, z)) for z in (1.0, 0.0))
     f = assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
     even = assemble_vector(body.surface_load((0.0, 0.0, PRESSURE), foot)).array_r.reshape(-1, 3)
-    sides = Reduction.dirichlet(U, [support(U, i, at(i, 0.0)) for i in range(2)])
+    sides = Reduction.dirichlet(U, [prescribe(U, i, at(i, 0.0)) for i in range(2)])
     pair = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
     (state,) = solve_contact(K, f, sides, [ContactPair(pair.nodes, pair.surface)], U)
     (contact,) = state.pairs
@@ -238,7 +238,7 @@ def test_tilted_world_gives_the_same_contact():
         return np.isclose(turn.T[1] @ x[:2], 0.0)
 
     mapped(mesh, lambda x: np.column_stack([x[:, :2] @ turn.T, x[:, 2]]))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), State.PLANE_STRESS)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.PLANE_STRESS)
     U = body.spaces.trial
 
     def load(traction, where):
@@ -265,7 +265,7 @@ def test_tilted_world_gives_the_same_contact():
 def test_residuals_of_contacts_without_force_or_displacement():
     block, nothing = Block(4), Block(4).K.createVecLeft()
     pressed = block.pulled(0.0, increments=1)[0]
-    foot = Reduction.dirichlet(block.space, [support(block.space, 0, at(0, 0.0))])
+    foot = Reduction.dirichlet(block.space, [prescribe(block.space, 0, at(0, 0.0))])
     states = solve_contact(
         block.K, [pressed, nothing, pressed], foot, [block.pair(0.3)], block.space
     )
@@ -294,11 +294,11 @@ def test_soft_ring_between_plates(divisions):
     around, across = divisions
     sector = quadrilaterals(MPI.COMM_SELF, (14.0, 0.0), (20.0, np.pi / 2), (across, around))
     body = Body(
-        Spaces.petrov_galerkin(curved(sector, bent)), Material(2.0, 0.49), State.PLANE_STRAIN
+        Spaces.petrov_galerkin(curved(sector, bent)), Material(2.0, 0.49), StressState.PLANE_STRAIN
     )
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
-    symmetry = Reduction.dirichlet(U, [support(U, 1, at(1, 0.0)), support(U, 0, at(0, 0.0))])
+    symmetry = Reduction.dirichlet(U, [prescribe(U, 1, at(1, 0.0)), prescribe(U, 0, at(0, 0.0))])
     steps = 8
     plate = ContactPair(
         lambda x: (np.hypot(x[0], x[1]) > 20 - 1e-6) & (x[1] > 17.0),
@@ -339,7 +339,7 @@ def test_block_tips_from_one_pad_to_another(gap, force):
 
 def test_any_level_set_is_a_surface():
     block = Block(16)
-    foot = Reduction.dirichlet(block.space, [support(block.space, i, at(1, 2.0)) for i in (0, 1)])
+    foot = Reduction.dirichlet(block.space, [prescribe(block.space, i, at(1, 2.0)) for i in (0, 1)])
     centre, radius = np.array([2.0, -5.0]), 5.0
     up = [Motion((0, 0.02))]
     quadric = SignedDistance(lambda x: np.sum((x - centre) ** 2, axis=1) - radius**2)

@@ -11,12 +11,12 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     nodal_load,
-    support,
+    prescribe,
 )
 from pw_elements.contact import (
     ContactNotConverged,
@@ -59,7 +59,7 @@ def test_impossible_friction_names_nodes(mu):
 
 def test_prescribed_normal_displacement_names_nodes():
     held = Reduction.dirichlet(
-        BLOCK.space, [support(BLOCK.space, 1, lambda x: np.isclose(x[0], 0))]
+        BLOCK.space, [prescribe(BLOCK.space, 1, lambda x: np.isclose(x[0], 0))]
     )
     with pytest.raises(ValueError, match=r"at \(0, 0\) have a prescribed normal"):
         solved(floor(), reduction=held)
@@ -67,7 +67,7 @@ def test_prescribed_normal_displacement_names_nodes():
 
 def test_prescribed_tangential_displacement_is_allowed():
     held = Reduction.dirichlet(
-        BLOCK.space, [support(BLOCK.space, 0, lambda x: np.isclose(x[0], 0))]
+        BLOCK.space, [prescribe(BLOCK.space, 0, lambda x: np.isclose(x[0], 0))]
     )
     (state,) = solved(floor(), reduction=held)
     assert state.residuals.largest() < 1e-12
@@ -143,13 +143,13 @@ def test_body_on_ice_is_held_by_nothing():
     ball = ContactPair(at(1, 0.0), Sphere((2, -3), 3.0))
     side = Reduction.dirichlet(
         BLOCK.space,
-        [support(BLOCK.space, 0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0))],
+        [prescribe(BLOCK.space, 0, lambda x: np.isclose(x[0], 2) & np.isclose(x[1], 0))],
     )
     solved(ball, reduction=side)  # a circle's normals hold the rotation
 
 
 def test_free_surface_is_named():
-    foot = [support(BLOCK.space, i, at(1, 2.0)) for i in range(2)]
+    foot = [prescribe(BLOCK.space, i, at(1, 2.0)) for i in range(2)]
     free = floor(0.0, motions=[Motion((None, None), (0, 100.0))])
     with pytest.raises(FreeBody, match="translation x of the surface of pair 0"):
         solved(free, reduction=Reduction.dirichlet(BLOCK.space, foot))
@@ -217,14 +217,14 @@ class OneNode:
 
     def __init__(self):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))
-        body = Body(Spaces.petrov_galerkin(mesh), Material(10.0, 0.3), State.PLANE_STRESS)
+        body = Body(Spaces.petrov_galerkin(mesh), Material(10.0, 0.3), StressState.PLANE_STRESS)
         self.space = body.spaces.trial
         self.K = assemble_matrix(body.stiffness())
 
         def corner(x):
             return np.isclose(x[0], 1.0) & np.isclose(x[1], 0.0)
 
-        rest = [support(self.space, i, lambda x: ~corner(x)) for i in range(2)]
+        rest = [prescribe(self.space, i, lambda x: ~corner(x)) for i in range(2)]
         self.reduction = Reduction.dirichlet(self.space, rest)
         self.corner = corner
         self.stiffness = self.reduction.matrix(self.K)[:, :]
@@ -267,7 +267,7 @@ def test_large_friction_has_several_answers_and_says_so():
 
 
 def test_prescribed_values_have_to_be_tangential_for_every_pair():
-    left = support(BLOCK.space, 0, at(0, 0.0))
+    left = prescribe(BLOCK.space, 0, at(0, 0.0))
     wall = ContactPair(at(0, 0.0), Plane((0, 0), (1, 0)))
     with pytest.raises(ValueError, match="prescribed normal displacement"):
         solved(wall, reduction=Reduction.dirichlet(BLOCK.space, [left]))
@@ -310,7 +310,7 @@ def test_surface_has_the_dimension_of_the_body():
 
 def test_broken_line_is_no_surface_in_space():
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [1, 1, 1], CellType.tetrahedron)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0), State.SOLID)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     pair = ContactPair(at(2, 0.0), Polyline([(0, 0), (1, 0)]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pw_elements import Direct, Reduction, SolverReport, reactions, support
+from pw_elements import Direct, Reduction, SolverReport, prescribe, reactions
 from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface, Points
@@ -21,7 +21,7 @@ from tests.contact_cases import Block, at
 from tests.test_contact_matching import Blocks
 
 BLOCK = Block(6)
-HELD = Reduction.dirichlet(BLOCK.space, [support(BLOCK.space, i, at(1, 2.0)) for i in (0, 1)])
+HELD = Reduction.dirichlet(BLOCK.space, [prescribe(BLOCK.space, i, at(1, 2.0)) for i in (0, 1)])
 RIGID = Plane((0, 0), (0, 1))
 CURVED = Parabola((2, 0), radius=-20.0)
 

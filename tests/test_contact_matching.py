@@ -12,13 +12,13 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    prescribe,
     reactions,
     solve,
-    support,
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import (
@@ -67,10 +67,10 @@ class Blocks:
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
         mesh = doubled(mesh, (0.0, HEIGHT + gap, 0.0))
         self.gap = gap
-        self.body = Body(method(mesh), Material(100.0, 0.3), State.PLANE_STRAIN)
+        self.body = Body(method(mesh), Material(100.0, 0.3), StressState.PLANE_STRAIN)
         self.space = self.body.spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
-        self.foot = [support(self.space, 1, at(1, 0.0)), support(self.space, 0, at(0, 0.0))]
+        self.foot = [prescribe(self.space, 1, at(1, 0.0)), prescribe(self.space, 0, at(0, 0.0))]
 
     def load(self, traction):
         top = boundary_measure(self.body.spaces.mesh, at(1, 2 * HEIGHT + self.gap))
@@ -134,12 +134,14 @@ def test_bodies_that_stick_are_one_body(method):
     closed = state.pairs[0].status == STICK
     assert closed.all()
     whole = triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, 2 * HEIGHT), (6, 6))
-    body = Body(method(whole), Material(100.0, 0.3), State.PLANE_STRAIN)
+    body = Body(method(whole), Material(100.0, 0.3), StressState.PLANE_STRAIN)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     top = boundary_measure(whole, at(1, 2 * HEIGHT))
     f = assemble_vector(body.surface_load((1.0, -10.0), top))
-    a = solve(K, f, Reduction.dirichlet(U, [support(U, 1, at(1, 0.0)), support(U, 0, at(0, 0.0))]))
+    a = solve(
+        K, f, Reduction.dirichlet(U, [prescribe(U, 1, at(1, 0.0)), prescribe(U, 0, at(0, 0.0))])
+    )
     x, y = U.tabulate_dof_coordinates(), blocks.space.tabulate_dof_coordinates()
     nearest = [np.argmin(np.linalg.norm(x - place, axis=1)) for place in y]
     glued = a.array_r.reshape(-1, 2)[nearest]
@@ -156,7 +158,7 @@ def test_either_side_may_be_the_pair_s_own(gap):
         sign = -1.0 if own_is_upper else 1.0  # Parabola's rigid side is above for a positive radius
         level = HEIGHT if own_is_upper else HEIGHT + gap
         shape = Parabola((LENGTH / 2, level), sign * curved)
-        held = [support(blocks.space, i, at(1, 0.0)) for i in (0, 1)]
+        held = [prescribe(blocks.space, i, at(1, 0.0)) for i in (0, 1)]
         supports = Reduction.dirichlet(blocks.space, held)
         pair = blocks.pair(0.2, own_is_upper, shape)
         problem = ContactProblem(blocks.K, supports, pair, blocks.space)
@@ -177,7 +179,7 @@ def test_either_side_may_be_the_pair_s_own(gap):
 def test_relative_motion_and_its_force():
     """An approach that is given, and the same one by its force, between two held blocks."""
     blocks = Blocks(gap=0.25)
-    ends = [support(blocks.space, i, at(1, y)) for i in (0, 1) for y in (0.0, 2 * HEIGHT + 0.25)]
+    ends = [prescribe(blocks.space, i, at(1, y)) for i in (0, 1) for y in (0.0, 2 * HEIGHT + 0.25)]
     pair = blocks.pair(0.3, shape=Parabola((LENGTH / 2, HEIGHT + 0.25), -50.0))
     problem = ContactProblem(blocks.K, Reduction.dirichlet(blocks.space, ends), pair, blocks.space)
     nothing = blocks.K.createVecLeft()
@@ -192,11 +194,11 @@ def test_relative_motion_and_its_force():
 def test_two_blocks_in_space():
     box = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
     mesh = doubled(box, (0.0, 0.0, 1.0))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(10.0, 0.3), State.SOLID)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(10.0, 0.3), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.surface_load((0.0, 0.0, -1.0), boundary_measure(mesh, at(2, 2.0))))
-    sides = [support(U, i, at(i, 0.0)) for i in (0, 1)] + [support(U, 2, at(2, 0.0))]
+    sides = [prescribe(U, i, at(i, 0.0)) for i in (0, 1)] + [prescribe(U, 2, at(2, 0.0))]
     lower, upper = (lower_nodes(U, 1.0, above) for above in (False, True))
     pair = ContactPair(upper, MatchingNodes(lower, Plane((0, 0, 1), (0, 0, 1))), 0.3)
     problem = ContactProblem(K, Reduction.dirichlet(U, sides), pair, U)
@@ -238,7 +240,7 @@ def test_what_matching_refuses():
         ],
         "belong to two contact pairs",
     )
-    one_sided = support(blocks.space, 0, lambda x: np.isclose(x[1], 1.1) & np.isclose(x[0], 1.0))
+    one_sided = prescribe(blocks.space, 0, lambda x: np.isclose(x[1], 1.1) & np.isclose(x[0], 1.0))
     refused(
         ContactPair(upper, MatchingNodes(lower, shape, below), 0.3),
         r"at \(1, 1.1\) have a prescribed displacement that their counterparts have not",

@@ -11,11 +11,11 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    support,
+    prescribe,
 )
 from pw_elements.contact import (
     OPEN,
@@ -114,13 +114,13 @@ def test_greco_plate(method):
 def test_axisymmetric_patch(method):
     """Uniform pressure on a cylinder; forces are those of whole circumferences."""
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 3))
-    body = Body(method(mesh), Material(10.0, 0.3), State.AXISYMMETRIC)
+    body = Body(method(mesh), Material(10.0, 0.3), StressState.AXISYMMETRIC)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     top, foot = (boundary_measure(mesh, at(1, z)) for z in (1.0, 0.0))
     f = assemble_vector(body.surface_load((0.0, -3.0), top))
     even = assemble_vector(body.surface_load((0.0, 3.0), foot)).array_r.reshape(-1, 2)[:, 1]
-    axis = Reduction.dirichlet(U, [support(U, 0, at(0, 0.0))])
+    axis = Reduction.dirichlet(U, [prescribe(U, 0, at(0, 0.0))])
     pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
     (state,) = solve_contact(K, f, axis, [pair], U)
     (contact,) = state.pairs
@@ -145,10 +145,10 @@ def test_hertz_sphere():
         return y
 
     mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (40, 30)), graded)
-    body = Body(PW(mesh), Material(E, nu), State.AXISYMMETRIC)
+    body = Body(PW(mesh), Material(E, nu), StressState.AXISYMMETRIC)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
-    held = Reduction.dirichlet(U, [support(U, 0, at(0, 0.0)), support(U, 1, at(1, -12.0))])
+    held = Reduction.dirichlet(U, [prescribe(U, 0, at(0, 0.0)), prescribe(U, 1, at(1, -12.0))])
     ball = ContactPair(at(1, 0.0), Sphere((0, R), R), 0.0, [Motion((0, None), (0, -P))])
     (state,) = solve_contact(K, K.createVecLeft(), held, [ball], U)
     (contact,) = state.pairs
@@ -173,7 +173,7 @@ def test_sliding_block_in_space(method, angle):
     mu, p, E = 0.3, 3.0, 10.0
     along = np.array([np.cos(angle), np.sin(angle)])
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
-    body = Body(method(mesh), Material(E), State.SOLID)  # nu = 0: the slip is uniform, too
+    body = Body(method(mesh), Material(E), StressState.SOLID)  # nu = 0: the slip is uniform, too
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     shear = mu * p * along
@@ -186,7 +186,7 @@ def test_sliding_block_in_space(method, angle):
         face = boundary_measure(mesh, at(axis, side))
         f.axpy(1.0, assemble_vector(body.surface_load(stress @ outward, face)))
     top = [*(-shear * 2 / E), -p / E]
-    held = Reduction.dirichlet(U, [support(U, i, at(2, 1.0), top[i]) for i in range(3)])
+    held = Reduction.dirichlet(U, [prescribe(U, i, at(2, 1.0), top[i]) for i in range(3)])
     dragged = [Motion((0.1 * along[0], 0.1 * along[1], 0.0))]
     floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), mu, dragged)
     (state,) = solve_contact(K, f, held, [floor], U)
@@ -206,10 +206,10 @@ def test_sliding_block_in_space(method, angle):
 def ball_in_space():
     """Solves for motions of a sphere on a block: function of friction and motions."""
     mesh = create_box(MPI.COMM_SELF, [(-1, -1, 0), (1, 1, 1)], [6, 6, 3], CellType.tetrahedron)
-    body = Body(PW(mesh), Material(1000.0, 0.3), State.SOLID)
+    body = Body(PW(mesh), Material(1000.0, 0.3), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
-    foot = Reduction.dirichlet(U, [support(U, i, at(2, 0.0)) for i in range(3)])
+    foot = Reduction.dirichlet(U, [prescribe(U, i, at(2, 0.0)) for i in range(3)])
 
     def solved(mu, motions):
         ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), mu, motions)

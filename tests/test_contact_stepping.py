@@ -13,7 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 
-from pw_elements import Direct, Reduction, support
+from pw_elements import Direct, Reduction, prescribe
 from pw_elements.contact import (
     OPEN,
     ContactPair,
@@ -247,5 +247,5 @@ def test_problem_with_supports_only_on_demand():
     assert (driven.free, loaded.free, back.free) == ((), ((0, 1),), ())
     size = driven.displacement.norm(PETSc.NormType.INFINITY)
     assert (back.displacement - driven.displacement).norm() < 1e-9 * size
-    held = Reduction.dirichlet(punch.space, [support(punch.space, 0, at(1, 0.0))])
+    held = Reduction.dirichlet(punch.space, [prescribe(punch.space, 0, at(1, 0.0))])
     assert held.right.getSize()[1] > punch.foot.right.getSize()[1]

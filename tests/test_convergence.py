@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 from scipy.special import j1
 
-from pw_elements import Body, Material, Spaces, State
+from pw_elements import Body, Material, Spaces, StressState
 from pw_elements._compat import cell_nodes
 from study.verification import eigenvalue_orders, manufactured, mesh_families
 from study.verification.convergence import CASES, SCANNED, SETTINGS, errors, statics
@@ -112,7 +112,7 @@ def test_fields_have_no_dilatation_but_for_the_compliance(field, dimension):
 def test_loads_balance_each_other_in_axisymmetry():
     # axial equilibrium of the whole body: body force and tractions sum to zero
     mesh = mesh_families.on_square("pw-T6", 1 / 4)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.AXISYMMETRIC)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.AXISYMMETRIC)
     known = Manufactured(body, manufactured.round_about)
 
     def off_the_axis(x):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study import ex71, ex76, sec3
+from study import ex71, ex76, weight_functions
 from study.verification import t_identity
 
 
@@ -66,9 +66,9 @@ def test_reconstructed_mesh_comes_near_table_2():
 
 
 def test_weight_functions_and_element_matrices():
-    weights = sec3.weight_functions().scalars
+    weights = weight_functions.weight_functions().scalars
     assert max(weights.values()) < 1e-14
-    matrices = sec3.element_matrices().scalars
+    matrices = weight_functions.element_matrices().scalars
     assert matrices["eq23_difference"] < 1e-14
     assert matrices["pw_stiffness_unsymmetry"] > 0.01
     assert matrices["pw_mass_row_vertex"] == pytest.approx(1 / 12, abs=1e-14)

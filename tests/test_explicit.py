@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements import frequencies
+from pw_elements import vibration_modes
 from pw_elements.meshes import mapped, triangles
 from study.verification import explicit
 from study.verification.t_identity import distorted
@@ -32,4 +32,4 @@ def test_spectrum_begins_with_the_frequencies():
     mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorted)
     K, M, held, _ = explicit.PAIRS["pw-consistent"](mesh)
     spectrum = np.sort(explicit.pair("pw-consistent", 4).curves["real"])
-    assert frequencies(K, M, held, 4).eigenvalues == pytest.approx(spectrum[:4], rel=1e-9)
+    assert vibration_modes(K, M, held, 4).eigenvalues == pytest.approx(spectrum[:4], rel=1e-9)

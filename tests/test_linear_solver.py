@@ -13,14 +13,14 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
-    frequencies,
+    prescribe,
     solve,
-    support,
+    vibration_modes,
 )
 from pw_elements.meshes import triangles
 from tests.contact_cases import Block, at
@@ -100,11 +100,11 @@ def test_singular_matrices_are_refused_by_any_package(package):
 @pytest.fixture(scope="module")
 def beam():
     mesh = triangles(MPI.COMM_SELF, (0.0, -0.5), (8.0, 0.5), (16, 4))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(2.0, 0.3), State.PLANE_STRESS)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(2.0, 0.3), StressState.PLANE_STRESS)
     U = body.spaces.trial
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     f = assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, at(0, 8.0))))
-    held = Reduction.dirichlet(U, [support(U, i, at(0, 0.0)) for i in (0, 1)])
+    held = Reduction.dirichlet(U, [prescribe(U, i, at(0, 0.0)) for i in (0, 1)])
     return body, K, M, f, held
 
 
@@ -128,8 +128,8 @@ def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver):
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")
     assert (report.method, report.factorisations) == (method(solver), 1)
-    modes = frequencies(K, M, held, 3, solver=solver)
-    assert modes.eigenvalues == pytest.approx(frequencies(K, M, held, 3).eigenvalues, rel=1e-9)
+    modes = vibration_modes(K, M, held, 3, solver=solver)
+    assert modes.eigenvalues == pytest.approx(vibration_modes(K, M, held, 3).eigenvalues, rel=1e-9)
     assert modes.report.method == method(solver)
     assert modes.report.factorisations in (1, 2)  # slender bodies take a second shift
 
@@ -150,7 +150,7 @@ def test_buckling_takes_a_solver(beam):
 def test_a_symmetric_pair_wants_its_pivots_counted(beam):
     _, K, M, _, held = beam
     with pytest.raises(ValueError, match="does not count negative pivots"):
-        frequencies(
+        vibration_modes(
             K, M, held, 1, symmetrised=True, solver=Direct({"pc_factor_mat_solver_type": "petsc"})
         )
 
@@ -169,12 +169,12 @@ def test_options_reach_mumps(beam):
 def test_the_count_of_an_eigenvalue_problem_is_of_both_shifts():
     """A slender free-standing bar takes a second shift, and so a second factorisation."""
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (100.0, 1.0), (100, 1))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), State.PLANE_STRESS)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.PLANE_STRESS)
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     U = body.spaces.trial
-    clamped = Reduction.dirichlet(U, [support(U, i, at(0, 0.0)) for i in (0, 1)])
-    assert frequencies(K, M, clamped).report.factorisations == 2
+    clamped = Reduction.dirichlet(U, [prescribe(U, i, at(0, 0.0)) for i in (0, 1)])
+    assert vibration_modes(K, M, clamped).report.factorisations == 2
     short = Block(4)
     M = assemble_matrix(short.body.mass())
-    held = Reduction.dirichlet(short.space, [support(short.space, i, at(1, 0.0)) for i in (0, 1)])
-    assert frequencies(short.K, M, held).report.factorisations == 1
+    held = Reduction.dirichlet(short.space, [prescribe(short.space, i, at(1, 0.0)) for i in (0, 1)])
+    assert vibration_modes(short.K, M, held).report.factorisations == 1

@@ -19,13 +19,13 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     nodal_load,
+    prescribe,
     solve,
-    support,
 )
 from pw_elements.meshes import curved, mapped, triangles
 from study.verification.t_identity import distorted
@@ -46,12 +46,12 @@ def cube(cell):
 
 
 SETTINGS = {
-    "T6": (lambda: mapped(square(), distorted), State.PLANE_STRESS),
-    "T6 strain": (lambda: mapped(square(), distorted), State.PLANE_STRAIN),
-    "T6 curved": (lambda: curved(square(), distorted), State.PLANE_STRESS),
-    "Q9": (lambda: mapped(quadrilaterals(), distorted), State.PLANE_STRESS),
-    "T10": (lambda: cube(CellType.tetrahedron), State.SOLID),
-    "H27": (lambda: cube(CellType.hexahedron), State.SOLID),
+    "T6": (lambda: mapped(square(), distorted), StressState.PLANE_STRESS),
+    "T6 strain": (lambda: mapped(square(), distorted), StressState.PLANE_STRAIN),
+    "T6 curved": (lambda: curved(square(), distorted), StressState.PLANE_STRESS),
+    "Q9": (lambda: mapped(quadrilaterals(), distorted), StressState.PLANE_STRESS),
+    "T10": (lambda: cube(CellType.tetrahedron), StressState.SOLID),
+    "H27": (lambda: cube(CellType.hexahedron), StressState.SOLID),
 }
 
 
@@ -87,13 +87,13 @@ def test_lame_tube_in_axisymmetry(method):
 def _lame_error(method, n):
     inner, outer, pressure = 1.0, 2.0, 1.0
     mesh = create_rectangle(MPI.COMM_SELF, [(inner, 0.0), (outer, 0.5)], [n, n // 2])
-    body = Body(method(mesh), MATERIAL, State.AXISYMMETRIC)
+    body = Body(method(mesh), MATERIAL, StressState.AXISYMMETRIC)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     bore = boundary_measure(mesh, lambda x: np.isclose(x[0], inner))
     f = assemble_vector(body.surface_load((pressure, 0.0), bore))
     assert f.sum() == pytest.approx(2 * np.pi * inner * 0.5 * pressure, rel=1e-13)
-    ends = [support(U, 1, lambda x, z=z: np.isclose(x[1], z)) for z in (0.0, 0.5)]
+    ends = [prescribe(U, 1, lambda x, z=z: np.isclose(x[1], z)) for z in (0.0, 0.5)]
     a = solve(K, f, Reduction.dirichlet(U, ends)).array.reshape(-1, 2)
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
     r = U.tabulate_dof_coordinates()[:, 0]
@@ -105,7 +105,7 @@ def _lame_error(method, n):
 def test_mass_and_loads_add_up():
     mesh = mapped(square(), distorted)
     for method in (Spaces.galerkin, Spaces.petrov_galerkin):
-        body = Body(method(mesh), MATERIAL, State.PLANE_STRESS, thickness=0.5)
+        body = Body(method(mesh), MATERIAL, StressState.PLANE_STRESS, thickness=0.5)
         area = fem.assemble_scalar(fem.form(1.0 * ufl.dx(domain=mesh)))
         M = assemble_matrix(body.mass())
         ones = M.createVecRight()
@@ -122,7 +122,7 @@ def test_mass_and_loads_add_up():
 def test_lumped_mass_is_positive_for_the_new_element_only():
     lumped = {}
     for method in (Spaces.galerkin, Spaces.petrov_galerkin):
-        M = assemble_matrix(Body(method(square()), MATERIAL, State.PLANE_STRESS).mass())
+        M = assemble_matrix(Body(method(square()), MATERIAL, StressState.PLANE_STRESS).mass())
         ones = M.createVecRight()
         ones.set(1.0)
         lumped[method] = (M * ones).array.min()
@@ -132,7 +132,7 @@ def test_lumped_mass_is_positive_for_the_new_element_only():
 
 def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains():
     # uniaxial stress, u = v = stretch: G gives S, J gives S - 2 S
-    body = Body(Spaces.galerkin(square()), MATERIAL, State.PLANE_STRESS)
+    body = Body(Spaces.galerkin(square()), MATERIAL, StressState.PLANE_STRESS)
     stress = ufl.as_tensor([[5.0, 0.0], [0.0, 0.0]])
     stretch = fem.Function(body.spaces.trial)
     stretch.interpolate(lambda x: np.array([x[0], 0 * x[0]]))
@@ -147,7 +147,7 @@ def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains():
 
 
 def test_rotation_costs_no_energy_but_the_geometric_one():
-    body = Body(Spaces.galerkin(square()), MATERIAL, State.PLANE_STRESS)
+    body = Body(Spaces.galerkin(square()), MATERIAL, StressState.PLANE_STRESS)
     rotation = fem.Function(body.spaces.trial)
     rotation.interpolate(lambda x: np.array([-x[1], x[0]]))
     r = rotation.x.petsc_vec
@@ -178,39 +178,39 @@ def test_refuses_impossible_materials(arguments, name):
 def test_refuses_bodies_that_make_no_sense():
     spaces = Spaces.galerkin(square())
     with pytest.raises(ValueError, match="solid"):
-        Body(spaces, MATERIAL, State.SOLID)
+        Body(spaces, MATERIAL, StressState.SOLID)
     with pytest.raises(ValueError, match="thickness"):
-        Body(spaces, MATERIAL, State.PLANE_STRESS, thickness=0.0)
-    body = Body(spaces, MATERIAL, State.PLANE_STRESS)
+        Body(spaces, MATERIAL, StressState.PLANE_STRESS, thickness=0.0)
+    body = Body(spaces, MATERIAL, StressState.PLANE_STRESS)
     with pytest.raises(ValueError, match="'G' and 'J'"):
         body.initial_stress(ufl.Identity(2), "K")
     nowhere = lambda x: np.isclose(x[0], 7.0)  # noqa: E731
     with pytest.raises(ValueError, match="no exterior facet"):
         boundary_measure(spaces.mesh, nowhere)
     with pytest.raises(ValueError, match="no node"):
-        support(spaces.trial, 0, nowhere)
+        prescribe(spaces.trial, 0, nowhere)
     for force in ((np.inf, 0.0), (1.0, 0.0, 0.0), (1.0,)):
         with pytest.raises(ValueError, match="needs 2 finite components"):
             nodal_load(spaces.trial, lambda x: np.isclose(x[0], 0), force)
     for component in (-1, 2):
         with pytest.raises(ValueError, match=f"component {component}: the space has 2"):
-            support(spaces.trial, component, lambda x: np.isclose(x[0], 0))
+            prescribe(spaces.trial, component, lambda x: np.isclose(x[0], 0))
 
 
 def test_state_may_be_a_word():
     spaces = Spaces.galerkin(square())
-    assert Body(spaces, MATERIAL, "axisymmetric").state is State.AXISYMMETRIC
+    assert Body(spaces, MATERIAL, "axisymmetric").state is StressState.AXISYMMETRIC
     with pytest.raises(ValueError, match="'plane stres': the states are 'plane stress', "):
         Body(spaces, MATERIAL, "plane stres")
 
 
 def test_incompressible_in_plane_stress_only():
     spaces, rubber = Spaces.petrov_galerkin(square()), Material(2.0, 0.5)
-    K = assemble_matrix(Body(spaces, rubber, State.PLANE_STRESS).stiffness())
-    near = Body(spaces, Material(2.0, 0.5 - 1e-9), State.PLANE_STRESS)
+    K = assemble_matrix(Body(spaces, rubber, StressState.PLANE_STRESS).stiffness())
+    near = Body(spaces, Material(2.0, 0.5 - 1e-9), StressState.PLANE_STRESS)
     assert (K - assemble_matrix(near.stiffness())).norm() < 1e-8 * K.norm()
     with pytest.raises(ValueError, match="in plane stress only"):
-        Body(spaces, rubber, State.PLANE_STRAIN)
+        Body(spaces, rubber, StressState.PLANE_STRAIN)
 
 
 def test_refuses_meshes_that_are_no_bodies():
@@ -218,10 +218,10 @@ def test_refuses_meshes_that_are_no_bodies():
     geometry = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
     shell = create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=corners, e=geometry)
     with pytest.raises(ValueError, match="2-D cells in 3-D space is no body"):
-        Body(Spaces.galerkin(shell), MATERIAL, State.SOLID)
+        Body(Spaces.galerkin(shell), MATERIAL, StressState.SOLID)
     line = create_unit_interval(MPI.COMM_SELF, 3)
     with pytest.raises(ValueError, match="a 1-D mesh cannot be in the state 'plane stress'"):
-        Body(Spaces.galerkin(line), MATERIAL, State.PLANE_STRESS)
+        Body(Spaces.galerkin(line), MATERIAL, StressState.PLANE_STRESS)
     across = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
     with pytest.raises(ValueError, match=r"crosses the axis of rotation: its least r is -1\.0"):
-        Body(Spaces.galerkin(across), MATERIAL, State.AXISYMMETRIC)
+        Body(Spaces.galerkin(across), MATERIAL, StressState.AXISYMMETRIC)

@@ -19,7 +19,7 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    support,
+    prescribe,
 )
 from pw_elements.contact import (
     ContactPair,
@@ -162,7 +162,7 @@ class Library:
         problem, space = self.problem, self.body.spaces.trial
         dim, last = problem.dim, problem.dim - 1
         held = range(0 if problem.floats else dim)
-        clamped = [support(space, i, lambda x: np.isclose(x[last], 0.0)) for i in held]
+        clamped = [prescribe(space, i, lambda x: np.isclose(x[last], 0.0)) for i in held]
         motions = [Motion(move, push) for move, push in problem.motions]
         surface, *_ = problem.rigid()
         pair = ContactPair(

@@ -16,8 +16,8 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
-    frequencies,
     solve,
+    vibration_modes,
 )
 from tests.properties import METHODS, Elastic, assert_small, dense, eigenvalue_error
 from tests.random_meshes import (
@@ -113,7 +113,7 @@ def test_frequencies_in_other_units(problem, unit, modulus, density):
     values = []
     for body in (elastic, other):
         M, held = assemble_matrix(body.body.mass()), body.clamped()
-        values.append(frequencies(body.K, M, held).eigenvalues[0])
+        values.append(vibration_modes(body.K, M, held).eigenvalues[0])
     K, M = (dense(other.clamped().matrix(A)) for A in (other.K, M))
     wrong = len(K) * (elastic.round_off + other.round_off)
     sizes = [wrong * np.linalg.norm(A, 2) for A in (K, M)]
@@ -160,7 +160,7 @@ def test_buckling_factors_have_no_unit(problem, unit, modulus, load):
 def test_frequencies_let_go_of_the_mesh():
     body = Elastic(structured("triangle", [np.linspace(0, 1, 3)] * 2))
     form = weakref.ref(body.K.getAttr("form"))
-    frequencies(body.K, assemble_matrix(body.body.mass()), body.clamped())
+    vibration_modes(body.K, assemble_matrix(body.body.mass()), body.clamped())
     del body
     gc.collect()
     assert form() is None

@@ -8,24 +8,24 @@ from pw_elements import (
     Body,
     Material,
     Spaces,
-    State,
+    StressState,
     as_function,
     assemble_vector,
     boundary_measure,
 )
 from pw_elements.mechanics import exterior_facets
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import ContactSurface, by_position
+from pw_elements.recovery import SurfaceNodes, by_position
 from tests.contact_cases import Block, at
 
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
 PLANE = [
-    (triangles, GALERKIN, State.PLANE_STRESS),
-    (triangles, PW, State.PLANE_STRAIN),
-    (triangles, GALERKIN, State.AXISYMMETRIC),
-    (triangles, PW, State.AXISYMMETRIC),
-    (quadrilaterals, Q8, State.PLANE_STRESS),
-    (quadrilaterals, PW, State.PLANE_STRESS),
+    (triangles, GALERKIN, StressState.PLANE_STRESS),
+    (triangles, PW, StressState.PLANE_STRAIN),
+    (triangles, GALERKIN, StressState.AXISYMMETRIC),
+    (triangles, PW, StressState.AXISYMMETRIC),
+    (quadrilaterals, Q8, StressState.PLANE_STRESS),
+    (quadrilaterals, PW, StressState.PLANE_STRESS),
 ]
 
 
@@ -50,16 +50,16 @@ def pressed(body, where, pressure=3.0):
 
 @pytest.mark.parametrize(("build", "method", "state"), PLANE)
 def test_pressures_of_an_even_pressure(build, method, state):
-    thickness = 1.0 if state is State.AXISYMMETRIC else 0.4
+    thickness = 1.0 if state is StressState.AXISYMMETRIC else 0.4
     body = body_of(build, method, state, thickness)
-    surface = ContactSurface.of(body, at(1, 0.0))
+    surface = SurfaceNodes.of(body, at(1, 0.0))
     end = 2 + 0.1 * np.sin(6)
-    total = np.pi * end**2 if state is State.AXISYMMETRIC else thickness * end
+    total = np.pi * end**2 if state is StressState.AXISYMMETRIC else thickness * end
     assert surface.own_area.sum() == pytest.approx(total)
     assert surface.tributary_area.sum() == pytest.approx(total)
     force = pressed(body, at(1, 0.0))
     pressure = surface.pressure(force)
-    on_axis = state is State.AXISYMMETRIC and method == GALERKIN  # has no weight there
+    on_axis = state is StressState.AXISYMMETRIC and method == GALERKIN  # has no weight there
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
     assert pressure[on_axis:] == pytest.approx(3.0)
     if method != PW:
@@ -70,7 +70,7 @@ def test_pressures_of_an_even_pressure(build, method, state):
 
 
 def test_edges_and_rim_of_a_line():
-    surface = ContactSurface.of(body_of(triangles, PW, State.PLANE_STRESS), at(1, 0.0))
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
     halves = np.diff(surface.position[:, 0]) / 2
@@ -80,8 +80,8 @@ def test_edges_and_rim_of_a_line():
 @pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
 def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
-    body = Body(method(mesh), Material(10.0), State.PLANE_STRESS)
-    surface = ContactSurface.of(body, at(1, 0.0))
+    body = Body(method(mesh), Material(10.0), StressState.PLANE_STRESS)
+    surface = SurfaceNodes.of(body, at(1, 0.0))
     force = pressed(body, at(1, 0.0))
     assert surface.sawtooth(force) == pytest.approx(expected)
     uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
@@ -91,7 +91,7 @@ def test_sawtooth_of_an_even_pressure(method, expected):
 
 
 def test_measures_leave_out_open_and_rim_nodes():
-    surface = ContactSurface.of(body_of(triangles, PW, State.PLANE_STRESS), at(1, 0.0))
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
@@ -101,8 +101,8 @@ def test_measures_leave_out_open_and_rim_nodes():
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_faces_in_space(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
-    body = Body(method(mesh), Material(10.0), State.SOLID)
-    surface = ContactSurface.of(body, at(2, 0.0))
+    body = Body(method(mesh), Material(10.0), StressState.SOLID)
+    surface = SurfaceNodes.of(body, at(2, 0.0))
     assert len(surface.position) == 9 * 9
     assert surface.rim.sum() == 4 * 8
     assert len(surface.edges) == 4 * 5 * 2 + (16 if cell is CellType.tetrahedron else 0)
@@ -125,7 +125,7 @@ def test_faces_in_space(cell, method):
 def test_sawtooth_under_the_block(method, expected):
     block = Block(20, method)
     contact = block.solve(0.3, 60.0)[-1].pairs[0]
-    surface = ContactSurface.of(block.body, at(1, 0.0))
+    surface = SurfaceNodes.of(block.body, at(1, 0.0))
     assert surface.position == pytest.approx(contact.position)
     assert surface.sawtooth(contact.force_normal) == pytest.approx(expected, abs=0.02)
     rough = surface.unevenness(surface.tributary_pressure(contact.force_normal))
@@ -133,10 +133,10 @@ def test_sawtooth_under_the_block(method, expected):
 
 
 def test_surface_by_facets_is_that_of_the_marker():
-    body = body_of(triangles, PW, State.PLANE_STRAIN)
+    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
     mesh = body.spaces.mesh
     facets = exterior_facets(mesh, at(1, 0.0))
-    marked, tagged = (ContactSurface.of(body, where) for where in (at(1, 0.0), facets))
+    marked, tagged = (SurfaceNodes.of(body, where) for where in (at(1, 0.0), facets))
     assert tagged.position == pytest.approx(marked.position)
     assert tagged.tributary_area == pytest.approx(marked.tributary_area)
     loads = [
@@ -149,7 +149,7 @@ def test_surface_by_facets_is_that_of_the_marker():
 
 
 def test_values_of_another_length_are_refused():
-    surface = ContactSurface.of(body_of(triangles, PW, State.PLANE_STRAIN), at(1, 0.0))
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRAIN), at(1, 0.0))
     force = np.ones(len(surface.position) + 1)
     for measure in (surface.pressure, surface.tributary_pressure, surface.sawtooth):
         with pytest.raises(ValueError, match="12 values for the 11 nodes of the surface"):
@@ -157,7 +157,7 @@ def test_values_of_another_length_are_refused():
 
 
 def test_vector_as_a_function():
-    body = body_of(triangles, PW, State.PLANE_STRAIN)
+    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
     f = assemble_vector(body.body_load((1.0, 2.0)))
     function = as_function(body.spaces.trial, f, "load")
     assert function.name == "load"

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK
-from pw_elements.recovery import ContactSurface
+from pw_elements.recovery import SurfaceNodes
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "your-own-problem.md"
@@ -85,7 +85,7 @@ def test_pressure_is_hertzs(dome, method):
 
 def test_only_the_new_elements_forces_are_even(dome):
     for method, expected in zip(METHODS, (2.0, 1.0), strict=True):
-        surface = ContactSurface.of(dome["bodies"][method], dome["touching"])
+        surface = SurfaceNodes.of(dome["bodies"][method], dome["touching"])
         contact = dome["pressed"][method]
         ratio = surface.sawtooth(contact.force_normal, contact.status != OPEN)
         assert ratio == pytest.approx(expected, rel=0.03)

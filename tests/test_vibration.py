@@ -7,10 +7,10 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
-    State,
+    StressState,
     assemble_matrix,
-    frequencies,
-    support,
+    prescribe,
+    vibration_modes,
 )
 from study.elements import spaces
 from study.verification import vibration
@@ -35,14 +35,14 @@ def test_slow_waves_in_a_thin_rod_are_those_of_a_bar():
 
 
 def test_wave_speeds_of_plane_states():
-    solid, shear = wave_speeds_squared(MATERIAL, State.PLANE_STRAIN)
-    plate, same = wave_speeds_squared(MATERIAL, State.PLANE_STRESS)
+    solid, shear = wave_speeds_squared(MATERIAL, StressState.PLANE_STRAIN)
+    plate, same = wave_speeds_squared(MATERIAL, StressState.PLANE_STRESS)
     assert shear == same == pytest.approx(1 / 2.6)
     assert plate / shear == pytest.approx(2 / (1 - 0.3))
     assert solid / shear == pytest.approx(2 * (1 - 0.3) / (1 - 0.6))
 
 
-@pytest.mark.parametrize("state", [State.PLANE_STRESS, State.PLANE_STRAIN])
+@pytest.mark.parametrize("state", [StressState.PLANE_STRESS, StressState.PLANE_STRAIN])
 def test_modes_of_a_rectangle_between_walls(state):
     # unequal sides, so that no two modes share an eigenvalue
     sides = (1.0, 0.7)
@@ -50,9 +50,9 @@ def test_modes_of_a_rectangle_between_walls(state):
     body = Body(spaces("pw-T6", mesh), MATERIAL, state)
     U = body.spaces.trial
     held = [(i, value) for i in (0, 1) for value in (0.0, sides[i])]
-    walls = [support(U, i, lambda x, i=i, v=value: np.isclose(x[i], v)) for i, value in held]
+    walls = [prescribe(U, i, lambda x, i=i, v=value: np.isclose(x[i], v)) for i, value in held]
     K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    modes = frequencies(K, M, Reduction.dirichlet(U, walls), 8)
+    modes = vibration_modes(K, M, Reduction.dirichlet(U, walls), 8)
     exact = np.array(rectangle_eigenvalues(MATERIAL, state, sides, 8))
     assert len(set(np.round(exact, 9))) == 8
     assert modes.eigenvalues == pytest.approx(exact, rel=3e-3)
@@ -106,11 +106,11 @@ def test_default_degree_of_axisymmetry_is_8(element):
     def difference(inner, degree, other):
         mesh = vibration._mesh((0.5, 1.0), (3, 4), cell, inner)
         bodies = [
-            Body(spaces(element, mesh), MATERIAL, State.AXISYMMETRIC, quadrature_degree=d)
+            Body(spaces(element, mesh), MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=d)
             for d in (degree, other)
         ]
         U = bodies[0].spaces.trial
-        held = [support(U, 0, lambda x: np.isclose(x[0], inner))]
+        held = [prescribe(U, 0, lambda x: np.isclose(x[0], inner))]
         reduction = Reduction.dirichlet(U, held)
         a, b = (reduction.matrix(assemble_matrix(body.stiffness())) for body in bodies)
         return (a - b).norm() / b.norm()

@@ -18,7 +18,7 @@ from functools import partial
 
 from petsc4py import PETSc
 
-from pw_elements import Material, Reduction, State, assemble_matrix, support
+from pw_elements import Material, Reduction, StressState, assemble_matrix, prescribe
 from pw_elements.algebra import factorise
 from pw_elements.contact import ContactState
 from study import ex72
@@ -86,7 +86,7 @@ def main() -> None:
 def _block(divisions: int) -> Discretisation:
     material = Material(ex72.YOUNGS_MODULUS, ex72.POISSONS_RATIO)
     build = partial(ex72.mesh, (divisions, divisions // 2))
-    return discretise("pw-T6", build, material, State.PLANE_STRESS)
+    return discretise("pw-T6", build, material, StressState.PLANE_STRESS)
 
 
 def _loads(body: Discretisation) -> dict[str, list[PETSc.Vec]]:
@@ -102,7 +102,7 @@ def _solve(
 
 def _held(body: Discretisation) -> Reduction:
     """The block glued to its foundation: a regular stiffness to factorise."""
-    return body.supports([support(body.space, i, ex72.lower_side) for i in (0, 1)])
+    return body.supports([prescribe(body.space, i, ex72.lower_side) for i in (0, 1)])
 
 
 def _seconds(values: list[float]) -> str:

@@ -69,7 +69,7 @@ from study.measures.general import (
     scalar,
     smallest,
 )
-from study.measures.known import (
+from study.measures.known_solutions import (
     finest_imaginary,
     greco_change,
     greco_deviation,

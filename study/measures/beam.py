@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.measures.selection import T6, of_section
+from study.measures.stored_cases import T6, of_section
 from study.paper import TABLE_2
 from study.store import MissingResult, Results
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.measures.selection import T6, matching, of_section
+from study.measures.stored_cases import T6, matching, of_section
 from study.paper import TABLE_1
 from study.store import Results
 
@@ -42,7 +42,7 @@ def eigenvalue_shift(results: Results, case: str, over: str, mode: int) -> float
 
 
 def eigenvalue_shifts(results: Results, cases: str, over: str) -> list[float]:
-    """All of them, of the cases whose names match a regular expression."""
+    """Shifts of all modes (one number each) of the cases whose names match an expression."""
     return [
         eigenvalue_shift(results, stored.case, over, mode)
         for stored in matching(results, "7.5", cases)
@@ -51,17 +51,17 @@ def eigenvalue_shifts(results: Results, cases: str, over: str) -> list[float]:
 
 
 def largest_eigenvalue_shift(results: Results, cases: str, over: str) -> float:
-    """Largest size among them."""
+    """Largest of `eigenvalue_shifts` in absolute value."""
     return max(map(abs, eigenvalue_shifts(results, cases, over)))
 
 
 def highest_eigenvalue_shift(results: Results, cases: str, over: str) -> float:
-    """The highest of them, with its sign."""
+    """Highest of `eigenvalue_shifts`, with its sign."""
     return max(eigenvalue_shifts(results, cases, over))
 
 
 def mean_eigenvalue_shift(results: Results, case: str, over: str) -> float:
-    """Mean over the modes, with its sign."""
+    """Mean of a case's eigenvalue shifts over the modes, with its sign."""
     return float(np.mean(eigenvalue_shifts(results, case, over)))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.measures.selection import T6
+from study.measures.stored_cases import T6
 from study.store import Results
 
 BLOCK_PRESSURE = 200.0

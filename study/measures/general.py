@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.measures.selection import matching
+from study.measures.stored_cases import matching
 from study.store import Results
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from study.measures.selection import of_section
+from study.measures.stored_cases import of_section
 from study.store import Results
 
 CONTACT_PEERS = (

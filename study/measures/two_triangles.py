@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.measures.selection import of_section
+from study.measures.stored_cases import of_section
 from study.store import Results
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, Spaces, State, support
+from pw_elements import Material, Spaces, StressState, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import triangles
 from pw_elements.recovery import force_transfer, forces_along
@@ -146,7 +146,7 @@ def _peer(case: str, tracked: str) -> Peer:
 def _block(problem: Block, element: str) -> Discretisation:
     mesh = problem.mesh
     material = Material(problem.modulus, problem.ratio)
-    return discretise(element, lambda _: _triangles(mesh), material, State.PLANE_STRESS)
+    return discretise(element, lambda _: _triangles(mesh), material, StressState.PLANE_STRESS)
 
 
 def _contact_line(problem: Block, body: Discretisation) -> Line:
@@ -170,7 +170,7 @@ def _contact_line(problem: Block, body: Discretisation) -> Line:
         loads += [loads[0] + pull * (k / steps) for k in range(1, steps + 1)]
     if not problem.friction:
         middle = problem.mesh.nodes[problem.mesh.node(problem.mesh.divisions[0], 0) - 1][0]
-        supports = [support(body.space, 0, lambda x: lower(x) & np.isclose(x[0], middle))]
+        supports = [prescribe(body.space, 0, lambda x: lower(x) & np.isclose(x[0], middle))]
     foundation = ContactPair(lower, Plane((0.0, y0), (0.0, 1.0)), problem.friction)
     states = solve_contact(body.K, loads, body.supports(supports), [foundation], body.space)
     (pair,) = states[-1].pairs

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, support
+from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import (
     OPEN,
     STICK,
@@ -23,12 +23,12 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import on_lines
-from pw_elements.recovery import ContactSurface
+from pw_elements.recovery import SurfaceNodes
 from study.cases import Case
 from study.elements import Discretisation, discretise, mesh_curves
 from study.store import Result
 from study.verification.friction import Cattaneo
-from study.verification.graded import growing, with_counterpart
+from study.verification.graded_meshes import growing, with_counterpart
 from study.verification.half_space import Elastic
 
 TITLE = "Partial slip: Cattaneo and Mindlin"
@@ -71,10 +71,10 @@ def partial_slip(
             element,
             partial(_mesh, int(level)),
             Material(YOUNGS_MODULUS, POISSONS_RATIO),
-            State.PLANE_STRAIN,
+            StressState.PLANE_STRAIN,
         )
         loads = [_held_sides(body, share, far_field) for share in shares]
-        sides = body.supports([support(body.space, i, _sides) for i in (0, 1)])
+        sides = body.supports([prescribe(body.space, i, _sides) for i in (0, 1)])
         states = solve_contact(body.K, loads, sides, [pair], body.space, states)
     return _result(body, states)
 
@@ -137,7 +137,7 @@ class _Traction:
 
 def _result(body: Discretisation, states: list[ContactState]) -> Result:
     (contact,) = states[-1].pairs
-    surface = ContactSurface.of(body.body, _touching)
+    surface = SurfaceNodes.of(body.body, _touching)
     x, status = contact.position[:, 0], contact.status
     known = (KNOWN.pressure(x), KNOWN.shear(x))
     forces = (contact.force_normal, contact.force_tangential[:, 0])

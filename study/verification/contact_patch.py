@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, support
+from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.recovery import ContactSurface
+from pw_elements.recovery import SurfaceNodes
 from study.cases import Case
 from study.elements import discretise, mesh_curves
 from study.store import Result
@@ -38,20 +38,20 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         element,
         partial(_mesh, mesh),
         Material(YOUNGS_MODULUS, POISSONS_RATIO),
-        State(state),
+        StressState(state),
     )
     space = body.space
     load = body.surface_load((0.0, -PRESSURE), lambda x: np.isclose(x[1], HEIGHT))
-    middle = support(space, 0, lambda x: np.isclose(x[0], 0.0))
+    middle = prescribe(space, 0, lambda x: np.isclose(x[0], 0.0))
     foundation = ContactPair(_lower_side, Plane((0.0, 0.0), (0.0, 1.0)))
     (solved,) = solve_contact(body.K, load, body.supports([middle]), [foundation], space)
     (contact,) = solved.pairs
 
-    surface = ContactSurface.of(body.body, _lower_side)
+    surface = SurfaceNodes.of(body.body, _lower_side)
     force = contact.force_normal
     own, tributary = surface.pressure(force), surface.tributary_pressure(force)
     displacement = solved.displacement.array_r.reshape(-1, 2)
-    exact = _displacement(space.tabulate_dof_coordinates(), State(state))
+    exact = _displacement(space.tabulate_dof_coordinates(), StressState(state))
     scalars = {
         "error_force": np.abs(force - PRESSURE * surface.own_area).max() / force.max(),
         "error_pressure_own": np.nanmax(np.abs(own / PRESSURE - 1)),
@@ -107,10 +107,10 @@ def _bent(x: Array) -> Array:
     return bent
 
 
-def _displacement(x: Array, state: State) -> Array:
+def _displacement(x: Array, state: StressState) -> Array:
     """Exact displacements (n, 2) at nodes (n, 3): uniaxial stress, or plane strain."""
     E, nu = YOUNGS_MODULUS, POISSONS_RATIO
-    if state is State.PLANE_STRAIN:
+    if state is StressState.PLANE_STRAIN:
         E, nu = E / (1 - nu**2), nu / (1 - nu)
     return PRESSURE / E * x[:, :2] * np.array([nu, -1.0])
 

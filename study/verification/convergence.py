@@ -11,12 +11,12 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Body,
     Material,
-    State,
+    StressState,
     as_function,
     assemble_matrix,
     macro_element,
+    prescribe,
     solve,
-    support,
 )
 from pw_elements.mechanics import Marker
 from study.cases import Case
@@ -85,7 +85,7 @@ class Setting:
         elements: to be tried.
     """
 
-    state: State
+    state: StressState
     poissons_ratio: float = 0.3
     field: Field = manufactured.plane
     mesh: Callable[[str, float], Mesh] = on_square
@@ -99,14 +99,14 @@ QUADRILATERALS = ("galerkin-Q8", "pw-Q8", "pw-Q9")
 TETRAHEDRA = ("galerkin-T10", "pw-T10")
 PLANE = (*Setting.elements, *QUADRILATERALS)
 
-PLANE_STRESS = Setting(State.PLANE_STRESS, elements=PLANE)
-PLANE_STRAIN = Setting(State.PLANE_STRAIN, elements=PLANE)
-AXISYMMETRIC = Setting(State.AXISYMMETRIC, field=manufactured.round_about, elements=PLANE)
-RING = Setting(State.PLANE_STRESS, mesh=on_ring, held=_inner_arc)
+PLANE_STRESS = Setting(StressState.PLANE_STRESS, elements=PLANE)
+PLANE_STRAIN = Setting(StressState.PLANE_STRAIN, elements=PLANE)
+AXISYMMETRIC = Setting(StressState.AXISYMMETRIC, field=manufactured.round_about, elements=PLANE)
+RING = Setting(StressState.PLANE_STRESS, mesh=on_ring, held=_inner_arc)
 FINER = (1 / 8, 1 / 16, 1 / 32, 1 / 64)
 CURVED_RING = replace(RING, mesh=on_curved_ring, elements=PLANE, sides=FINER)
 SOLID = Setting(
-    State.SOLID,
+    StressState.SOLID,
     field=manufactured.solid,
     mesh=on_cube,
     sides=(1 / 2, 1 / 4, 1 / 8),
@@ -114,7 +114,7 @@ SOLID = Setting(
 )
 PAIRS = replace(PLANE_STRESS, mesh=on_pairs, elements=("galerkin-T6",))
 PRESSURE = replace(PLANE_STRAIN, field=manufactured.plane_pressure)
-PLANE_STRAIN_RING = replace(RING, state=State.PLANE_STRAIN, elements=TRIANGLES)
+PLANE_STRAIN_RING = replace(RING, state=StressState.PLANE_STRAIN, elements=TRIANGLES)
 PLANE_STRAIN_CURVED_RING = replace(PLANE_STRAIN_RING, mesh=on_curved_ring, sides=FINER)
 
 SETTINGS = {
@@ -190,8 +190,8 @@ def errors(element: str, setting: Setting, side: float) -> dict[str, float]:
     held = fem.locate_dofs_geometrical(U, setting.held)
     conditions = [fem.dirichletbc(exact, held)]
     rim = _anywhere
-    if setting.state is State.AXISYMMETRIC:
-        conditions.append(support(U, 0, _axis))
+    if setting.state is StressState.AXISYMMETRIC:
+        conditions.append(prescribe(U, 0, _axis))
         rim = _off_the_axis
     f = known.load(rim)
     supports = discretisation.supports(conditions)

@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh
 from scipy.optimize import brentq
 from scipy.special import jn_zeros, jv, jvp, yv, yvp
 
-from pw_elements import Body, Material, State, assemble_matrix, frequencies, support
+from pw_elements import Body, Material, StressState, assemble_matrix, prescribe, vibration_modes
 from study.cases import Case
 from study.elements import Discretisation, is_symmetrised, spaces
 from study.store import Result
@@ -94,7 +94,7 @@ class Vibration:
         elements: to be tried.
     """
 
-    state: State
+    state: StressState
     exact: Callable[[], Array]
     mesh: Callable[[str, float], Mesh]
     sides: tuple[float, ...] = (1 / 4, 1 / 8, 1 / 16, 1 / 32)
@@ -104,23 +104,23 @@ class Vibration:
 
 QUADRILATERALS = ("galerkin-Q8", "pw-Q8", "pw-Q9")
 _RING = Vibration(
-    State.PLANE_STRESS, ring, on_ring, (1 / 2, 1 / 4, 1 / 8, 1 / 16), ((0, 0.0), (1, 0.0))
+    StressState.PLANE_STRESS, ring, on_ring, (1 / 2, 1 / 4, 1 / 8, 1 / 16), ((0, 0.0), (1, 0.0))
 )
 VIBRATIONS = {
     "square": Vibration(
-        State.PLANE_STRESS,
+        StressState.PLANE_STRESS,
         square,
         on_square,
         elements=(*Vibration.elements, "pwsym-T6", *QUADRILATERALS),
     ),
     "cylinder": Vibration(
-        State.AXISYMMETRIC,
+        StressState.AXISYMMETRIC,
         cylinder,
         on_square,
         elements=(*Vibration.elements, *QUADRILATERALS),
     ),
     "cube": Vibration(
-        State.SOLID,
+        StressState.SOLID,
         cube,
         on_cube,
         (1 / 3, 1 / 5, 1 / 8),
@@ -152,7 +152,7 @@ def modes(
         discretisation = Discretisation(element, body, K)
         walls = [_wall(discretisation.space, i, place) for i, place in vibrating.walls]
         reduction = discretisation.supports(walls).guyan(left)
-        found = frequencies(K, M, reduction, COUNT, is_symmetrised(element))
+        found = vibration_modes(K, M, reduction, COUNT, is_symmetrised(element))
         near = found.eigenvalues
         if len(exact) == 1:
             near = near[[np.abs(near - exact).argmin()]]
@@ -174,7 +174,7 @@ def modes(
 
 
 def _wall(space: fem.FunctionSpace, component: int, place: float) -> fem.DirichletBC:
-    return support(space, component, lambda x: np.isclose(x[component], place))
+    return prescribe(space, component, lambda x: np.isclose(x[component], place))
 
 
 def _lowest(*families: Array) -> Array:

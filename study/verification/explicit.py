@@ -20,12 +20,12 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     lumped_mass,
+    prescribe,
     solve,
-    support,
     symmetric_part,
 )
 from pw_elements.meshes import mapped, triangles
@@ -101,8 +101,8 @@ def _matrices(
     mesh: Mesh, stiffness: str, mass: str
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Array]:
     """K, M, the clamp, and the displacements under the weight without the clamped ones."""
-    pw = Body(Spaces.petrov_galerkin(mesh), MATERIAL, State.PLANE_STRESS)
-    galerkin = Body(Spaces.galerkin(mesh), MATERIAL, State.PLANE_STRESS)
+    pw = Body(Spaces.petrov_galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
+    galerkin = Body(Spaces.galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
     K_galerkin = assemble_matrix(galerkin.stiffness())
     K_pw = assemble_matrix(pw.stiffness())
     K = {
@@ -114,7 +114,7 @@ def _matrices(
     if mass == "lumped":
         M = lumped_mass(M, pw.spaces.trial)
     space = pw.spaces.trial
-    held = Reduction.dirichlet(space, [support(space, i, _clamped) for i in (0, 1)])
+    held = Reduction.dirichlet(space, [prescribe(space, i, _clamped) for i in (0, 1)])
     weight = assemble_vector(galerkin.body_load((0.0, -1.0)))
     sag = solve(K_galerkin, weight, held)
     return K, M, held, dense(held.right).T @ sag.array_r

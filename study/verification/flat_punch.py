@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import State
+from pw_elements import StressState
 from pw_elements.contact import FlatPunch
 from study.cases import Case
 from study.store import Result
@@ -15,10 +15,10 @@ from study.verification.indentation import ELEMENTS, OUTER, Indenter, borders, s
 TITLE = "Flat punches"
 
 BODY, HALF_WIDTH, FORCE = Elastic(1000.0, 0.3), 1.0, 3.0
-KINDS: dict[str, tuple[KnownContact, State]] = {
-    "smooth": (FlatLine(BODY, HALF_WIDTH, FORCE), State.PLANE_STRAIN),
-    "bonded": (BondedLine(BODY, HALF_WIDTH, FORCE), State.PLANE_STRAIN),
-    "round": (FlatRound(BODY, HALF_WIDTH, FORCE), State.AXISYMMETRIC),
+KINDS: dict[str, tuple[KnownContact, StressState]] = {
+    "smooth": (FlatLine(BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
+    "bonded": (BondedLine(BODY, HALF_WIDTH, FORCE), StressState.PLANE_STRAIN),
+    "round": (FlatRound(BODY, HALF_WIDTH, FORCE), StressState.AXISYMMETRIC),
 }
 # Elements over the half width
 LEVELS = (4, 8, 16, 32)
@@ -61,7 +61,7 @@ def exact(kind: str) -> Result:
     """Exact tractions of the body on a punch, and their mean; none at the edge."""
     known, state = KINDS[kind]
     x = HALF_WIDTH * np.sin(np.linspace(0, np.pi / 2, 400)[:-1])
-    area = np.pi * HALF_WIDTH**2 if state is State.AXISYMMETRIC else 2 * HALF_WIDTH
+    area = np.pi * HALF_WIDTH**2 if state is StressState.AXISYMMETRIC else 2 * HALF_WIDTH
     scalars = {"mean_pressure": FORCE / area, "poissons_ratio": BODY.poissons_ratio}
     curves = {"x": x, "pressure": known.pressure(x)}
     if isinstance(known, BondedLine):

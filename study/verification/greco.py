@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, support
+from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
 from pw_elements.meshes import quadrilaterals, triangles
 from study.cases import Case
@@ -43,11 +43,11 @@ def plate(element: str, squares: int) -> Result:
             element,
             partial(_mesh, int(level)),
             Material(YOUNGS_MODULUS, POISSONS_RATIO),
-            State.PLANE_STRAIN,
+            StressState.PLANE_STRAIN,
         )
         load = body.surface_load((0.0, -PRESSURE_TOP), _top)
         load.axpy(1.0, body.surface_load((PRESSURE_LEFT, 0.0), _left))
-        symmetry = body.supports([support(body.space, 0, _middle)])
+        symmetry = body.supports([prescribe(body.space, 0, _middle)])
         ground = ContactPair(_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION)
         states = solve_contact(body.K, load, symmetry, [ground], body.space, states)
 

@@ -11,7 +11,7 @@ computed. The benchmark's contact of two meshes, and its friction, are not.
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import State
+from pw_elements import StressState
 from pw_elements.contact import Parabola, Sphere
 from study.cases import Case
 from study.store import Result
@@ -47,14 +47,16 @@ def cylinder(
     known = HertzLine(body, RADIUS, FORCE)
     circle = Sphere((0.0, RADIUS), RADIUS)
     surface = circle if true_circle else Parabola((0.0, 0.0), RADIUS)
-    return _against(element, Indenter(known, surface, State.PLANE_STRAIN), outer, far_field)
+    return _against(element, Indenter(known, surface, StressState.PLANE_STRAIN), outer, far_field)
 
 
 def sphere(element: str, outer: float = OUTER, far_field: bool = True) -> Result:
     """A rigid sphere with the cylinder's radius, force and material on a half space."""
     known = HertzSphere(Elastic(ALUMINIUM, POISSONS_RATIO), RADIUS, FORCE)
     paraboloid = Parabola((0.0, 0.0), RADIUS)
-    return _against(element, Indenter(known, paraboloid, State.AXISYMMETRIC), outer, far_field)
+    return _against(
+        element, Indenter(known, paraboloid, StressState.AXISYMMETRIC), outer, far_field
+    )
 
 
 def _against(element: str, indenter: Indenter, outer: float, far_field: bool) -> Result:

@@ -13,10 +13,10 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from scipy.optimize import brentq
 
-from pw_elements import Material, State, reactions, support
+from pw_elements import Material, StressState, prescribe, reactions
 from pw_elements.contact import OPEN, ContactPair, ContactState, Motion, Surface, solve_contact
 from pw_elements.meshes import on_lines
-from pw_elements.recovery import ContactSurface, force_transfer, forces_along
+from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
 from study.elements import discretise, mesh_curves
 from study.store import Result
 from study.verification.half_space import BondedLine, KnownContact
@@ -45,7 +45,7 @@ class Indenter:
 
     known: KnownContact
     surface: Surface
-    state: State
+    state: StressState
 
 
 def series(
@@ -112,17 +112,17 @@ def _indent(
         return np.isclose(x[1], 0.0, atol=1e-9 * zone) & (x[0] < zone * (1 + 1e-9))
 
     conditions = _outer_conditions(body.space, known if far_field else None, side)
-    conditions.append(support(body.space, 0, lambda x: np.isclose(x[0], 0.0)))
-    part = 1.0 if indenter.state is State.AXISYMMETRIC else 0.5  # of the force on this half
+    conditions.append(prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0)))
+    part = 1.0 if indenter.state is StressState.AXISYMMETRIC else 0.5  # of the force on this half
     down = Motion((0.0, None), (0.0, -part * known.force))
     friction = STICKING if isinstance(known, BondedLine) else 0.0
     pair = ContactPair(touching, indenter.surface, friction, [down])
     nothing = body.K.createVecLeft()
     (solved,) = solve_contact(body.K, nothing, body.supports(conditions), [pair], body.space)
 
-    surface = ContactSurface.of(body.body, touching)
+    surface = SurfaceNodes.of(body.body, touching)
     curves = _along(solved, known, surface) | mesh_curves(body.space)
-    if element == "galerkin-T6" and indenter.state is State.PLANE_STRAIN:
+    if element == "galerkin-T6" and indenter.state is StressState.PLANE_STRAIN:
         r = reactions(body.K, solved.displacement, nothing)
         transferred = forces_along(body.space, force_transfer(body.space) * r, touching)
         curves["force_n_T"] = -transferred.force[:, 1]
@@ -158,7 +158,7 @@ def _outer_conditions(
         return np.isclose(x[0], side) | np.isclose(x[1], -side)
 
     if known is None:
-        return [support(space, i, outside) for i in (0, 1)]
+        return [prescribe(space, i, outside) for i in (0, 1)]
     field = fem.Function(space)
     nodes = fem.locate_dofs_geometrical(space, outside)
     x = space.tabulate_dof_coordinates()[nodes, :2]
@@ -166,7 +166,7 @@ def _outer_conditions(
     return [fem.dirichletbc(field, nodes)]
 
 
-def _along(solved: ContactState, known: KnownContact, surface: ContactSurface) -> dict[str, Array]:
+def _along(solved: ContactState, known: KnownContact, surface: SurfaceNodes) -> dict[str, Array]:
     """Curves along the surface; the exact pressure is NaN where it is infinite."""
     (contact,) = solved.pairs
     x = contact.position[:, 0]
@@ -188,7 +188,7 @@ def _along(solved: ContactState, known: KnownContact, surface: ContactSurface) -
 
 
 def _errors(
-    curves: Mapping[str, Array], surface: ContactSurface, known: KnownContact
+    curves: Mapping[str, Array], surface: SurfaceNodes, known: KnownContact
 ) -> dict[str, float]:
     """Errors of all measures over the whole contact, and over its inner part.
 
@@ -221,9 +221,7 @@ def _errors(
     return errors
 
 
-def _summary(
-    solved: ContactState, known: KnownContact, surface: ContactSurface
-) -> dict[str, float]:
+def _summary(solved: ContactState, known: KnownContact, surface: SurfaceNodes) -> dict[str, float]:
     """What else is stored of one mesh; `off_edge` is the miss of the contact's edge.
 
     The residual is one of forces; what is left of the gap is the penetration over the half width.

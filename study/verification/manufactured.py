@@ -14,7 +14,7 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
-from pw_elements import Body, State, assemble_vector, boundary_measure
+from pw_elements import Body, StressState, assemble_vector, boundary_measure
 from pw_elements.mechanics import Marker
 
 Array = npt.NDArray[np.float64]
@@ -114,7 +114,9 @@ class Manufactured:
 
     def traction_load(self, where: Marker) -> PETSc.Vec:
         """Exact integrals of the traction times the element's own test functions."""
-        plane = [0, 1] if self.body.state is State.AXISYMMETRIC else range(len(self.displacement))
+        plane = (
+            [0, 1] if self.body.state is StressState.AXISYMMETRIC else range(len(self.displacement))
+        )
         stress, normal = self.body.stress(self.displacement), ufl.FacetNormal(self.mesh)
         traction = ufl.as_vector([sum(stress[i, j] * normal[j] for j in plane) for i in plane])
         surface = boundary_measure(self.mesh, where, DEGREE)
@@ -156,7 +158,7 @@ class Manufactured:
     def _gradient(self, u: Expr) -> Expr:
         """Gradient; in axisymmetry 3 x 3 with the hoop component u_r / r."""
         grad = ufl.grad(u)
-        if self.body.state is not State.AXISYMMETRIC:
+        if self.body.state is not StressState.AXISYMMETRIC:
             return grad
         hoop = u[0] / self._radius()
         return ufl.as_tensor(
@@ -165,7 +167,7 @@ class Manufactured:
 
     def _divergence(self) -> Expr:
         stress = self.body.stress(self.displacement)
-        if self.body.state is not State.AXISYMMETRIC:
+        if self.body.state is not StressState.AXISYMMETRIC:
             return ufl.div(stress)
         r = self._radius()
         return ufl.as_vector(
@@ -176,7 +178,7 @@ class Manufactured:
         )
 
     def _depth(self) -> Expr | float:
-        return 2 * np.pi * self._radius() if self.body.state is State.AXISYMMETRIC else 1.0
+        return 2 * np.pi * self._radius() if self.body.state is StressState.AXISYMMETRIC else 1.0
 
     def _radius(self) -> Expr:
         return ufl.SpatialCoordinate(self.mesh)[0]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, State, support
+from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import STICK, ContactPair, ContactState, FlatPunch, Motion, solve_contact
 from pw_elements.meshes import on_lines
 from study.cases import Case
@@ -18,7 +18,7 @@ from study.contact_result import contact_result
 from study.elements import Discretisation, discretise
 from study.store import Result
 from study.verification.friction import SPENCE
-from study.verification.graded import growing
+from study.verification.graded_meshes import growing
 from study.verification.half_space import Elastic
 
 TITLE = "Stick radius below a flat punch with friction"
@@ -52,7 +52,7 @@ def stick_radius(
     one. `pass_change` is the largest change of a nodal force by the last far field, over the
     largest force.
     """
-    plane_strain = _in_plane_strain(YOUNGS_MODULUS, poissons_ratio, State(state))
+    plane_strain = _in_plane_strain(YOUNGS_MODULUS, poissons_ratio, StressState(state))
     steps = np.arange(1, increments + 1) / increments
     down = [Motion((0.0, None), (0.0, -FORCE / 2 * step)) for step in steps]
     pair = ContactPair(_below, FlatPunch((0.0, 0.0), (0.0, -1.0), 1.0), friction, down)
@@ -63,10 +63,10 @@ def stick_radius(
             element,
             partial(_mesh, int(level)),
             Material(YOUNGS_MODULUS, poissons_ratio),
-            State(state),
+            StressState(state),
         )
-        held = [support(body.space, i, _sides) for i in (0, 1)]
-        sides = body.supports([*held, support(body.space, 0, _axis)])
+        held = [prescribe(body.space, i, _sides) for i in (0, 1)]
+        sides = body.supports([*held, prescribe(body.space, 0, _axis)])
         for _ in range(PASSES if far_field else 1):
             full = _held_sides(body, plane_strain, forces if far_field else forces[:0])
             loads = [full * step for step in steps]
@@ -91,9 +91,9 @@ def stick_radius(
     )
 
 
-def _in_plane_strain(E: float, nu: float, state: State) -> Elastic:
+def _in_plane_strain(E: float, nu: float, state: StressState) -> Elastic:
     """The material in plane strain whose plane problems are those of the given state."""
-    if state is State.PLANE_STRAIN:
+    if state is StressState.PLANE_STRAIN:
         return Elastic(E, nu)
     return Elastic(E * (1 + 2 * nu) / (1 + nu) ** 2, nu / (1 + nu))
 

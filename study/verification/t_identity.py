@@ -21,14 +21,14 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     nodal_load,
+    prescribe,
     reactions,
     solve,
-    support,
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import curved, mapped, triangles
@@ -50,7 +50,7 @@ class Quantity:
     """A matrix or vector made from a body, and the setting in which T is tried on it."""
 
     make: Callable[[Body], PETSc.Mat | PETSc.Vec]
-    state: State = State.PLANE_STRESS
+    state: StressState = StressState.PLANE_STRESS
     varying_modulus: bool = False
     curved_sides: bool = False
 
@@ -97,7 +97,7 @@ def _point_load(body: Body) -> PETSc.Vec:
 
 HOLDS = {
     "stiffness-plane-stress": Quantity(_stiffness),
-    "stiffness-plane-strain": Quantity(_stiffness, State.PLANE_STRAIN),
+    "stiffness-plane-strain": Quantity(_stiffness, StressState.PLANE_STRAIN),
     "initial-stress-G": Quantity(_initial_stress_G),
     "initial-stress-J": Quantity(_initial_stress_J),
     "surface-load": Quantity(_surface_load),
@@ -105,7 +105,7 @@ HOLDS = {
 }
 FAILS = {
     "mass": Quantity(_mass),
-    "stiffness-axisymmetric": Quantity(_stiffness, State.AXISYMMETRIC),
+    "stiffness-axisymmetric": Quantity(_stiffness, StressState.AXISYMMETRIC),
     "stiffness-varying-modulus": Quantity(_stiffness, varying_modulus=True),
     "stiffness-curved-sides": Quantity(_stiffness, curved_sides=True),
     "initial-stress-linear": Quantity(_initial_stress_linear),
@@ -150,9 +150,9 @@ def statics_2d() -> Result:
     """Displacements and reactions of the elements on a distorted, clamped square."""
     mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), DIVISIONS), distorted)
     galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
-    a, r = _clamped(galerkin, State.PLANE_STRAIN)
-    a_pw, r_pw = _clamped(pw, State.PLANE_STRAIN)
-    a_composite, r_composite = _clamped(Spaces.composite(mesh), State.PLANE_STRAIN)
+    a, r = _clamped(galerkin, StressState.PLANE_STRAIN)
+    a_pw, r_pw = _clamped(pw, StressState.PLANE_STRAIN)
+    a_composite, r_composite = _clamped(Spaces.composite(mesh), StressState.PLANE_STRAIN)
     transposed = a.duplicate()
     force_transfer(galerkin.trial).multTranspose(a_composite, transposed)
     scalars = {
@@ -177,8 +177,8 @@ def statics_3d() -> Result:
     cells = cell_nodes(mesh)[:, [1, 2, 0, 3]].astype(np.int64)
     geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
     turned = create_mesh(MPI.COMM_SELF, cells=cells, x=mesh.geometry.x, e=geometry)
-    a, _ = _clamped(Spaces.galerkin(mesh), State.SOLID)
-    a_pw, _ = _clamped(Spaces.petrov_galerkin(mesh), State.SOLID)
+    a, _ = _clamped(Spaces.galerkin(mesh), StressState.SOLID)
+    a_pw, _ = _clamped(Spaces.petrov_galerkin(mesh), StressState.SOLID)
     scalars = {"displacement_difference": _relative(a_pw, a)}
     for element, spaces in (("standard", Spaces.galerkin), ("new", Spaces.petrov_galerkin)):
         ours, other = (_by_place(spaces(m)) for m in (mesh, turned))
@@ -190,7 +190,7 @@ def statics_3d() -> Result:
 
 def _by_place(spaces: Spaces) -> Array:
     """Displacements (n, 3) of the clamped cube, its nodes sorted by their coordinates."""
-    a, _ = _clamped(spaces, State.SOLID)
+    a, _ = _clamped(spaces, StressState.SOLID)
     places = spaces.trial.tabulate_dof_coordinates().round(9)
     return np.asarray(a.array_r.reshape(-1, 3)[np.lexsort(places.T)])
 
@@ -218,13 +218,13 @@ def _dofs(body: Body) -> int:
     return int(body.spaces.trial.dofmap.index_map.size_global * 2)
 
 
-def _clamped(spaces: Spaces, state: State) -> tuple[PETSc.Vec, PETSc.Vec]:
+def _clamped(spaces: Spaces, state: StressState) -> tuple[PETSc.Vec, PETSc.Vec]:
     """Displacements and reactions under a body force, the side x = 0 held."""
     dimension = spaces.mesh.geometry.dim
     body = Body(spaces, Material(YOUNGS_MODULUS, POISSONS_RATIO), state)
     K = assemble_matrix(body.stiffness())
     f = assemble_vector(body.body_load(np.eye(dimension)[1]))
-    held = [support(spaces.trial, i, _fixed_side) for i in range(dimension)]
+    held = [prescribe(spaces.trial, i, _fixed_side) for i in range(dimension)]
     a = solve(K, f, Reduction.dirichlet(spaces.trial, held))
     return a, reactions(K, a, f)
 

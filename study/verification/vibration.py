@@ -15,14 +15,14 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
-    State,
+    StressState,
     VibrationModes,
     assemble_matrix,
     buckling,
-    frequencies,
     lumped_mass,
+    prescribe,
     solve,
-    support,
+    vibration_modes,
 )
 from pw_elements.mechanics import Marker
 from pw_elements.meshes import mapped, quadrilaterals, triangles
@@ -53,7 +53,7 @@ EIGENVALUES = [f"omega2_{n}" for n in range(1, MODES + 1)]
 ROD = Rod(MATERIAL, radius=0.5, length=1.0)
 ROD_WALLS: list[Support] = [(0, 0.0, 0), (1, 0.0, 1), (1, ROD.length, 1)]
 STRIP_LENGTH, STRIP_MODES = 8.0, 3  # over the height; bending modes lie lowest up to the third
-RIGID = {State.PLANE_STRESS: 3, State.AXISYMMETRIC: 1, State.SOLID: 6}
+RIGID = {StressState.PLANE_STRESS: 3, StressState.AXISYMMETRIC: 1, StressState.SOLID: 6}
 TUBE = (1.0, 2.0)  # radii
 BENT = 0.05  # largest move of a node within a mesh, over its size
 QUADRATURE_DEGREES, QUADRATURE_REFERENCE = (2, 4, 6, 8), 16
@@ -64,7 +64,7 @@ def rod(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
 
     def level(n: int) -> Level:
         sizes, divisions = (ROD.radius, ROD.length), (n, 2 * n)
-        body = _rectangle(element, sizes, divisions, State.AXISYMMETRIC)
+        body = _rectangle(element, sizes, divisions, StressState.AXISYMMETRIC)
         modes = _modes(body, ROD_WALLS, MODES, treatment)
         return modes.eigenvalues, _quality(modes), body
 
@@ -76,11 +76,11 @@ def square(element: str, treatment: Treatment, squares: Sequence[int]) -> Result
     rollers: list[Support] = [(i, x, i) for i in (0, 1) for x in (0.0, 1.0)]
 
     def level(n: int) -> Level:
-        body = _rectangle(element, (1.0, 1.0), (n, n), State.PLANE_STRESS)
+        body = _rectangle(element, (1.0, 1.0), (n, n), StressState.PLANE_STRESS)
         modes = _modes(body, rollers, MODES, treatment)
         return modes.eigenvalues, _quality(modes), body
 
-    exact = rectangle_eigenvalues(MATERIAL, State.PLANE_STRESS, (1.0, 1.0), MODES)
+    exact = rectangle_eigenvalues(MATERIAL, StressState.PLANE_STRESS, (1.0, 1.0), MODES)
     return _converging(level, squares, EIGENVALUES, exact)
 
 
@@ -96,10 +96,10 @@ def strip(element: str, treatment: Treatment, squares: Sequence[int]) -> Result:
 
     def level(n: int) -> Level:
         divisions = (int(STRIP_LENGTH) * n, n)
-        body = _rectangle(element, (STRIP_LENGTH, 1.0), divisions, State.PLANE_STRESS)
+        body = _rectangle(element, (STRIP_LENGTH, 1.0), divisions, StressState.PLANE_STRESS)
         vibration = _modes(body, ends, STRIP_MODES + 1, treatment)
         stress = MATERIAL.density * vibration.eigenvalues[1:] / wave_numbers**2
-        corner = support(body.space, 0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
+        corner = prescribe(body.space, 0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
         prestress = fem.Constant(body.body.spaces.mesh, np.array([[-1.0, 0.0], [0.0, 0.0]]))
         critical = buckling(
             body.K,
@@ -125,10 +125,10 @@ def free(element: str, state: str) -> Result:
     Scalars: `rigid` modes of zero frequency, by `rigid_error` too many; the largest of their
     eigenvalues over the first elastic one, `zero`.
     """
-    kind = State(state)
+    kind = StressState(state)
     build = partial(_mesh, (1.0, 1.0), (6, 6))
-    body = discretise(element, _box if kind is State.SOLID else build, MATERIAL, kind)
-    axis: list[Support] = [(0, 0.0, 0)] if kind is State.AXISYMMETRIC else []
+    body = discretise(element, _box if kind is StressState.SOLID else build, MATERIAL, kind)
+    axis: list[Support] = [(0, 0.0, 0)] if kind is StressState.AXISYMMETRIC else []
     modes = _modes(body, axis, MODES + 1, "transposed")
     eigenvalues = np.abs(modes.eigenvalues)
     scalars = {
@@ -151,7 +151,7 @@ def tube(element: str, squares: Sequence[int]) -> Result:
         return factor * ((1 - 2 * nu) * r + outer**2 / r)
 
     def level(n: int) -> Level:
-        body = _rectangle(element, (outer - inner, 1.0), (n, n), State.AXISYMMETRIC, inner)
+        body = _rectangle(element, (outer - inner, 1.0), (n, n), StressState.AXISYMMETRIC, inner)
         error = _pressed(body, [], lambda x: np.isclose(x[0], inner), (1.0, 0.0), radial)
         return np.array([1 + error]), {}, body
 
@@ -160,7 +160,7 @@ def tube(element: str, squares: Sequence[int]) -> Result:
 
 def cylinder(element: str) -> Result:
     """Solid cylinder under external pressure: the exact u_r = c r is a trial function."""
-    body = _rectangle(element, (1.0, 1.0), (4, 4), State.AXISYMMETRIC)
+    body = _rectangle(element, (1.0, 1.0), (4, 4), StressState.AXISYMMETRIC)
     E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
     factor = -(1 + nu) * (1 - 2 * nu) / E
     axis: list[Support] = [(0, 0.0, 0)]
@@ -178,7 +178,9 @@ def quadrature(element: str, squares: int) -> Result:
     for degree in (*QUADRATURE_DEGREES, QUADRATURE_REFERENCE):
         sizes, divisions = (ROD.radius, ROD.length), (squares, 2 * squares)
         mesh = _mesh(sizes, divisions, "quadrilateral" if is_quadrilateral(element) else "triangle")
-        body = Body(spaces(element, mesh), MATERIAL, State.AXISYMMETRIC, quadrature_degree=degree)
+        body = Body(
+            spaces(element, mesh), MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=degree
+        )
         whole = Discretisation(element, body, assemble_matrix(body.stiffness()))
         found[degree] = _modes(whole, ROD_WALLS, MODES, "all nodes").eigenvalues
     limit = found[QUADRATURE_REFERENCE]
@@ -199,7 +201,7 @@ def _modes(
     if treatment == "lumped":
         M = lumped_mass(M, body.space)
     reduction = _reduction(body, _conditions(body, held), treatment)
-    return frequencies(body.K, M, reduction, count, is_symmetrised(body.element))
+    return vibration_modes(body.K, M, reduction, count, is_symmetrised(body.element))
 
 
 def _reduction(
@@ -212,7 +214,7 @@ def _reduction(
 
 def _conditions(body: Discretisation, held: list[Support]) -> list[fem.DirichletBC]:
     return [
-        support(body.space, component, partial(_on_line, axis, value))
+        prescribe(body.space, component, partial(_on_line, axis, value))
         for axis, value, component in held
     ]
 
@@ -285,7 +287,7 @@ def _rectangle(
     element: str,
     sizes: tuple[float, float],
     divisions: tuple[int, int],
-    state: State,
+    state: StressState,
     inner: float = 0.0,
 ) -> Discretisation:
     return discretise(element, partial(_mesh, sizes, divisions, inner=inner), MATERIAL, state)
@@ -329,9 +331,9 @@ VARIANTS |= {
 }
 SQUARES = {rod: (4, 8, 16, 32), square: (4, 8, 16, 32), strip: (1, 2, 4, 8)}
 FREE_ELEMENTS = {
-    State.PLANE_STRESS: ELEMENTS,
-    State.AXISYMMETRIC: ELEMENTS,
-    State.SOLID: ("galerkin-T10", "pw-T10"),
+    StressState.PLANE_STRESS: ELEMENTS,
+    StressState.AXISYMMETRIC: ELEMENTS,
+    StressState.SOLID: ("galerkin-T10", "pw-T10"),
 }
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import iv, jv
 
-from pw_elements import Material, State
+from pw_elements import Material, StressState
 
 # Points of the search for sign changes, between zero and the upper end
 _POINTS = 4000
@@ -39,7 +39,7 @@ class Rod:
 
     def eigenvalues(self, count: int) -> list[float]:
         """The smallest ones, by the frequency equation of L. Pochhammer (1876) and C. Chree."""
-        _, shear = wave_speeds_squared(self.material, State.AXISYMMETRIC)
+        _, shear = wave_speeds_squared(self.material, StressState.AXISYMMETRIC)
         upper = 4 * shear * (np.pi / self.length) ** 2
         found: list[float] = []
         while len(found) < count:
@@ -58,7 +58,7 @@ class Rod:
 
     def _frequency_equation(self, eigenvalue: Array, n: int) -> Array:
         """Its left side over the trivial factors q (all n) and q J_1(qa) (n = 0: u_z alone)."""
-        dilatation, shear = wave_speeds_squared(self.material, State.AXISYMMETRIC)
+        dilatation, shear = wave_speeds_squared(self.material, StressState.AXISYMMETRIC)
         k_squared, a = (n * np.pi / self.length) ** 2, self.radius
         p_squared, q_squared = (eigenvalue / c - k_squared for c in (dilatation, shear))
         p_j1 = p_squared * _j1_over_argument(p_squared, a)
@@ -73,7 +73,7 @@ class Rod:
 
 
 def rectangle_eigenvalues(
-    material: Material, state: State, sides: tuple[float, float], count: int
+    material: Material, state: StressState, sides: tuple[float, float], count: int
 ) -> list[float]:
     """Smallest eigenvalues of a plane rectangle within four smooth rigid walls.
 
@@ -92,10 +92,10 @@ def rectangle_eigenvalues(
     return sorted(found)[:count]
 
 
-def wave_speeds_squared(material: Material, state: State) -> tuple[float, float]:
+def wave_speeds_squared(material: Material, state: StressState) -> tuple[float, float]:
     """Squares of the speeds of plane waves of dilatation and of shear."""
     E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
-    if state is State.PLANE_STRESS:
+    if state is StressState.PLANE_STRESS:
         stiffness = E / (1 - nu**2)
     else:
         stiffness = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))

@@ -13,7 +13,7 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import (
     Material,
-    State,
+    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -29,7 +29,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import ContactSurface
+from pw_elements.recovery import SurfaceNodes
 from study.cases import Case
 from study.elements import Discretisation, discretise, mesh_curves
 from study.store import Result
@@ -69,7 +69,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
 
     (contact,) = states[-1].pairs
     force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill()
-    surface = ContactSurface.of(wedge.body, _base)
+    surface = SurfaceNodes.of(wedge.body, _base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     ratio = wedge_ratio(WEDGE_SLOPE, friction)
     scalars = {
@@ -139,7 +139,7 @@ def _on_incline(
 
 def _wedge(element: str, divisions: tuple[int, int]) -> Discretisation:
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
-    return discretise(element, partial(_mesh, divisions), material, State.PLANE_STRAIN)
+    return discretise(element, partial(_mesh, divisions), material, StressState.PLANE_STRAIN)
 
 
 def _mesh(divisions: tuple[int, int], cell: str) -> Mesh:

@@ -13,7 +13,7 @@ from pw_elements import (
     Body,
     Material,
     Spaces,
-    State,
+    StressState,
     assemble_matrix,
     macro_element,
     quadratic_element,
@@ -94,8 +94,8 @@ def element_matrices() -> Result:
     mesh = _one_triangle(CORNERS)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
     bodies = {
-        "pw": Body(Spaces.petrov_galerkin(mesh), material, State.PLANE_STRESS),
-        "galerkin": Body(Spaces.galerkin(mesh), material, State.PLANE_STRESS),
+        "pw": Body(Spaces.petrov_galerkin(mesh), material, StressState.PLANE_STRESS),
+        "galerkin": Body(Spaces.galerkin(mesh), material, StressState.PLANE_STRESS),
     }
     x = ufl.SpatialCoordinate(mesh)
     uniform = ufl.as_tensor([[-1.0, 0.0], [0.0, 0.0]])

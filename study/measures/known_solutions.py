@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from study.measures.selection import matching
+from study.measures.stored_cases import matching
 from study.store import Results, Stored
 from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
 

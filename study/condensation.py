@@ -11,11 +11,11 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Material,
     Reduction,
-    State,
+    StressState,
     assemble_vector,
+    prescribe,
     reactions,
     solve,
-    support,
 )
 from pw_elements.inner_nodes import mid_diagonal_nodes
 from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
@@ -67,7 +67,7 @@ def statics(element: str) -> Result:
     body = _distorted_body(element)
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.2, -0.7)))
-    held = [support(U, 0, _left_side), support(U, 1, _left_side, 0.01)]
+    held = [prescribe(U, 0, _left_side), prescribe(U, 1, _left_side, 0.01)]
     without = body.supports(held)
     a, a_all = solve(K, f, without), solve(K, f, Reduction.dirichlet(U, held))
     r, r_all = reactions(K, a, f), reactions(K, a_all, f)
@@ -123,7 +123,7 @@ class _Quadrilateral:
         def build(cell: str) -> Mesh:
             return mapped(_square(cell, (1, 1), pattern), bilinear)
 
-        body = discretise(element, build, MATERIAL, State.PLANE_STRESS)
+        body = discretise(element, build, MATERIAL, StressState.PLANE_STRESS)
         nodes = body.space.tabulate_dof_coordinates()[:, :2]
         (inner,) = body.inner_nodes()
         kept = np.delete(np.arange(len(nodes)), inner)
@@ -138,7 +138,7 @@ def _distorted_body(element: str) -> Discretisation:
         element,
         lambda cell: mapped(_square(cell, DIVISIONS, "right"), distorted),
         MATERIAL,
-        State.PLANE_STRESS,
+        StressState.PLANE_STRESS,
     )
 
 
