@@ -11,8 +11,9 @@ import numpy as np
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Body, Material, Reduction, Spaces, StressState, assemble_matrix, prescribe
-from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
+from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
 from tests.contact_cases import Block, Punch, at
+from tests.test_contact_matching import Blocks
 
 comm = MPI.COMM_WORLD
 numbers = {}
@@ -40,6 +41,17 @@ def drag():
     return solve_contact(K, loads, foot, [ball], U)
 
 
+def stacked():
+    """Two blocks, the upper one held by the lower alone; their nodes coincide."""
+    blocks = Blocks(divisions=(12, 6), comm=comm)
+    held = [prescribe(blocks.space, i, at(1, 0.0)) for i in (0, 1)]
+    problem = ContactProblem(
+        blocks.K, Reduction.dirichlet(blocks.space, held), blocks.pair(0.3), blocks.space
+    )
+    pressed = problem.step(problem.undeformed, blocks.load((0.0, -3.0)))
+    return [pressed, problem.step(pressed, blocks.load((0.4, -3.0)))]
+
+
 block = Block(20, comm=comm)
 noted("block", block.solve(0.3, 60.0, increments=2))
 cut = [len(part) for part in comm.allgather(np.flatnonzero(np.isclose(block.owned()[:, 1], 0.0)))]
@@ -48,5 +60,6 @@ punch = Punch(comm=comm)
 motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))]
 noted("punch", punch.solve(0.6, motions))
 noted("drag", drag())
+noted("stacked", stacked())
 if comm.rank == 0:
     print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

@@ -38,14 +38,18 @@ from tests.contact_cases import at
 HEIGHT, LENGTH = 1.0, 2.0
 
 
-def doubled(mesh, shift):
-    """A mesh and its copy, moved by a vector, as one mesh of two bodies."""
+def doubled(mesh, shift, comm=MPI.COMM_SELF):
+    """A mesh of one process and its copy, moved by a vector, as one mesh of two bodies."""
     x, cells = mesh.geometry.x, cell_nodes(mesh)
-    dim = mesh.geometry.dim
-    both = np.vstack([x, x + shift])[:, :dim]
+    if comm.rank > 0:
+        x, cells = x[:0], cells[:0]
+    both = np.vstack([x, x + shift])[:, : mesh.geometry.dim]
     element = mesh.ufl_domain().ufl_coordinate_element()
     return create_mesh(
-        mesh.comm, cells=np.vstack([cells, cells + len(x)]), x=np.ascontiguousarray(both), e=element
+        comm,
+        cells=np.vstack([cells, cells + len(x)]).astype(np.int64),
+        x=np.ascontiguousarray(both),
+        e=element,
     )
 
 
@@ -63,9 +67,11 @@ def lower_nodes(space, coordinate, upper):
 class Blocks:
     """Two equal blocks, one on top of the other; their nodes coincide along y = 1."""
 
-    def __init__(self, method=Spaces.petrov_galerkin, divisions=(6, 3), gap=0.0):
+    def __init__(
+        self, method=Spaces.petrov_galerkin, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF
+    ):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
-        mesh = doubled(mesh, (0.0, HEIGHT + gap, 0.0))
+        mesh = doubled(mesh, (0.0, HEIGHT + gap, 0.0), comm)
         self.gap = gap
         self.body = Body(method(mesh), Material(100.0, 0.3), StressState.PLANE_STRAIN)
         self.space = self.body.spaces.trial

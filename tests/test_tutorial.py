@@ -72,6 +72,18 @@ def test_forces_are_those_prescribed_and_the_base_holds_them(dome, method):
         assert forces[on_base].sum(axis=0) == pytest.approx([-Q, F], rel=1e-9)
 
 
+def test_what_is_let_go_remembers_the_push(dome):
+    """Sums of force are as before the push; friction keeps some shear and displacement."""
+    back, pressed = dome["released"].pairs[0], dome["pressed"]["piecewise linear"]
+    assert back.force == pytest.approx([0.0, -dome["F"]], abs=1e-9 * dome["F"])
+    assert dome["released"].increment == len(dome["states"]["piecewise linear"]) + 2
+    pushed = dome["pushed"]["piecewise linear"].translation[0]
+    assert 0.01 * pushed < back.translation[0] < 0.9 * pushed
+    difference = np.abs(back.force_tangential[:, 0] - pressed.force_tangential[:, 0]).max()
+    assert difference > 0.1 * np.abs(pressed.force_tangential[:, 0]).max()
+    assert "the roller stays" in dome["printed"]
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_pressure_is_hertzs(dome, method):
     contact, a, p0 = dome["pressed"][method], dome["a"], dome["p0"]
