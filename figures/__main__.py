@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 
 import figures
 from figures.style import style
-from study.store import Results, StudyError, write_json, write_whole
+from study.core.store import Results, StudyError, write_json, write_whole
 
 FRAME = {"__main__", "style", "symbols", "beam", "column", "contact", "convergence"}
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from figures.contact import Curves, reported, zone_legend, zone_strip
 from figures.style import FULL, LOOK
-from study.store import Results
+from study.core.store import Results
 
 SECTION = "7.5"
 FAMILIES = (("galerkin-T6", "pw-T6", "composite-T6"), ("galerkin-Q8", "pw-Q8", "pw-Q9"))

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.style import COLUMN
-from study.store import Results
+from study.core.store import Results
 
 SECTION = "3"
 NEEDS = ["3/weights"]

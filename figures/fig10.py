@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from figures.contact import RECONSTRUCTED, compare, zone_legend, zone_strip
 from figures.style import FULL
-from study.store import Results
+from study.core.store import Results
 
 SECTION = "7.3"
 ELEMENTS = ("galerkin-Q8", "pw-Q8", "pw-T6")

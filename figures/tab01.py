@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from figures.column import SYNTHETIC
 from figures.style import FULL
-from study import measures
-from study.store import Results
+from study.core.store import Results
+from study.judge import measures
 
 SECTION = "7.5"
 MODES = range(1, 7)

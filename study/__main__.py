@@ -7,9 +7,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from study import claims, runner
-from study.cases import SECTIONS, load_section
-from study.store import Results, StudyError
+from study.core import runner
+from study.core.cases import SECTIONS, load_section
+from study.core.store import Results, StudyError
+from study.judge import claims
 
 ROOT = Path(__file__).resolve().parents[1]
 

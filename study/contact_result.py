@@ -11,8 +11,8 @@ from pw_elements import reactions
 from pw_elements.contact import OPEN, STICK, ContactState
 from pw_elements.mechanics import Marker
 from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
-from study.elements import Discretisation, mesh_curves
-from study.store import Result
+from study.core.store import Result
+from study.discretisation import Discretisation, mesh_curves
 
 Array = npt.NDArray[np.float64]
 

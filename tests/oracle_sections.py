@@ -19,17 +19,25 @@ from scipy.sparse.linalg import splu
 
 from pw_elements import StressState, mechanics
 from pw_elements.contact import FlatPunch, Parabola
-from study import column, ex71, ex72, ex73, ex74, ex75, ex76
+from study.paper import (
+    s7_1_two_triangles,
+    s7_2_block,
+    s7_3_parabolic_punch,
+    s7_4_rigid_plate,
+    s7_5_column,
+    s7_5_profiles,
+    s7_6_buckling,
+)
 from study.verification import (
-    cattaneo,
-    contact_patch,
-    flat_punch,
-    greco,
-    hertz,
     indentation,
-    spence,
-    vibration,
-    wedge,
+    v1_contact_patch,
+    v2_hertz,
+    v3_flat_punch,
+    v4_spence,
+    v5_cattaneo,
+    v6_greco,
+    v7_wedge,
+    v8_vibration,
 )
 from tests.oracle.assembly import Body
 from tests.oracle.contact import Pair, solve
@@ -158,7 +166,7 @@ def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=Tr
 
 
 def two_triangles(element):
-    result = ex71.structure(element, squares=2)
+    result = s7_1_two_triangles.structure(element, squares=2)
 
     def ours(linear):
         body = oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
@@ -183,7 +191,7 @@ def displacement(K, f, held):
 
 
 def block(element, divisions=(20, 10)):
-    result = ex72.block(element, divisions=divisions)
+    result = s7_2_block.block(element, divisions=divisions)
 
     def solved(linear):
         body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
@@ -200,7 +208,7 @@ def block(element, divisions=(20, 10)):
 
 
 def parabolic_punch(element):
-    result = ex73.punch(element)
+    result = s7_3_parabolic_punch.punch(element)
 
     def solved(linear):
         body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
@@ -222,7 +230,7 @@ def parabolic_punch(element):
 
 
 def rigid_plate(element):
-    result = ex74.plate(element)
+    result = s7_4_rigid_plate.plate(element)
 
     def solved(linear):
         body = oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
@@ -239,12 +247,12 @@ def rigid_plate(element):
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
-COARSE = column.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (6, 4, 5, 2))
+COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (6, 4, 5, 2))
 
 
 def stepped_column(element):
-    with patch.dict(ex75.PROFILES, coarse=COARSE), converged(element):
-        result = ex75.stepped_column(element, section="coarse")
+    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), converged(element):
+        result = s7_5_column.stepped_column(element, section="coarse")
     level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
     faces = [
         (0.0, RADII[0], level[0], NORMAL_UP, 0.0),
@@ -293,7 +301,7 @@ def stepped_column(element):
 def beam(element, load="point"):
     uniform = load == "uniform"
     mesh = ((8, 2), "right", "face", "face") if uniform else ((5, 2), "crossed", "centre", "centre")
-    result = ex76.beam(element, "G", load, *mesh)
+    result = s7_6_buckling.beam(element, "G", load, *mesh)
 
     def ours(linear):
         body = oracle_body(result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1)
@@ -329,7 +337,7 @@ def symmetric_part(A):
 
 def patch_test(element, mesh="distorted", state="plane strain"):
     with converged(element):
-        result = contact_patch.patch(element, mesh, state)
+        result = v1_contact_patch.patch(element, mesh, state)
 
     def solved(linear):
         count = 3 if (mesh, state) == ("distorted", "plane strain") else points(element)
@@ -365,21 +373,21 @@ def indented(element, state, E, force, surface, oracle_surface, lines, known, mu
 
 def hertz_line(element):
     E, lines = 52.5e3, 1.6 * np.arange(7)
-    body = hertz.Elastic(E, 0.3)
-    known = hertz.HertzLine(body, 50.0, 35e3)
+    body = v2_hertz.Elastic(E, 0.3)
+    known = v2_hertz.HertzLine(body, 50.0, 35e3)
     surface, ours = Parabola((0.0, 0.0), 50.0), parabola(0.0, 50.0)
     return indented(element, "plane strain", E, 17.5e3, surface, ours, lines, known)
 
 
 def hertz_sphere(element):
     E, lines = 70e3, 0.7 * np.arange(7)
-    known = hertz.HertzSphere(hertz.Elastic(E, 0.3), 50.0, 35e3)
+    known = v2_hertz.HertzSphere(v2_hertz.Elastic(E, 0.3), 50.0, 35e3)
     surface, ours = Parabola((0.0, 0.0), 50.0), parabola(0.0, 50.0)
     return indented(element, "axisymmetric", E, 35e3, surface, ours, lines, known)
 
 
 def punch(element, kind="smooth"):
-    known, state = flat_punch.KINDS[kind]
+    known, state = v3_flat_punch.KINDS[kind]
     surface, ours = FlatPunch((0.0, 0.0), NORMAL_DOWN, 1.0), plane(NORMAL_DOWN)
     force, mu = (3.0 if kind == "round" else 1.5), (1e3 if kind == "bonded" else 0.0)
     lines = np.linspace(0.0, 1.0, 5)
@@ -388,7 +396,7 @@ def punch(element, kind="smooth"):
 
 def spence_punch(element):
     mu = np.tan(np.pi / 9)
-    result = spence.stick_radius(element, 0.25, mu, 16, far_field=False)
+    result = v4_spence.stick_radius(element, 0.25, mu, 16, far_field=False)
 
     def solved(linear):
         body = oracle_body(result, element, linear, "plane strain", 1.0, 0.25)
@@ -405,7 +413,7 @@ def spence_punch(element):
 
 def partial_slip(element):
     """Two bodies, node on node; the study has one unknown for both nodes of a pair."""
-    result = cattaneo.partial_slip(element, 10, far_field=False)
+    result = v5_cattaneo.partial_slip(element, 10, far_field=False)
     force = np.pi / (2 * (1 - 0.3**2)) / 4e4
 
     def solved(linear):
@@ -424,7 +432,7 @@ def partial_slip(element):
 
 
 def greco_plate(element):
-    result = greco.plate(element, 16)
+    result = v6_greco.plate(element, 16)
 
     def solved(linear):
         body = oracle_body(result, element, linear, "plane strain", 1.3e11, 0.2)
@@ -437,7 +445,7 @@ def greco_plate(element):
 
 
 def sliding_wedge(element):
-    result = wedge.sliding(element, 0.2, (8, 2))
+    result = v7_wedge.sliding(element, 0.2, (8, 2))
     normal, downhill = (np.array(v) / np.hypot(0.1, 1.0) for v in ((-0.1, 1.0), (-1.0, -0.1)))
 
     def solved(linear):
@@ -460,7 +468,9 @@ def sliding_wedge(element):
 
 
 def vibrating(element, case="square"):
-    run = {"rod": vibration.rod, "square": vibration.square, "strip": vibration.strip}[case]
+    run = {"rod": v8_vibration.rod, "square": v8_vibration.square, "strip": v8_vibration.strip}[
+        case
+    ]
     squares = (1, 2) if case == "strip" else (2, 4)
     with converged(element):
         result = run(element, "all nodes", squares)

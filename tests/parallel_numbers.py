@@ -34,7 +34,7 @@ from pw_elements import (
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.recovery import force_transfer, forces_along
-from study.elements import discretise
+from study.discretisation import discretise
 from study.verification.t_identity import distorted
 
 comm = MPI.COMM_WORLD

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from study.core.store import Results
 from study.report import build
-from study.store import Results
 from tests import browser
 from tests.toystudy import reported
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from study import cases, provenance
-from study.cases import Case, fingerprint, load_section, title
-from study.sources import closure, imported
-from study.store import StudyError
+from study.core import cases, provenance
+from study.core.cases import Case, fingerprint, load_section, title
+from study.core.sources import closure, imported
+from study.core.store import StudyError
 from tests.toystudy import install
 
 
@@ -67,7 +67,7 @@ def test_title_is_read_without_importing(toy):
 def test_fingerprint_is_the_same_in_another_process(toy):
     case = load_section("2").cases[0]
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); from study import cases;"
+        "import sys; sys.path.insert(0, sys.argv[1]); from study.core import cases;"
         "cases.SECTIONS.update({'2': 'toy.two'});"
         "print(cases.fingerprint(cases.load_section('2').cases[0]))"
     )
@@ -135,8 +135,8 @@ def test_imports_are_found_in_all_their_forms(toy):
     add(toy / "two.py", "import toy.one as o\nfrom . import common\nfrom .common import FACTOR\n")
     names = imported("toy.two")
     assert {
-        "study.cases",
-        "study.cases.Case",
+        "study.core.cases",
+        "study.core.cases.Case",
         "toy.one",
         "toy.common",
         "toy.common.FACTOR",

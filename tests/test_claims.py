@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from study.claims import judge, load_claims, summary, table, write
-from study.store import Result, Results, StudyError, save
+from study.core.store import Result, Results, StudyError, save
+from study.judge.claims import judge, load_claims, summary, table, write
 from tests.toystudy import MEASURED, claim
 
 

@@ -14,7 +14,7 @@ import pytest
 import study.__main__
 import study.report
 from study.__main__ import main
-from study.store import Result, Results, save
+from study.core.store import Result, Results, save
 from tests.toystudy import claim, install, started
 
 ROOT = Path(__file__).parents[1]

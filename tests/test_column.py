@@ -9,9 +9,10 @@ from dolfinx import fem
 
 from pw_elements import Spaces, assemble_matrix
 from pw_elements.inner_nodes import mid_diagonal_nodes
-from study import column, column_fit, ex75, measures
+from study.judge import measures
+from study.paper import s7_5_column, s7_5_fit, s7_5_profiles
 
-FIRST = column.PROFILES["first"]
+FIRST = s7_5_profiles.PROFILES["first"]
 VOLUME = np.pi * np.dot(np.square(FIRST.radii), FIRST.heights)
 
 
@@ -19,10 +20,10 @@ def cells(mesh):
     return mesh.topology.index_map(2).size_local
 
 
-@pytest.mark.parametrize("section", column.PROFILES.values(), ids=column.PROFILES)
+@pytest.mark.parametrize("section", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_mesh_fills_the_section(section, cell):
-    mesh = column.mesh(section, cell)
+    mesh = s7_5_profiles.mesh(section, cell)
     assert cells(mesh) == {"quadrilateral": 759, "triangle": 1518}[cell]
     one = fem.Constant(mesh, 1.0)
     area = fem.assemble_scalar(fem.form(one * ufl.dx(domain=mesh)))
@@ -35,44 +36,44 @@ def test_mesh_fills_the_section(section, cell):
 
 @pytest.mark.parametrize("cut", ["right", "left"])
 def test_triangles_are_cut_quadrilaterals(cut):
-    spaces = Spaces.petrov_galerkin(column.mesh(FIRST, "triangle", cut=cut))
+    spaces = Spaces.petrov_galerkin(s7_5_profiles.mesh(FIRST, "triangle", cut=cut))
     inner = mid_diagonal_nodes(spaces.trial)
     assert len(inner) == 759
-    corners = Spaces.serendipity(column.mesh(FIRST, "quadrilateral"))
+    corners = Spaces.serendipity(s7_5_profiles.mesh(FIRST, "quadrilateral"))
     count = spaces.trial.dofmap.index_map.size_local
     assert count - len(inner) == corners.trial.dofmap.index_map.size_local
 
 
 @pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9"])
 def test_mass_is_that_of_the_whole_revolution(element):
-    body = ex75._discretised(element, FIRST)
+    body = s7_5_column._discretised(element, FIRST)
     M = assemble_matrix(body.body.mass())
     lift = M.createVecRight()
     lift.setArray(np.tile([0.0, 1.0], lift.getLocalSize() // 2))
     mass = lift.dot(M * lift)
-    assert mass == pytest.approx(ex75.DENSITY * VOLUME, rel=1e-12)
+    assert mass == pytest.approx(s7_5_column.DENSITY * VOLUME, rel=1e-12)
 
 
 def test_eigenvalues_agree_with_an_independent_program():
     # its 8-node elements of 12 mm on the section from which the first one was fitted
-    start = column_fit.section(column_fit.STARTS["first"])
+    start = s7_5_fit.section(s7_5_fit.STARTS["first"])
     coarse = replace(start, ring_divisions=(4, 1, 5, 3), height_divisions=(19, 12, 15, 3))
     known = (36398, 1.93064e6, 3.81184e6, 3.97913e6, 5.77631e6, 7.59933e6)
-    assert ex75.eigenvalues("galerkin-Q8", coarse) == pytest.approx(known, rel=3e-4)
+    assert s7_5_column.eigenvalues("galerkin-Q8", coarse) == pytest.approx(known, rel=3e-4)
 
 
-@pytest.mark.parametrize("section", column.PROFILES.values(), ids=column.PROFILES)
+@pytest.mark.parametrize("section", s7_5_profiles.PROFILES.values(), ids=s7_5_profiles.PROFILES)
 def test_columns_have_table_1(section):
-    distances = column_fit.distances(section)
+    distances = s7_5_fit.distances(section)
     assert np.abs(distances).max() < 0.3
     assert np.abs(distances.mean(axis=0)).max() < 0.1  # none of the printed columns is preferred
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", column.PROFILES)
+@pytest.mark.parametrize("name", s7_5_profiles.PROFILES)
 def test_columns_are_those_of_the_fit(name):
-    found = column_fit.fitted(column_fit.STARTS[name])
-    stored = column.PROFILES[name]
+    found = s7_5_fit.fitted(s7_5_fit.STARTS[name])
+    stored = s7_5_profiles.PROFILES[name]
     assert found == pytest.approx([*stored.radii, *stored.heights], abs=2e-5)
 
 
@@ -80,8 +81,10 @@ def test_columns_are_those_of_the_fit(name):
 def modes():
     """Eigenvalues (6,) by case name."""
     chosen = ("pwsym-T6", "pw-T6-lumped", "pw-Q8-same", "pw-Q8-lumped", "galerkin-Q8-SI")
-    results = {name: ex75.vibration(**ex75.VARIANTS[name]) for name in chosen}
-    results |= {e: ex75.vibration(e) for e in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8")}
+    results = {name: s7_5_column.vibration(**s7_5_column.VARIANTS[name]) for name in chosen}
+    results |= {
+        e: s7_5_column.vibration(e) for e in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8")
+    }
     assert all(result.scalars["imaginary"] == 0 for result in results.values())
     assert all(result.scalars["rigid"] == 0 for result in results.values())
     assert all(result.scalars["mode_residual"] < 1e-9 for result in results.values())
@@ -118,7 +121,7 @@ def test_printed_differences():
 
 @pytest.fixture(scope="module", params=["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8"])
 def pressed(request):
-    return request.param, ex75.stepped_column(request.param)
+    return request.param, s7_5_column.stepped_column(request.param)
 
 
 def test_contact_is_in_equilibrium_and_loads_all_surfaces(pressed):
@@ -132,7 +135,7 @@ def test_contact_is_in_equilibrium_and_loads_all_surfaces(pressed):
     top = np.isclose(result.curves["nodes"][:, 1], FIRST.levels[-1])
     closed = result.curves["status_4"] != 0
     descent = result.curves["displacement"][top, 1][result.curves["nodes"][top, 0].argsort()]
-    assert descent[closed] == pytest.approx(-ex75.DESCENT, abs=1e-15)
+    assert descent[closed] == pytest.approx(-s7_5_column.DESCENT, abs=1e-15)
 
 
 def test_sawtooth_on_each_surface(pressed):
@@ -149,8 +152,8 @@ def test_friction_obeys_coulomb(pressed):
             result.curves[f"{name}_{k}"] for name in ("force_n", "force_t", "status")
         )
         ratio = np.abs(r_t[1:]) / r_n[1:]  # the first node may lie on the axis without a force
-        assert ratio[status[1:] == 2] == pytest.approx(ex75.FRICTION, rel=1e-9)
-        assert np.all(ratio[status[1:] == 1] <= ex75.FRICTION * (1 + 1e-9))
+        assert ratio[status[1:] == 2] == pytest.approx(s7_5_column.FRICTION, rel=1e-9)
+        assert np.all(ratio[status[1:] == 1] <= s7_5_column.FRICTION * (1 + 1e-9))
 
 
 def test_node_on_the_axis(pressed):

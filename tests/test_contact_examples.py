@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study import ex72, ex73, ex74
+from study.paper import s7_2_block, s7_3_parabolic_punch, s7_4_rigid_plate
 
 
 def interior(curves, name, places):
@@ -20,9 +20,9 @@ BLOCK = {
 @pytest.mark.parametrize("element", BLOCK)
 def test_block(element):
     pressure, shear = BLOCK[element]
-    result = ex72.block(element)
-    p = interior(result.curves, "pressure", [0.5, 1, 2, 3, 3.5]) / ex72.PRESSURE
-    q = interior(result.curves, "shear", [1, 2, 3]) / ex72.PRESSURE
+    result = s7_2_block.block(element)
+    p = interior(result.curves, "pressure", [0.5, 1, 2, 3, 3.5]) / s7_2_block.PRESSURE
+    q = interior(result.curves, "shear", [1, 2, 3]) / s7_2_block.PRESSURE
     assert p == pytest.approx(pressure, rel=0.01)
     assert q == pytest.approx(shear, abs=0.01)
     assert result.scalars["force_normal"] == pytest.approx(800, rel=1e-9)
@@ -32,19 +32,21 @@ def test_block(element):
 
 
 def test_condensed_quadrilateral_carries_its_triangles_forces():
-    pair, triangles = (ex72.block(element).curves for element in ("pw-Q8", "pw-T6"))
+    pair, triangles = (s7_2_block.block(element).curves for element in ("pw-Q8", "pw-T6"))
     for name in ("force_n", "force_t"):
         assert pair[name] == pytest.approx(triangles[name], abs=1e-8)
 
 
 def test_composite_triangle_carries_the_new_ones_forces_on_a_plane():
-    composite, new = (ex72.block(element).curves for element in ("composite-T6", "pw-T6"))
+    composite, new = (s7_2_block.block(element).curves for element in ("composite-T6", "pw-T6"))
     for name in ("force_n", "force_t"):
         assert composite[name] == pytest.approx(new[name], abs=1e-7)
 
 
 def test_transferred_forces_are_the_new_ones_without_slip():
-    galerkin, new = (ex72.block(e, friction=5.0, pull=0.1).curves for e in ("galerkin-T6", "pw-T6"))
+    galerkin, new = (
+        s7_2_block.block(e, friction=5.0, pull=0.1).curves for e in ("galerkin-T6", "pw-T6")
+    )
     assert not np.any((new["status"] == 2) & (new["friction"] > 0))
     assert galerkin["force_n_T"] == pytest.approx(new["force_n"], abs=1e-8)
 
@@ -55,16 +57,16 @@ PUNCH = {"galerkin-Q8": 218.3, "galerkin-T6": 218.4, "pw-T6": 218.4}
 
 @pytest.mark.parametrize("element", PUNCH)
 def test_punch(element):
-    result = ex73.punch(element)
+    result = s7_3_parabolic_punch.punch(element)
     assert result.scalars["force_indentation"] == pytest.approx(PUNCH[element], rel=0.01)
     share = -result.scalars["force_tangential"] / result.scalars["force_indentation"]
-    assert share == pytest.approx(ex73.TANGENTIAL_SHARE, rel=1e-6)
+    assert share == pytest.approx(s7_3_parabolic_punch.TANGENTIAL_SHARE, rel=1e-6)
     assert 1.2 < result.scalars["closed_to"] < 1.45
 
 
 def test_punch_without_friction():
     smooth = {"friction": 0.0, "tangential_share": 0.0}
-    result = ex73.punch("pw-T6", divisions=(57, 12), **smooth)
+    result = s7_3_parabolic_punch.punch("pw-T6", divisions=(57, 12), **smooth)
     assert result.scalars["force_indentation"] == pytest.approx(214.2, rel=2e-3)
     assert result.scalars["peak_pressure"] == pytest.approx(96.2, rel=0.01)
     element = 0.075  # contact ends between 1.375 and 1.41
@@ -82,9 +84,9 @@ PLATE = {
 
 @pytest.mark.parametrize(("element", "angle"), PLATE)
 def test_plate(element, angle):
-    result = ex74.plate(element, friction_angle=angle)
+    result = s7_4_rigid_plate.plate(element, friction_angle=angle)
     half = result.curves["force_n"][result.curves["x"] > -1e-9]
     assert half == pytest.approx(PLATE[element, angle], abs=3e-3)
-    assert result.scalars["force_normal"] == pytest.approx(ex74.FORCE, rel=1e-9)
+    assert result.scalars["force_normal"] == pytest.approx(s7_4_rigid_plate.FORCE, rel=1e-9)
     if angle:
         assert result.scalars["stick_to"] == pytest.approx(0.75, abs=0.25 / 2 + 1e-9)

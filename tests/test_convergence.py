@@ -10,11 +10,11 @@ from scipy.special import j1
 
 from pw_elements import Body, Material, Spaces, StressState
 from pw_elements._compat import cell_nodes
-from study.verification import eigenvalue_orders, manufactured, mesh_families
-from study.verification.convergence import CASES, SCANNED, SETTINGS, errors, statics
-from study.verification.eigenvalue_orders import VIBRATIONS, modes
-from study.verification.manufactured import Manufactured
-from study.verification.mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
+from study.verification import c_eigenvalue_orders, c_manufactured, c_mesh_families
+from study.verification.c_convergence import CASES, SCANNED, SETTINGS, errors, statics
+from study.verification.c_eigenvalue_orders import VIBRATIONS, modes
+from study.verification.c_manufactured import Manufactured
+from study.verification.c_mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 
 
 def series(element, setting, *sides):
@@ -91,14 +91,14 @@ def test_forces_are_integrals_over_the_elements_own_test_functions():
 
 @pytest.mark.parametrize(
     ("field", "dimension"),
-    [(manufactured.plane, 2), (manufactured.solid, 3), (manufactured.round_about, 2)],
+    [(c_manufactured.plane, 2), (c_manufactured.solid, 3), (c_manufactured.round_about, 2)],
 )
 def test_fields_have_no_dilatation_but_for_the_compliance(field, dimension):
     x = [np.array([0.3, 0.7]) for _ in range(dimension)]
     step = 1e-5
 
     def divergence(compliance):
-        total = field(np, x, compliance)[0] / x[0] if field is manufactured.round_about else 0.0
+        total = field(np, x, compliance)[0] / x[0] if field is c_manufactured.round_about else 0.0
         for i in range(dimension):
             ahead, behind = ([c + s * (j == i) for j, c in enumerate(x)] for s in (step, -step))
             difference = field(np, ahead, compliance)[i] - field(np, behind, compliance)[i]
@@ -111,9 +111,9 @@ def test_fields_have_no_dilatation_but_for_the_compliance(field, dimension):
 
 def test_loads_balance_each_other_in_axisymmetry():
     # axial equilibrium of the whole body: body force and tractions sum to zero
-    mesh = mesh_families.on_square("pw-T6", 1 / 4)
+    mesh = c_mesh_families.on_square("pw-T6", 1 / 4)
     body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.AXISYMMETRIC)
-    known = Manufactured(body, manufactured.round_about)
+    known = Manufactured(body, c_manufactured.round_about)
 
     def off_the_axis(x):
         return np.isclose(x[0], 1) | np.isclose(x[1], 0) | np.isclose(x[1], 1)
@@ -127,7 +127,7 @@ def test_two_degrees_more_change_errors_by_less_than_a_fifth_of_a_per_cent(monke
     for element, setting in (("pw-T6", "axisymmetric"), ("pw-T10", "solid")):
         side = SETTINGS[setting].sides[0]
         before = errors(element, SETTINGS[setting], side)
-        monkeypatch.setattr(manufactured, "DEGREE", manufactured.DEGREE + 2)
+        monkeypatch.setattr(c_manufactured, "DEGREE", c_manufactured.DEGREE + 2)
         after = errors(element, SETTINGS[setting], side)
         monkeypatch.undo()
         for name in before:
@@ -160,14 +160,14 @@ def test_order_is_the_slope_of_the_finest_three():
 
 def test_exact_eigenvalues():
     square, cube, cylinder = (
-        getattr(eigenvalue_orders, name)() for name in ("square", "cube", "cylinder")
+        getattr(c_eigenvalue_orders, name)() for name in ("square", "cube", "cylinder")
     )
     shear = 1 / 2.6
     assert square[0] == pytest.approx(2 * np.pi**2 * shear)
     assert cube[:3] == pytest.approx(2 * np.pi**2 * shear)
     assert cube[3] == pytest.approx(3 * np.pi**2 * shear)
     assert abs(j1(np.sqrt(cylinder[0] / shear - np.pi**2))) < 1e-12
-    (breathing,) = eigenvalue_orders.ring()
+    (breathing,) = c_eigenvalue_orders.ring()
     assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # E / (rho R^2) of a thin ring
 
 

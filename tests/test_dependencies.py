@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from study.sources import closure, imported
+from study.core.sources import closure, imported
 
 ROOT = Path(__file__).parents[1]
 SOLVER = {
@@ -23,7 +23,13 @@ SOLVER = {
     "gmsh",
     "pw_elements",
 }
-LIGHT = ["study.store", "study.claims", "study.measures", "study.report", "study.paper"]
+LIGHT = [
+    "study.core.store",
+    "study.judge.claims",
+    "study.judge.measures",
+    "study.report",
+    "study.paper.items",
+]
 
 
 def modules(package):
@@ -80,14 +86,14 @@ def test_what_only_reads_results_reaches_no_solver(module):
 
 
 def test_the_check_above_sees_a_solver_where_there_is_one():
-    names = reached("study.ex71")
+    names = reached("study.paper.s7_1_two_triangles")
     assert any(tops(imported(name)) & SOLVER for name in names)
 
 
 def test_report_and_figures_leave_the_solver_unloaded():
     code = (
-        "import sys, study.report, study.claims, figures, figures.__main__;"
-        "from study.cases import SECTIONS, title;"
+        "import sys, study.report, study.judge.claims, figures, figures.__main__;"
+        "from study.core.cases import SECTIONS, title;"
         "[title(section) for section in SECTIONS];"
         "print(sorted(set(sys.argv[1:]) & set(sys.modules)))"
     )

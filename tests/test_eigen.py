@@ -22,10 +22,10 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from study.elements import discretise
-from study.ex76 import HalfBeam, half_beam_body
-from study.exact import Strip
+from study.discretisation import discretise
 from study.matrices import dense
+from study.paper.s7_6_buckling import HalfBeam, half_beam_body
+from study.paper.s7_6_exact import Strip
 from study.verification.t_identity import distorted
 
 LENGTH, E = 4.0, 3.0

@@ -10,7 +10,7 @@ from dolfinx.mesh import create_unit_cube, create_unit_square
 
 from pw_elements import macro_element, quadratic_element, serendipity_element
 from pw_elements.elements import CELLS, PAPER_NODES
-from study.weight_functions import SUBELEMENTS, printed_weights
+from study.paper.s3_weight_functions import SUBELEMENTS, printed_weights
 
 NODES = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
 

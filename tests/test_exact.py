@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from study.exact import Strip
+from study.paper.s7_6_exact import Strip
 
 BEAM = Strip(2.07e11, 0.0, 8.0)
 

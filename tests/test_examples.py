@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from study import ex71, ex76, weight_functions
+from study.paper import s3_weight_functions, s7_1_two_triangles, s7_6_buckling
 from study.verification import t_identity
 
 
 @pytest.mark.parametrize(
     "case",
-    [case for case in ex71.CASES if "squares" not in case.parameters],
+    [case for case in s7_1_two_triangles.CASES if "squares" not in case.parameters],
     ids=lambda case: case.name,
 )
 def test_reactions_of_two_triangles(case):
@@ -22,17 +22,17 @@ def test_reactions_of_two_triangles(case):
 
 def test_sawtooth_of_a_row():
     for element, ratio in (("galerkin-T6", 2.0), ("pw-T6", 1.0)):
-        reactions = ex71.structure(element, squares=4).curves["reaction"]
+        reactions = s7_1_two_triangles.structure(element, squares=4).curves["reaction"]
         assert reactions[1::2] / reactions[2] == pytest.approx(ratio, abs=1e-12)
 
 
 @pytest.mark.parametrize("form", ["G", "J"])
 def test_uniform_load_meets_the_exact_values_at_order_four(form):
-    exact = ex76.exact().scalars
+    exact = s7_6_buckling.exact().scalars
     for element in ("galerkin-T6", "pw-T6", "galerkin-Q8"):
         errors = []
         for divisions in ((16, 4), (32, 8)):
-            beam = ex76.beam(element, form, "uniform", divisions, "right", "face", "face")
+            beam = s7_6_buckling.beam(element, form, "uniform", divisions, "right", "face", "face")
             errors.append(
                 [beam.scalars[f"sigma_cr_{n}"] / exact[f"{form}_{n}"] - 1 for n in (1, 2)]
             )
@@ -45,7 +45,7 @@ def test_uniform_load_meets_the_exact_values_at_order_four(form):
 def test_both_elements_agree_on_uniform_prestress():
     models = [("uniform", (8, 2), "crossed", "face", "face")] * 2
     pw, galerkin = (
-        ex76.beam(element, "G", *model).scalars
+        s7_6_buckling.beam(element, "G", *model).scalars
         for element, model in zip(("pw-T6", "galerkin-T6"), models, strict=True)
     )
     for n in (1, 2):
@@ -59,16 +59,22 @@ def test_reconstructed_mesh_comes_near_table_2():
         ("galerkin-T6", "J", (2.607e9, 9.757e9)),
         ("pwsym-T6", "G", (2.573e9, 9.110e9)),
     ):
-        model = ("point", ex76.PAPER_DIVISIONS, ex76.PAPER_PATTERN, "centre", "centre")
-        scalars = ex76.beam(element, form, *model).scalars
+        model = (
+            "point",
+            s7_6_buckling.PAPER_DIVISIONS,
+            s7_6_buckling.PAPER_PATTERN,
+            "centre",
+            "centre",
+        )
+        scalars = s7_6_buckling.beam(element, form, *model).scalars
         for n, value in enumerate(values, start=1):
             assert scalars[f"sigma_cr_{n}"] == pytest.approx(value, rel=3e-4)
 
 
 def test_weight_functions_and_element_matrices():
-    weights = weight_functions.weight_functions().scalars
+    weights = s3_weight_functions.weight_functions().scalars
     assert max(weights.values()) < 1e-14
-    matrices = weight_functions.element_matrices().scalars
+    matrices = s3_weight_functions.element_matrices().scalars
     assert matrices["eq23_difference"] < 1e-14
     assert matrices["pw_stiffness_unsymmetry"] > 0.01
     assert matrices["pw_mass_row_vertex"] == pytest.approx(1 / 12, abs=1e-14)
@@ -96,7 +102,7 @@ def test_displacements_coincide_in_plane_statics_only():
 @pytest.mark.slow
 def test_point_load_has_no_limit():
     stresses = [
-        ex76.beam("pw-T6", "G", "point", divisions, "crossed", "centre", "centre").scalars
+        s7_6_buckling.beam("pw-T6", "G", "point", divisions, "crossed", "centre", "centre").scalars
         for divisions in ((40, 16), (80, 32), (160, 64))
     ]
     second = [s["sigma_cr_2"] for s in stresses]

@@ -12,7 +12,7 @@ import pytest
 import figures
 from figures.__main__ import main, scripts
 from figures.style import COLUMN, LOOK, mesh_plot, style
-from study.store import Result, save
+from study.core.store import Result, save
 
 SCRIPT = '''"""Force over place.
 

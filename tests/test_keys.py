@@ -8,8 +8,8 @@ import pytest
 
 from figures.__main__ import scripts
 from study import report
-from study.cases import SECTIONS, load_section
-from study.claims import load_claims
+from study.core.cases import SECTIONS, load_section
+from study.judge.claims import load_claims
 
 CASES = {name: [case.name for case in load_section(name).cases] for name in SECTIONS}
 KEYS = {f"{section}/{case}" for section, cases in CASES.items() for case in cases}

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from study.paper import ITEMS
+from study.paper.items import ITEMS
 
 PROJECT = Path(__file__).parents[1]
 PRINTED = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}

@@ -160,7 +160,7 @@ class TestAgainstOurs:
 
     def test_meshes_are_the_study_s(self):
         from pw_elements._compat import cell_nodes
-        from study.peers.compare import _triangles
+        from study.peers.p_compare import _triangles
 
         mesh = _triangles(MESH)
         ours = mesh.geometry.x[cell_nodes(mesh)][:, :, :2]
@@ -172,27 +172,33 @@ class TestAgainstOurs:
         assert triangles(ours) == triangles(theirs)
 
     def test_examples_are_the_study_s(self):
-        from study import ex72, ex76
+        from study.paper import s7_2_block, s7_6_buckling
 
         block = Block()
-        assert (block.modulus, block.ratio) == (ex72.YOUNGS_MODULUS, ex72.POISSONS_RATIO)
-        assert block.mesh.upper == (ex72.LENGTH, ex72.HEIGHT)
-        assert (block.pressure, block.mesh.divisions) == (ex72.PRESSURE, ex72.DIVISIONS)
-        assert block.increments == ex72.INCREMENTS
-        assert PROBLEMS["block-friction-0.30"].friction == ex72.FRICTION
+        assert (block.modulus, block.ratio) == (
+            s7_2_block.YOUNGS_MODULUS,
+            s7_2_block.POISSONS_RATIO,
+        )
+        assert block.mesh.upper == (s7_2_block.LENGTH, s7_2_block.HEIGHT)
+        assert (block.pressure, block.mesh.divisions) == (s7_2_block.PRESSURE, s7_2_block.DIVISIONS)
+        assert block.increments == s7_2_block.INCREMENTS
+        assert PROBLEMS["block-friction-0.30"].friction == s7_2_block.FRICTION
         beam = HalfBeam((8, 2), 1)
-        assert (beam.modulus, beam.ratio) == (ex76.YOUNGS_MODULUS, ex76.POISSONS_RATIO)
+        assert (beam.modulus, beam.ratio) == (
+            s7_6_buckling.YOUNGS_MODULUS,
+            s7_6_buckling.POISSONS_RATIO,
+        )
         assert (beam.length, beam.height, beam.thickness) == (
-            ex76.LENGTH,
-            ex76.HEIGHT,
-            ex76.THICKNESS,
+            s7_6_buckling.LENGTH,
+            s7_6_buckling.HEIGHT,
+            s7_6_buckling.THICKNESS,
         )
 
     @pytest.mark.parametrize("case", ["block-part", "block-lifting", "block-friction-0.30"])
     def test_forces_agree_node_by_node(self, case):
-        from study.peers import compare
+        from study.peers import p_compare
 
-        scalars = compare.contact(case, calculix.tracked_digest(case)).scalars
+        scalars = p_compare.contact(case, calculix.tracked_digest(case)).scalars
         directions = ["normal"] + ["tangential"] * ("friction" in case)
         for name in directions:
             assert scalars[f"raw_{name}"] < 5e-4
@@ -200,7 +206,7 @@ class TestAgainstOurs:
             assert scalars[f"elsewhere_{name}"] < 5e-3
 
     def test_a_file_that_has_changed_meanwhile_is_refused(self):
-        from study.peers import compare
+        from study.peers import p_compare
 
         with pytest.raises(ValueError, match="two-triangles has changed"):
-            compare.reactions("two-triangles", "0")
+            p_compare.reactions("two-triangles", "0")

@@ -7,8 +7,8 @@ import pytest
 from pypdf import PdfReader
 
 from study import report
+from study.core.store import MissingResult, Results, StudyError
 from study.report import build, numbers, render
-from study.store import MissingResult, Results, StudyError
 from tests.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods

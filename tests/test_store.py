@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from study.store import CorruptResult, MissingResult, Result, Results, StudyError, save
+from study.core.store import CorruptResult, MissingResult, Result, Results, StudyError, save
 
 KEY = "7.1/pw-T6"
 RESULT = Result(
@@ -59,7 +59,7 @@ KILLED = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from study.store import Result, save
+from study.core.store import Result, save
 real = os.replace
 os.replace = lambda a, b: os._exit(9) if str(b).endswith(".json") else real(a, b)
 save(Path(sys.argv[1]), "7.1", "pw-T6", Result({"y": 1.0}, {}, {"x": np.zeros(2)}), {})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from study.verification import contact_patch, flat_punch, hertz
+from study.verification import v1_contact_patch, v2_hertz, v3_flat_punch
 from study.verification.half_space import (
     BondedLine,
     Elastic,
@@ -89,13 +89,13 @@ def test_numbers_of_nafems_r0094_1():
     assert known.peak == pytest.approx(3585.4, abs=0.05)
 
 
-@pytest.mark.parametrize("element", contact_patch.ELEMENTS)
+@pytest.mark.parametrize("element", v1_contact_patch.ELEMENTS)
 @pytest.mark.parametrize(
     ("mesh", "state"),
     [("straight", "plane strain"), ("distorted", "plane strain"), ("distorted", "axisymmetric")],
 )
 def test_patch_is_exact(element, mesh, state):
-    scalars = contact_patch.patch(element, mesh, state).scalars
+    scalars = v1_contact_patch.patch(element, mesh, state).scalars
     assert scalars["error_pressure_own"] < 1e-11
     assert scalars["error_force"] < 1e-11
     assert scalars["error_displacement"] < 1e-11
@@ -112,21 +112,21 @@ def test_patch_is_exact(element, mesh, state):
 
 def test_patch_on_curved_sides():
     for element in ("galerkin-T6", "pw-T6", "pw-Q8", "pw-Q9"):
-        assert contact_patch.patch(element, "curved").scalars["error_displacement"] < 1e-11
-    assert contact_patch.patch("galerkin-Q8", "curved").scalars["error_pressure_own"] > 1e-4
-    assert contact_patch.patch("composite-T6", "curved").scalars["error_displacement"] > 1e-4
+        assert v1_contact_patch.patch(element, "curved").scalars["error_displacement"] < 1e-11
+    assert v1_contact_patch.patch("galerkin-Q8", "curved").scalars["error_pressure_own"] > 1e-4
+    assert v1_contact_patch.patch("composite-T6", "curved").scalars["error_displacement"] > 1e-4
 
 
 @pytest.fixture
 def coarse(monkeypatch):
     """Three levels, two places of the contact's edge."""
-    for module in (hertz, flat_punch):
+    for module in (v2_hertz, v3_flat_punch):
         monkeypatch.setattr(module, "LEVELS", (4, 8, 16))
-    monkeypatch.setattr(hertz, "PLACES", (0.125, 0.625))
+    monkeypatch.setattr(v2_hertz, "PLACES", (0.125, 0.625))
 
 
 @pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize("run", [hertz.cylinder, hertz.sphere])
+@pytest.mark.parametrize("run", [v2_hertz.cylinder, v2_hertz.sphere])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_hertz(run, element):
     scalars = run(element).scalars
@@ -136,7 +136,7 @@ def test_hertz(run, element):
     assert scalars["off_edge"] <= 1.0
     assert scalars["residual"] < 1e-9
     assert scalars["force_normal"] == pytest.approx(
-        hertz.FORCE if run is hertz.sphere else hertz.FORCE / 2, rel=1e-9
+        v2_hertz.FORCE if run is v2_hertz.sphere else v2_hertz.FORCE / 2, rel=1e-9
     )
     if element.startswith("galerkin"):
         assert scalars["error_pressure_tributary"] == pytest.approx(1 / 3, abs=0.01)
@@ -151,11 +151,11 @@ def test_hertz(run, element):
 
 
 @pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize("kind", flat_punch.KINDS)
+@pytest.mark.parametrize("kind", v3_flat_punch.KINDS)
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_flat_punches(kind, element):
-    even = flat_punch.punch(element, kind).scalars
-    graded = flat_punch.punch(element, kind, graded=True).scalars
+    even = v3_flat_punch.punch(element, kind).scalars
+    graded = v3_flat_punch.punch(element, kind, graded=True).scalars
     assert 0.7 < even["order_pressure_own_inner"] < 1.4
     assert 1.2 < graded["order_pressure_own_inner"] < 1.8
     assert graded["error_pressure_own_inner"] < 6e-3
@@ -169,7 +169,7 @@ def test_flat_punches(kind, element):
 
 @pytest.mark.usefixtures("coarse")
 def test_transferred_forces_below_a_smooth_punch_are_the_new_ones():
-    standard, new = (flat_punch.punch(e, "smooth").curves for e in ("galerkin-T6", "pw-T6"))
+    standard, new = (v3_flat_punch.punch(e, "smooth").curves for e in ("galerkin-T6", "pw-T6"))
     assert np.abs(standard["force_n_T"] - new["force_n"]).max() < 1e-11 * new["force_n"].max()
     assert np.abs(standard["force_n"] - new["force_n"]).max() > 0.1 * new["force_n"].max()
 
@@ -177,7 +177,7 @@ def test_transferred_forces_below_a_smooth_punch_are_the_new_ones():
 @pytest.mark.usefixtures("coarse")
 def test_exact_far_field_makes_the_size_of_the_body_irrelevant():
     free, twice, held = (
-        hertz.cylinder("pw-T6", **size).scalars["error_peak"]
+        v2_hertz.cylinder("pw-T6", **size).scalars["error_peak"]
         for size in ({}, {"outer": 2 * OUTER}, {"far_field": False})
     )
     assert twice == pytest.approx(free, abs=5e-5)

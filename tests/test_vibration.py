@@ -12,9 +12,9 @@ from pw_elements import (
     prescribe,
     vibration_modes,
 )
-from study.elements import spaces
-from study.verification import vibration
-from study.verification.vibration_exact import Rod, rectangle_eigenvalues, wave_speeds_squared
+from study.discretisation import spaces
+from study.verification import v8_vibration
+from study.verification.v8_exact import Rod, rectangle_eigenvalues, wave_speeds_squared
 
 MATERIAL = Material(1.0, 0.3)
 
@@ -46,7 +46,7 @@ def test_wave_speeds_of_plane_states():
 def test_modes_of_a_rectangle_between_walls(state):
     # unequal sides, so that no two modes share an eigenvalue
     sides = (1.0, 0.7)
-    mesh = vibration._mesh(sides, (12, 9), "triangle")
+    mesh = v8_vibration._mesh(sides, (12, 9), "triangle")
     body = Body(spaces("pw-T6", mesh), MATERIAL, state)
     U = body.spaces.trial
     held = [(i, value) for i in (0, 1) for value in (0.0, sides[i])]
@@ -59,9 +59,9 @@ def test_modes_of_a_rectangle_between_walls(state):
     assert np.all(modes.eigenvalues > exact)
 
 
-@pytest.mark.parametrize("problem", [vibration.rod, vibration.square, vibration.strip])
+@pytest.mark.parametrize("problem", [v8_vibration.rod, v8_vibration.square, v8_vibration.strip])
 def test_orders_of_the_elements(problem):
-    squares = (4, 8) if problem is vibration.strip else (8, 16)
+    squares = (4, 8) if problem is v8_vibration.strip else (8, 16)
     expected = {
         ("galerkin-T6", "transposed"): 4,
         ("pw-T6", "transposed"): 4,
@@ -69,20 +69,20 @@ def test_orders_of_the_elements(problem):
         ("pwsym-T6", "transposed"): 2,
         ("pw-T6", "lumped"): 2,
     }
-    if problem is not vibration.strip:  # there the condensed node carries little inertia
+    if problem is not v8_vibration.strip:  # there the condensed node carries little inertia
         expected |= {("pw-Q8", "transposed"): 2, ("pw-Q8", "same"): 2}
     for (element, treatment), order in expected.items():
         result = problem(element, treatment, squares)
         names = [f"vibration_{n}" for n in (1, 2, 3)]
-        if problem is not vibration.strip:
-            names = vibration.EIGENVALUES
+        if problem is not v8_vibration.strip:
+            names = v8_vibration.EIGENVALUES
         found = [result.scalars[f"{name}_order"] for name in names]
         assert np.median(found) == pytest.approx(order, abs=0.45), (element, treatment)
-        assert result.scalars["rigid"] == (1 if problem is vibration.strip else 0)
+        assert result.scalars["rigid"] == (1 if problem is v8_vibration.strip else 0)
 
 
 def test_buckling_and_vibration_of_the_strip_share_one_number():
-    scalars = vibration.strip("pw-T6", "transposed", (2, 4)).scalars
+    scalars = v8_vibration.strip("pw-T6", "transposed", (2, 4)).scalars
     for n in (1, 2, 3):
         assert scalars[f"vibration_{n}_exact"] == scalars[f"buckling_{n}_exact"]
         for kind in ("vibration", "buckling"):
@@ -93,7 +93,7 @@ def test_buckling_and_vibration_of_the_strip_share_one_number():
 def test_axisymmetric_quadrature_is_far_more_exact_than_the_mesh(element):
     # what justifies degree 8, the default of axisymmetric forms
     for squares in (4, 8):
-        scalars = vibration.quadrature(element, squares).scalars
+        scalars = v8_vibration.quadrature(element, squares).scalars
         assert scalars["change_8"] < 1e-4 * scalars["error"]
         changes = [scalars[f"change_{degree}"] for degree in (2, 4, 6, 8)]
         assert np.all(np.diff(changes) < 0)
@@ -104,7 +104,7 @@ def test_default_degree_of_axisymmetry_is_8(element):
     cell = "triangle" if element.endswith("T6") else "quadrilateral"
 
     def difference(inner, degree, other):
-        mesh = vibration._mesh((0.5, 1.0), (3, 4), cell, inner)
+        mesh = v8_vibration._mesh((0.5, 1.0), (3, 4), cell, inner)
         bodies = [
             Body(spaces(element, mesh), MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=d)
             for d in (degree, other)
@@ -124,13 +124,13 @@ def test_default_degree_of_axisymmetry_is_8(element):
 def test_free_bodies_have_their_rigid_modes():
     for state, rigid in (("plane stress", 3), ("axisymmetric", 1), ("solid", 6)):
         element = "pw-T10" if state == "solid" else "pw-T6"
-        scalars = vibration.free(element, state).scalars
+        scalars = v8_vibration.free(element, state).scalars
         assert scalars["rigid"] == rigid
         assert scalars["zero"] < 1e-12
 
 
 def test_lame():
-    scalars = vibration.tube("pw-T6", (8, 16)).scalars
+    scalars = v8_vibration.tube("pw-T6", (8, 16)).scalars
     assert scalars["order"] == pytest.approx(3, abs=0.25)
     assert scalars["error"] < 2e-5
-    assert vibration.cylinder("pw-T6").scalars["displacement_error"] < 1e-13
+    assert v8_vibration.cylinder("pw-T6").scalars["displacement_error"] < 1e-13

@@ -10,10 +10,10 @@ from types import ModuleType
 import pytest
 
 import study.__main__
-from study import claims
-from study.cases import SECTIONS
+from study.core.cases import SECTIONS
+from study.core.store import Result, Results, save, write_json
+from study.judge import claims
 from study.report import build
-from study.store import Result, Results, save, write_json
 
 ONE = """
 import os
@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from study.cases import Case
-from study.store import Result
+from study.core.cases import Case
+from study.core.store import Result
 from toy.common import FACTOR
 
 TITLE = "First toy"
@@ -49,8 +49,8 @@ CASES = [case("a"), case("b", 2.5)]
 """
 
 TWO = """
-from study.cases import Case
-from study.store import Result
+from study.core.cases import Case
+from study.core.store import Result
 
 TITLE = "Second toy"
 
@@ -152,7 +152,9 @@ def install(folder, monkeypatch):
     path = folder / "claims.toml"
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, path, MEASURED))
-    monkeypatch.setitem(sys.modules, "study.paper", module("study.paper", "", ITEMS=ITEMS))
+    monkeypatch.setitem(
+        sys.modules, "study.paper.items", module("study.paper.items", "", ITEMS=ITEMS)
+    )
     monkeypatch.setattr(study.__main__, "draw_figures", lambda out, _: _draw_nothing(out))
 
 

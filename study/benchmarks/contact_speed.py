@@ -21,8 +21,8 @@ from petsc4py import PETSc
 from pw_elements import Material, Reduction, StressState, assemble_matrix, prescribe
 from pw_elements.algebra import factorise
 from pw_elements.contact import ContactState
-from study import ex72
-from study.elements import Discretisation, discretise
+from study.discretisation import Discretisation, discretise
+from study.paper import s7_2_block
 
 COARSEST = 20
 
@@ -84,25 +84,25 @@ def main() -> None:
 
 
 def _block(divisions: int) -> Discretisation:
-    material = Material(ex72.YOUNGS_MODULUS, ex72.POISSONS_RATIO)
-    build = partial(ex72.mesh, (divisions, divisions // 2))
+    material = Material(s7_2_block.YOUNGS_MODULUS, s7_2_block.POISSONS_RATIO)
+    build = partial(s7_2_block.mesh, (divisions, divisions // 2))
     return discretise("pw-T6", build, material, StressState.PLANE_STRESS)
 
 
 def _loads(body: Discretisation) -> dict[str, list[PETSc.Vec]]:
-    both = ex72.press_and_pull(body, ex72.PULL)
+    both = s7_2_block.press_and_pull(body, s7_2_block.PULL)
     return {"contact": [both[-1]], "history": [both[0], both[-1]]}
 
 
 def _solve(
     body: Discretisation, loads: list[PETSc.Vec], start: list[ContactState]
 ) -> list[ContactState]:
-    return ex72.on_foundation(body, loads, ex72.FRICTION, True, start)
+    return s7_2_block.on_foundation(body, loads, s7_2_block.FRICTION, True, start)
 
 
 def _held(body: Discretisation) -> Reduction:
     """The block glued to its foundation: a regular stiffness to factorise."""
-    return body.supports([prescribe(body.space, i, ex72.lower_side) for i in (0, 1)])
+    return body.supports([prescribe(body.space, i, s7_2_block.lower_side) for i in (0, 1)])
 
 
 def _seconds(values: list[float]) -> str:

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from study.core.store import write_json
 from study.peers.decks import PROBLEMS, Block, HalfBeam, NativePressure, Problem, TwoTriangles
-from study.store import write_json
 
 RESULTS = Path(__file__).with_name("results")
 

@@ -12,9 +12,8 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from study.cases import SECTIONS, title
-from study.report import numbers
-from study.store import (
+from study.core.cases import SECTIONS, title
+from study.core.store import (
     CorruptResult,
     MissingResult,
     Results,
@@ -22,6 +21,7 @@ from study.store import (
     StudyError,
     write_whole,
 )
+from study.report import numbers
 
 HERE = Path(__file__).parent
 ELEMENTS = {
@@ -85,7 +85,7 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
         "findings": page.frame("findings"),
         "introduction": page.frame("introduction"),
         "conclusions": page.frame("conclusions"),
-        "items": importlib.import_module("study.paper").ITEMS,
+        "items": importlib.import_module("study.paper.items").ITEMS,
         **_provenance(cases),
     }
     try:
@@ -167,8 +167,10 @@ class _Page:
         return self.results.curves(key)
 
     def measure(self, name: str, /, **args: object) -> float:
-        """Return what a function of `study.measures` makes of the results."""
-        return float(getattr(importlib.import_module("study.measures"), name)(self.results, **args))
+        """Return what a function of `study.judge.measures` makes of the results."""
+        return float(
+            getattr(importlib.import_module("study.judge.measures"), name)(self.results, **args)
+        )
 
     def figure(self, name: str) -> Markup:
         """Return a figure with its caption; a remark if it has not been drawn."""

@@ -17,8 +17,8 @@ from pw_elements import Material, StressState, prescribe, reactions
 from pw_elements.contact import OPEN, ContactPair, ContactState, Motion, Surface, solve_contact
 from pw_elements.meshes import on_lines
 from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
-from study.elements import discretise, mesh_curves
-from study.store import Result
+from study.core.store import Result
+from study.discretisation import discretise, mesh_curves
 from study.verification.half_space import BondedLine, KnownContact
 
 Array = npt.NDArray[Any]

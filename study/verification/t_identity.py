@@ -33,8 +33,8 @@ from pw_elements import (
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import curved, mapped, triangles
 from pw_elements.recovery import force_transfer
-from study.cases import Case
-from study.store import Result
+from study.core.cases import Case
+from study.core.store import Result
 
 TITLE = "What the element is: the identity K_PW = T K_Galerkin"
 

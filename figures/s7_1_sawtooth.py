@@ -1,0 +1,42 @@
+"""Even forces against the sawtooth along a row of squares."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.style import FULL, LOOK
+from study.core.store import Results
+
+SECTION = "7.1"
+ELEMENTS = ("galerkin-T6", "pw-T6")
+NEEDS = [f"7.1/{element}-row" for element in ELEMENTS]
+
+
+def draw(results: Results) -> Figure:
+    """Nodal forces below a uniformly pressed row of squares."""
+    fig, ax = plt.subplots(figsize=(FULL, 2.6))
+    for element in ELEMENTS:
+        curves = results.curves(f"7.1/{element}-row")
+        ax.plot(curves["x"], curves["reaction"], **LOOK[element])
+    ax.axhline(0.5, color="black", linewidth=0.8, linestyle=":", label="pressure × node distance")
+    ax.set(xlabel="$x$ / side of a square", ylabel="nodal force / load on a square", ylim=(0, 0.8))
+    ax.legend(ncols=3, loc="lower center")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    squares = (len(results.curves(NEEDS[0])["x"]) - 1) // 2
+    return (
+        f"Reactions below a row of {squares} squares of two triangles each under uniform pressure. "
+        "The standard element's form a sawtooth; the new element's are even but for the two ends, "
+        "which carry half a share."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    galerkin, pw = (results.curves(key)["reaction"] for key in NEEDS)
+    return (
+        f"Nodal forces over x. The standard element alternates between {galerkin[2]:.3f} at corner "
+        f"and {galerkin[1]:.3f} at mid-side nodes; the new element stays at {pw[2]:.3f}."
+    )

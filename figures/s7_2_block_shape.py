@@ -1,0 +1,43 @@
+"""Deformed block with its contact forces."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.contact import RECONSTRUCTED, deformed, force_arrows, zone_legend, zone_strip
+from figures.style import FULL
+from study.core.store import Results
+
+SECTION = "7.2"
+ELEMENTS = ("galerkin-T6", "pw-T6")
+NEEDS = [f"7.2/{element}" for element in ELEMENTS]
+SCALE = 0.5
+
+
+def draw(results: Results) -> Figure:
+    """Mesh, forces of the foundation on the block, zones."""
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9), sharey=True)
+    for ax, element in zip(axes, ELEMENTS, strict=True):
+        curves = results.curves(f"7.2/{element}")
+        moved = deformed(ax, curves, SCALE, element)
+        force_arrows(ax, curves, moved, -1.0, 0.7, element)
+        zone_strip(ax, curves, bottom=0.01, height=0.03)
+        ax.set(xlabel="$x$", ylim=(-0.95, 2.15), xlim=(-0.25, 4.6))
+    axes[0].set_ylabel("$y$")
+    fig.legend(handles=zone_legend(curves), loc="outside lower center", ncols=3)
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        f"The deformed block (displacements times {SCALE:g}) and the nodal forces of the "
+        f"foundation on it, to one scale: raw forces, not divided by anything. {RECONSTRUCTED}"
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Two deformed meshes leaning to the right. Arrows below the standard element's alternate "
+        "between long and short; those below the new element's are even."
+    )

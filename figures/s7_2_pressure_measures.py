@@ -1,0 +1,51 @@
+"""One computation read in three ways: nodal force, and two pressures."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.contact import RECONSTRUCTED
+from figures.style import FULL, LOOK
+from study.core.store import Results
+from study.judge import measures
+
+SECTION = "7.2"
+ELEMENTS = ("galerkin-T6", "pw-T6")
+NEEDS = [f"7.2/{element}" for element in ELEMENTS]
+PANELS = {
+    "force_n": "nodal force / mean",
+    "pressure": "over own test function / mean",
+    "pressure_tributary": "over tributary length / mean",
+}
+
+
+def draw(results: Results) -> Figure:
+    """One panel a measure."""
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5), sharey=True)
+    for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
+        for element in ELEMENTS:
+            curves = results.curves(f"7.2/{element}")
+            mean = measures.BLOCK_PRESSURE
+            if name == "force_n":
+                mean = curves["force_n"].sum() / (len(curves["x"]) - 1)
+            ax.plot(curves["x"], curves[name] / mean, **LOOK[element])
+        ax.set(xlabel="$x$", title=label, ylim=(0, 2.3), xlim=(0, 4))
+    axes[0].legend(loc="lower left", fontsize=7)
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "The same two computations in the three measures of contact pressure. Divided by the "
+        "integral of its own test function the standard element's sawtooth disappears: it is in "
+        f"the raw nodal force and in the pressure over a tributary length. {RECONSTRUCTED}"
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Three plots over x. Nodal force and pressure over tributary length of the standard "
+        "element form a sawtooth; in the middle plot both elements' curves coincide but for the "
+        "ends."
+    )

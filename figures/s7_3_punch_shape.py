@@ -1,0 +1,40 @@
+"""Body below the parabolic punch with its contact forces."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.contact import RECONSTRUCTED, deformed, force_arrows
+from figures.style import FULL
+from study.core.store import Results
+
+SECTION = "7.3"
+ELEMENTS = ("galerkin-Q8", "pw-Q8")
+NEEDS = [f"7.3/{element}" for element in ELEMENTS]
+
+
+def draw(results: Results) -> Figure:
+    """Deformed mesh, true to scale, and forces of the punch on the body."""
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.3), sharey=True)
+    for ax, element in zip(axes, ELEMENTS, strict=True):
+        curves = results.curves(f"7.3/{element}")
+        moved = deformed(ax, curves, 1.0, element)
+        force_arrows(ax, curves, moved, 1.0, 1.3, element)
+        ax.set(xlabel="$x$", xlim=(-4.2, 4.2), ylim=(-0.2, 5.4))
+    axes[0].set_ylabel("$y$")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "The deformed body, true to scale, and the nodal forces of the punch on it, to one scale. "
+        f"{RECONSTRUCTED}"
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Two deformed bodies with a dent. The arrows on the standard element's alternate between "
+        "long and short; those on the new element's form an even bell."
+    )

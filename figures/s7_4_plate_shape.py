@@ -1,0 +1,41 @@
+"""Body below the rigid plate with its contact forces."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.contact import RECONSTRUCTED, deformed, force_arrows
+from figures.style import FULL
+from study.core.store import Results
+
+SECTION = "7.4"
+ELEMENTS = ("galerkin-Q8", "pw-Q8")
+NEEDS = [f"7.4/{element}" for element in ELEMENTS]
+SCALE = 4e5
+
+
+def draw(results: Results) -> Figure:
+    """Deformed mesh around the plate, forces of the plate on the body, zones."""
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
+    for ax, element in zip(axes, ELEMENTS, strict=True):
+        curves = results.curves(f"7.4/{element}")
+        moved = deformed(ax, curves, SCALE, element)
+        force_arrows(ax, curves, moved, 1.0, 1.2, element)
+        ax.set(xlabel="$x/b$", xlim=(-2.1, 2.1), ylim=(-2.4, 1.3))
+    axes[0].set_ylabel("$y/b$")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        f"The body around the plate, displacements times {SCALE:g}, and the nodal forces of the "
+        f"plate on it, to one scale. {RECONSTRUCTED}"
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Two meshes with a flat dent. The arrows on the standard element's alternate between long "
+        "and short; those on the condensed pair's rise evenly to the edges."
+    )

@@ -1,0 +1,65 @@
+"""Mode shapes of the stepped column."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from figures import contact
+from figures.column import MM, SYNTHETIC, outline
+from figures.style import FULL, LOOK
+from study.core.store import Results
+
+SECTION = "7.5"
+ELEMENT = "pw-T6"
+CASE = f"7.5/{ELEMENT}"
+NEEDS = [CASE]
+LARGEST = 40.0  # largest displacement drawn, in mm
+
+
+def draw(results: Results) -> Figure:
+    """Deformed sections with their mirror images."""
+    curves = results.curves(CASE)
+    nodes, cells = MM * curves["nodes"], contact.outline(curves["cells"])
+    corners = MM * outline(curves)
+    fig, axes = plt.subplots(1, 6, figsize=(FULL, 2.45), sharey=True)
+    for mode, ax in enumerate(axes, start=1):
+        shape = curves[f"shape_{mode}"]
+        moved = nodes + LARGEST * shape / np.linalg.norm(shape, axis=1).max()
+        for side in (1, -1):
+            mirror = np.array([side, 1])
+            ax.add_collection(
+                PolyCollection(
+                    (moved * mirror)[cells],
+                    facecolor="#D8E8F4",
+                    edgecolor=LOOK[ELEMENT]["color"],
+                    lw=0.15,
+                    rasterized=True,  # thousands of cells
+                )
+            )
+            ax.plot(*(corners * mirror).T, color="#777777", lw=0.6)
+        value = results.scalar(CASE, f"omega2_{mode}")
+        mantissa, _, power = f"{value:.3e}".partition("e")
+        ax.set_title(rf"$\lambda_{mode}={mantissa}\cdot10^{int(power)}$", fontsize=7.5)
+        ax.set(aspect="equal", xlim=(-192, 192), ylim=(-15, 645), xticks=(-100, 0, 100))
+        ax.set_xlabel("$r$ / mm", fontsize=8)
+        ax.tick_params(labelsize=7)
+        ax.grid(visible=False)
+    axes[0].set_ylabel("$z$ / mm")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Mode shapes 1 to 6 by the new triangle and their λ = ω² in 1000/s²; outlines at rest in "
+        f"grey, largest displacement drawn as {LARGEST:g} mm. {SYNTHETIC}"
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Six sections of the column: in mode 1 the heavy part moves up and down on the slender "
+        "foot, in the higher modes the cylinders stretch against each other and bulge."
+    )

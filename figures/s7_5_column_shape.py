@@ -1,0 +1,50 @@
+"""The stepped column pressed on its supports, with its contact forces."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.column import MM, SURFACES, SYNTHETIC, surface
+from figures.contact import deformed, force_arrows
+from figures.style import FULL
+from study.core.store import Results
+
+SECTION = "7.5"
+ELEMENTS = ("galerkin-T6", "pw-T6")
+NEEDS = [f"7.5/{element}" for element in ELEMENTS]
+SCALE = 20.0
+LENGTH = 80.0  # of the largest arrow on each surface, in mm
+
+
+def draw(results: Results) -> Figure:
+    """Deformed section and nodal forces on it."""
+    fig, axes = plt.subplots(1, 2, figsize=(0.72 * FULL, 6.6), sharey=True)
+    for ax, element in zip(axes, ELEMENTS, strict=True):
+        curves = dict(results.curves(f"7.5/{element}"))
+        for name in ["nodes", "displacement", *(f"{c}_{k}" for c in "xy" for k in SURFACES)]:
+            curves[name] = MM * curves[name]
+        moved = deformed(ax, curves, SCALE, element)
+        for k in SURFACES:
+            side = 1.0 if k == max(SURFACES) else -1.0
+            force_arrows(ax, surface(curves, k), moved, side, LENGTH, element)
+        ax.set(xlabel="$r$ / mm", xlim=(-12, 185), ylim=(-95, 670))
+    axes[0].set_ylabel("$z$ / mm")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    total = [results.scalar("7.5/pw-T6", f"force_normal_{k}") for k in SURFACES]
+    return (
+        f"The section after the last increment, displacements times {SCALE:g}, and nodal forces "
+        "of the rigid surfaces on it, each surface to its own scale; their normal sums on "
+        f"surfaces 1 to 4: {', '.join(f'{force:.0f}' for force in total)} kN. {SYNTHETIC}"
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Two deformed sections, shortened and bulging. Arrows press on the base, both shoulders "
+        "and the top; those on the standard element alternate between long and short, those on the "
+        "new one grow evenly with the radius."
+    )

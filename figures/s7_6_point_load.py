@@ -1,0 +1,60 @@
+"""Under the point load the critical stresses have no limit."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.style import FULL, LOOK
+from study.core.store import Results
+
+SECTION = "7.6"
+SERIES = {
+    "galerkin-T6-J": {**LOOK["galerkin-T6"], "linestyle": "--", "label": "standard, form J"},
+    "galerkin-T6": {**LOOK["galerkin-T6"], "label": "standard, form G"},
+    "pw-T6": {**LOOK["pw-T6"], "label": "piecewise linear, form G"},
+}
+HEIGHTS = (4, 8, 16, 32)
+NEEDS = [
+    "7.6/exact",
+    *(f"7.6/{case}" for case in SERIES),
+    *(f"7.6/{case}-point-{5 * ny // 2}x{ny}" for case in SERIES for ny in HEIGHTS),
+]
+
+
+def draw(results: Results) -> Figure:
+    """Both critical stresses over divisions of the height."""
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.7))
+    for mode, ax in enumerate(axes, start=1):
+        for case, look in SERIES.items():
+            keys = [f"7.6/{case}", *(f"7.6/{case}-point-{5 * n // 2}x{n}" for n in HEIGHTS)]
+            values = [results.scalar(key, f"sigma_cr_{mode}") / 1e9 for key in keys]
+            ax.semilogx((2, *HEIGHTS), values, **look)
+        for form, style in (("G", "-"), ("J", "--")):
+            exact = results.scalar("7.6/exact", f"{form}_{mode}") / 1e9
+            ax.axhline(exact, color="black", linewidth=0.8, linestyle=style)
+            x, side = (2, "left") if mode == 1 else (HEIGHTS[-1], "right")  # clear of the curves
+            ax.annotate(f"uniform load, {form}", (x, exact), fontsize=7, va="bottom", ha=side)
+        ax.set(title=f"mode {mode}", xlabel="squares over the height")
+        ax.set_xticks([2, *HEIGHTS], [str(n) for n in (2, *HEIGHTS)])
+        ax.set_xticks([], minor=True)
+    axes[0].set_ylabel("critical stress / GPa")
+    axes[0].legend(loc="lower left")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    finest = results.scalar("7.6/galerkin-T6-point-80x32", "sigma_cr_2") / 1e9
+    return (
+        "Critical stresses under a point load as in the paper, on reconstructed crossed meshes. "
+        "They do not converge: the stress below A grows under refinement until a mode of the few "
+        "elements there is the "
+        f"lowest (standard element, form G, mode 2 on the finest mesh: {finest:.3f} GPa)."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Curves of the critical stress over mesh density fall without a limit, those of mode 2 "
+        "steeply beyond eight squares over the height; horizontal lines mark the exact values."
+    )

@@ -1,0 +1,58 @@
+"""Contact patch test on a distorted mesh, pressures by two measures."""
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from figures.style import FULL, LOOK, mesh_plot
+from figures.symbols import load_arrows
+from study.core.store import Results
+
+SECTION = "V1"
+ELEMENTS = ("galerkin-T6", "pw-T6")
+NEEDS = [f"V1/{element}-distorted" for element in ELEMENTS]
+MEASURES = {
+    "pressure": "over own test function",
+    "pressure_tributary": "over tributary length",
+}
+
+
+def draw(results: Results) -> Figure:
+    """The mesh, and nodal forces over two lengths."""
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.3), width_ratios=(1.3, 1, 1))
+    curves = results.curves(NEEDS[0])
+    mesh_plot(axes[0], curves["nodes"], curves["cells"])
+    length, height = curves["nodes"].max(axis=0)
+    load_arrows(axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16)
+    axes[0].axhspan(-0.12, 0, color="#CCCCCC", lw=0)
+    axes[0].set(title="mesh, pressure, rigid plane", xlabel="$x$", ylabel="$y$")
+    axes[0].grid(visible=False)
+    for ax, (name, label) in zip(axes[1:], MEASURES.items(), strict=True):
+        for key, element in zip(NEEDS, ELEMENTS, strict=True):
+            curves = results.curves(key)
+            look = dict(LOOK[element])
+            if element == "pw-T6":
+                look |= {"markerfacecolor": "none", "markersize": 7}
+            applied = results.scalar(key, "applied_pressure")
+            ax.plot(curves["x"], curves[name] / applied, **look)
+        ax.set(title=label, xlabel="$x$", ylim=(0, 1.6))
+    axes[1].set_ylabel("pressure / applied one")
+    axes[1].legend(fontsize=7, loc="lower center")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Contact patch test on a distorted mesh. Both elements return the applied pressure when a "
+        "nodal force is divided by the integral of the node's own test function; divided by the "
+        "tributary length the standard element's is off by a third."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "A distorted mesh of triangles on a rigid plane and two plots of pressure along it: "
+        "constant for both elements by the own test function, a sawtooth between two thirds and "
+        "four thirds for the standard element by the tributary length."
+    )

@@ -1,0 +1,1 @@
+"""Cases, their results on disk, and what runs and compares them: knows no mechanics."""

@@ -1,0 +1,126 @@
+"""Sections of the study, their cases, and when a stored result of a case still holds."""
+
+import ast
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+from study.core.provenance import versions
+from study.core.sources import closure, package_sources, source
+from study.core.store import Result, StudyError
+
+SECTIONS = {
+    "3": "study.paper.s3_weight_functions",
+    "5": "study.paper.s5_condensation",
+    "7.1": "study.paper.s7_1_two_triangles",
+    "7.2": "study.paper.s7_2_block",
+    "7.3": "study.paper.s7_3_parabolic_punch",
+    "7.4": "study.paper.s7_4_rigid_plate",
+    "7.5": "study.paper.s7_5_column",
+    "7.6": "study.paper.s7_6_buckling",
+    "T": "study.verification.t_identity",
+    "C": "study.verification.c_convergence",
+    "V1": "study.verification.v1_contact_patch",
+    "V2": "study.verification.v2_hertz",
+    "V3": "study.verification.v3_flat_punch",
+    "V4": "study.verification.v4_spence",
+    "V5": "study.verification.v5_cattaneo",
+    "V6": "study.verification.v6_greco",
+    "V7": "study.verification.v7_wedge",
+    "V8": "study.verification.v8_vibration",
+    "V9": "study.verification.v9_explicit",
+    "P": "study.peers.p_compare",
+}
+"""Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One computation with one result.
+
+    Attributes:
+        section: The section it belongs to.
+        name: Its name there, which is its file name too.
+        run: Function of a module (workers import it), called with the parameters.
+        parameters: Keyword arguments, of types that JSON has.
+    """
+
+    section: str
+    name: str
+    run: Callable[..., Result]
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"\w[\w.+-]*", self.name):
+            raise ValueError(f"{self.name!r} cannot be the name of a case: it names its file")
+
+    @property
+    def key(self) -> str:
+        """Section and name, as in "7.1/pw-T6"."""
+        return f"{self.section}/{self.name}"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section with its cases."""
+
+    id: str
+    title: str
+    cases: list[Case]
+
+
+def load_section(section: str) -> Section:
+    """Import a section's module, and with it what it computes with."""
+    name = _module(section)
+    try:
+        module = import_module(name)
+    except ImportError as error:
+        raise StudyError(f"section {section} cannot be loaded: {error}") from error
+    cases = list(module.CASES)
+    names = [case.name for case in cases]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    strange = [case.key for case in cases if case.section != section]
+    if twice or strange:
+        raise StudyError(f"{name} has unsuitable cases: {', '.join(twice + strange)}")
+    return Section(section, module.TITLE, cases)
+
+
+def title(section: str) -> str:
+    """Return a section's title without importing its module, which the report must not do."""
+    name = _module(section)
+    path = source(name)
+    if path is None:
+        raise StudyError(f"section {section} has no module {name}")
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if any(isinstance(target, ast.Name) and target.id == "TITLE" for target in targets):
+            assert isinstance(node, ast.Assign)
+            return str(ast.literal_eval(node.value))
+    raise StudyError(f"{path} has no TITLE")
+
+
+def fingerprint(case: Case) -> str:
+    """Return a digest of all that a case's result depends on.
+
+    That is its parameters, the library, the modules of the study that its own imports lead to, and
+    the packages' versions. This module is left out: a section added to its table changes no other.
+    """
+    digest = hashlib.sha256()
+    digest.update(json.dumps([case.key, case.parameters, versions()], sort_keys=True).encode())
+    own = closure(_module(case.section), frozenset({__name__}))
+    own |= closure(case.run.__module__, frozenset({__name__}))
+    for path in [*package_sources("pw_elements"), *own.values()]:
+        data = path.read_bytes()
+        digest.update(f"\n{path.name} {len(data)}\n".encode())
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def _module(section: str) -> str:
+    if section not in SECTIONS:
+        raise StudyError(f"there is no section {section}, but {', '.join(SECTIONS)}")
+    return SECTIONS[section]

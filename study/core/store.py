@@ -1,0 +1,238 @@
+"""Results on disk: `<out>/<section>/<case>.json` for the numbers, `<case>.npz` for the curves."""
+
+import hashlib
+import io
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+class StudyError(Exception):
+    """Something that the user can mend; the command line prints it as one sentence."""
+
+
+class MissingResult(StudyError):
+    """A result has not been computed."""
+
+
+class CorruptResult(StudyError):
+    """A stored result cannot be read."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the run function of a case returns.
+
+    Attributes:
+        scalars: Finite numbers by name.
+        units: Their units by name; a number without one is dimensionless.
+        curves: Arrays by name, of any shape; NaN marks a gap.
+        dofs: Degrees of freedom of the discrete problem.
+        processes: Number of MPI processes that took part.
+    """
+
+    scalars: Mapping[str, float]
+    units: Mapping[str, str]
+    curves: Mapping[str, np.ndarray] = field(default_factory=dict)
+    dofs: int = 0
+    processes: int = 1
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A result as read from disk."""
+
+    section: str
+    case: str
+    scalars: dict[str, float]
+    units: dict[str, str]
+    curves: dict[str, np.ndarray]
+    provenance: dict[str, Any]
+
+    @property
+    def key(self) -> str:
+        """Section and case, as in "7.1/pw-T6"."""
+        return f"{self.section}/{self.case}"
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file wholly or not at all, making its folder if need be."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write strict JSON wholly or not at all."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(path, (text + "\n").encode())
+
+
+def save(out: Path, section: str, case: str, result: Result, provenance: Mapping[str, Any]) -> None:
+    """Store a result; a process killed at any point leaves no mixture of old and new behind.
+
+    The provenance receives the digest of the curves, so that a `.npz` of another run is noticed.
+
+    Raises:
+        StudyError: If a scalar is not finite.
+    """
+    scalars = {name: float(value) for name, value in result.scalars.items()}
+    bad = [f"{name} = {value}" for name, value in scalars.items() if not math.isfinite(value)]
+    if bad:
+        raise StudyError(f"{section}/{case} has numbers that are not finite: {', '.join(bad)}")
+    folder = Path(out) / section
+    curves = folder / f"{case}.npz"
+    digest = None
+    if result.curves:
+        data = _packed(result.curves)
+        digest = hashlib.sha256(data).hexdigest()
+        write_whole(curves, data)
+    content = {
+        "case": case,
+        "scalars": scalars,
+        "units": dict(result.units),
+        "provenance": {**provenance, "curves_sha256": digest},
+    }
+    write_json(folder / f"{case}.json", content)  # last: it declares the result complete
+    if digest is None:
+        curves.unlink(missing_ok=True)
+
+
+def discard(out: Path, section: str, case: str) -> None:
+    """Remove a stored result, if there is one."""
+    for suffix in (".json", ".npz"):
+        (Path(out) / section / f"{case}{suffix}").unlink(missing_ok=True)
+
+
+def _packed(curves: Mapping[str, np.ndarray]) -> bytes:
+    arrays = {name: np.asarray(curve) for name, curve in curves.items()}
+    objects = [name for name, array in arrays.items() if array.dtype.hasobject]
+    if objects:
+        raise StudyError(f"curves that are not plain numbers: {', '.join(objects)}")
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # its stub allows only a flag
+    return stream.getvalue()
+
+
+class Results:
+    """Read access to a folder of results, by keys such as "7.1/pw-T6".
+
+    A result is read once and remembered; make a new object to see later changes.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self._read: dict[str, Stored] = {}
+
+    def __contains__(self, key: str) -> bool:
+        return self._path(key).is_file()
+
+    def __getitem__(self, key: str) -> Stored:
+        if key not in self._read:
+            self._read[key] = self._load(key)
+        return self._read[key]
+
+    def scalar(self, key: str, name: str) -> float:
+        """Return one number of a result."""
+        scalars = self[key].scalars
+        if name not in scalars:
+            raise CorruptResult(
+                f"{self._path(key)} has no scalar {name!r} (but {', '.join(sorted(scalars))}): "
+                f"{_remedy(key)}"
+            )
+        return scalars[name]
+
+    def curves(self, key: str) -> dict[str, np.ndarray]:
+        """Return the curves of a result."""
+        return self[key].curves
+
+    def section(self, section: str) -> list[Stored]:
+        """Return all results of a section, sorted by case."""
+        return [self[f"{section}/{case}"] for case in self.cases(section)]
+
+    def cases(self, section: str) -> list[str]:
+        """Return the names of a section's results, sorted, readable or not."""
+        paths = (self.folder / section).glob("*.json")
+        return sorted(path.stem for path in paths if not path.name.startswith("."))
+
+    def claims(self) -> list[dict[str, Any]]:
+        """Return the judged claims, as `study.judge.claims.write` left them."""
+        path = self.folder / "claims.json"
+        remedy = "write it again with ./run study report"
+        try:
+            claims = json.loads(path.read_bytes())
+        except FileNotFoundError:
+            raise MissingResult(f"there is no {path}: {remedy}") from None
+        except (OSError, ValueError) as error:
+            raise CorruptResult(f"{path} cannot be read ({error}): {remedy}") from None
+        if not isinstance(claims, list) or not all(isinstance(claim, dict) for claim in claims):
+            raise CorruptResult(f"{path} is not a list of claims: {remedy}")
+        return claims
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.json"
+
+    def _load(self, key: str) -> Stored:
+        path = self._path(key)
+        section, _, case = key.partition("/")
+        try:
+            content = json.loads(path.read_bytes(), parse_constant=_refuse)
+            _check(content, case)
+            digest = content["provenance"].get("curves_sha256")
+            curves = _unpacked(path.with_suffix(".npz"), digest) if digest else {}
+        except FileNotFoundError as error:
+            if error.filename == str(path):
+                raise MissingResult(
+                    f"there is no result {path}: run ./run study {section}"
+                ) from None
+            raise CorruptResult(f"{error.filename} is missing: {_remedy(key)}") from None
+        except (OSError, ValueError) as error:
+            raise CorruptResult(f"{path} cannot be used ({error}): {_remedy(key)}") from None
+        scalars = {name: float(value) for name, value in content["scalars"].items()}
+        return Stored(section, case, scalars, content["units"], curves, content["provenance"])
+
+
+def _remedy(key: str) -> str:
+    return f"run ./run study {key.partition('/')[0]} --force"
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"it contains {constant}")
+
+
+def _check(content: object, case: str) -> None:
+    if not isinstance(content, dict) or set(content) != {"case", "scalars", "units", "provenance"}:
+        raise ValueError("its keys are not case, scalars, units and provenance")
+    if content["case"] != case:
+        raise ValueError(f"it is of the case {content['case']!r}")
+    for part in ("scalars", "units", "provenance"):
+        if not isinstance(content[part], dict):
+            raise ValueError(f"its {part} are no table")
+    for name, value in content["scalars"].items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{name} is not a number")
+    for name, unit in content["units"].items():
+        if not isinstance(unit, str):
+            raise ValueError(f"the unit of {name} is no text")
+
+
+def _unpacked(path: Path, digest: str) -> dict[str, np.ndarray]:
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise ValueError(f"{path.name} is not of the same run")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return dict(arrays)

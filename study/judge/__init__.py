@@ -1,0 +1,1 @@
+"""What the results say to the paper's statements and to this study's findings."""

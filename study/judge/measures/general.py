@@ -1,0 +1,70 @@
+"""Measures that suit any section: stored numbers, their extremes and ratios, curves."""
+
+import numpy as np
+
+from study.core.store import Results
+from study.judge.measures.stored_cases import matching
+
+
+def scalar(results: Results, key: str, name: str) -> float:
+    """A stored number as it is."""
+    return results.scalar(key, name)
+
+
+def largest(results: Results, section: str, cases: str, name: str) -> float:
+    """Largest size of a stored number among cases whose names match a regular expression."""
+    return max(_sizes(results, section, cases, name))
+
+
+def smallest(results: Results, section: str, cases: str, name: str) -> float:
+    """Smallest size of it."""
+    return min(_sizes(results, section, cases, name))
+
+
+def ratio(results: Results, key: str, other: str, name: str) -> float:
+    """A stored number of one case over that of another one."""
+    return results.scalar(key, name) / results.scalar(other, name)
+
+
+def ratio_of(results: Results, key: str, name: str, other: str) -> float:
+    """A stored number of a case over another one of the same case."""
+    return results.scalar(key, name) / results.scalar(key, other)
+
+
+def difference_of(results: Results, key: str, name: str, other: str) -> float:
+    """A stored number of a case less another one of the same case."""
+    return results.scalar(key, name) - results.scalar(key, other)
+
+
+def relative_difference(results: Results, section: str, cases: str, name: str, other: str) -> float:
+    """Largest relative difference of two stored numbers of a case, over matching cases."""
+    return max(
+        abs(stored.scalars[name] / stored.scalars[other] - 1)
+        for stored in matching(results, section, cases)
+    )
+
+
+def largest_from(results: Results, section: str, cases: str, name: str, value: float) -> float:
+    """Largest distance of a stored number from a value, over matching cases."""
+    return max(abs(s.scalars[name] - value) for s in matching(results, section, cases))
+
+
+def _sizes(results: Results, section: str, cases: str, name: str) -> list[float]:
+    return [abs(stored.scalars[name]) for stored in matching(results, section, cases)]
+
+
+def curve_at(results: Results, key: str, name: str, x: float) -> float:
+    """A curve along the contact surface at x, linear between nodes."""
+    curves = results.curves(key)
+    return float(np.interp(x, curves["x"], curves[name]))
+
+
+def curve_difference(results: Results, key: str, name: str, other: str, other_name: str) -> float:
+    """Largest difference of two curves over the same nodes, over the second one's largest size."""
+    ours, theirs = results.curves(key)[name], results.curves(other)[other_name]
+    return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
+
+
+def cells(results: Results, key: str) -> float:
+    """Number of cells of the mesh."""
+    return float(len(results.curves(key)["cells"]))

@@ -1,0 +1,130 @@
+"""Measures of the T-identity and of sections with known solutions."""
+
+import numpy as np
+
+from study.core.store import Results, Stored
+from study.judge.measures.stored_cases import matching
+from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
+
+OPEN, STICK = 0, 1  # contact status as the library numbers it
+
+
+def greco_deviation(results: Results, cases: str, reference: str) -> float:
+    """Largest deviation of a displacement of the GRECO plate from known ones, in per cent.
+
+    `cases` is a regular expression; `reference` is "published" or "prototype".
+    """
+    return max(
+        100 * abs(stored.scalars[f"u_{i}"] / greco_known(results, i, reference) - 1)
+        for stored in matching(results, "V6", cases)
+        for i in range(1, len(GRECO_PLACES) + 1)
+    )
+
+
+def greco_known(results: Results, place: int, reference: str) -> float:
+    """A displacement of the GRECO plate, "published" or of the "prototype", in m."""
+    known = {"published": GRECO_PUBLISHED, "prototype": GRECO_PROTOTYPE}[reference]
+    return known[place - 1]
+
+
+def greco_change(results: Results, cases: str, other: str) -> float:
+    """Largest deviation of a displacement of the GRECO plate from another case's, in per cent."""
+    names = [f"u_{i}" for i in range(1, len(GRECO_PLACES) + 1)]
+    return max(
+        100 * abs(stored.scalars[name] / results.scalar(f"V6/{other}", name) - 1)
+        for stored in matching(results, "V6", cases)
+        for name in names
+    )
+
+
+def zone_end(results: Results, key: str, zone: str) -> float:
+    """Where the GRECO plate ceases to be open, or begins to stick: between two nodes, in mm."""
+    curves = results.curves(key)
+    x, status = curves["x"], curves["status"]
+    if zone == "open":
+        before = int(np.flatnonzero(status == OPEN).max())
+    else:
+        before = int(np.flatnonzero(status == STICK).min()) - 1
+    return float(1e3 * x[before : before + 2].mean())
+
+
+def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
+    """How far that border moves from one case to another, in mm."""
+    return abs(zone_end(results, key, zone) - zone_end(results, other, zone))
+
+
+def stick_outside(results: Results, cases: str) -> float:
+    """Largest distance of the known stick radius from the interval of nodes that holds it."""
+    return max(
+        max(
+            0.0, abs(s.scalars["stick"] - s.scalars["stick_known"]) - s.scalars["stick_between"] / 2
+        )
+        for s in matching(results, "V4", cases)
+    )
+
+
+def refinement_order(results: Results, element: str, name: str) -> float:
+    """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
+    cases = sorted(
+        matching(results, "V5", rf"{element}-\d+"),
+        key=lambda stored: stored.scalars["element_size"],
+    )
+    size, error = ([cases[i].scalars[what] for i in (0, -1)] for what in ("element_size", name))
+    return float(np.log(error[1] / error[0]) / np.log(size[1] / size[0]))
+
+
+def largest_error_ratio(results: Results, settings: str, name: str) -> float:
+    """Largest error of the new T6 or T10 over the standard one's on the finest meshes.
+
+    `settings` is a regular expression for what follows the element in a case's name.
+    """
+    return max(
+        ours.scalars[name] / standard.scalars[name]
+        for ours, standard in _convergence_pairs(results, settings)
+    )
+
+
+def largest_ratio_on_meshes(results: Results, settings: str, name: str) -> float:
+    """The same on any of the meshes."""
+    return max(
+        float((ours.curves[name] / standard.curves[name]).max())
+        for ours, standard in _convergence_pairs(results, settings)
+    )
+
+
+def ratio_at_poissons_ratio(results: Results, settings: str, name: str, nu: float) -> float:
+    """Largest ratio of both errors at a Poisson's ratio among the scans over it."""
+    ratios = []
+    for ours, standard in _convergence_pairs(results, f"nu-({settings})"):
+        (place,) = np.flatnonzero(ours.curves["nu"] == nu)
+        ratios.append(float(ours.curves[name][place] / standard.curves[name][place]))
+    return max(ratios)
+
+
+def _convergence_pairs(results: Results, settings: str) -> list[tuple[Stored, Stored]]:
+    """Results of the new T6 or T10, and of the standard one in the same setting."""
+    return [
+        (ours, results[ours.key.replace("C/pw-", "C/galerkin-")])
+        for ours in matching(results, "C", f"pw-T(6|10)-({settings})")
+    ]
+
+
+def mode_errors(results: Results, key: str) -> np.ndarray:
+    """Relative errors of the values on the finest mesh, with their signs."""
+    errors: np.ndarray = results.curves(key)["errors"][-1]
+    return errors
+
+
+def highest_mode_error(results: Results, key: str) -> float:
+    """The largest of them: negative if all values lie below the exact ones."""
+    return float(mode_errors(results, key).max())
+
+
+def largest_mode_error_ratio(results: Results, key: str, other: str) -> float:
+    """Largest ratio of a mode's errors of two cases on their finest meshes."""
+    return float(np.abs(mode_errors(results, key) / mode_errors(results, other)).max())
+
+
+def finest_imaginary(results: Results, key: str) -> float:
+    """Largest |Im| over |Re| of the eigenvalues on the finest mesh."""
+    return float(results.curves(key)["imaginaries"][-1])

@@ -1,0 +1,32 @@
+"""Measures of the comparison with an independent code."""
+
+from collections.abc import Sequence
+
+from study.core.store import Results
+from study.judge.measures.stored_cases import of_section
+
+CONTACT_PEERS = (
+    "block-even",
+    "block-part",
+    "block-lifting",
+    "block-friction-0.15",
+    "block-friction-0.30",
+)
+
+
+def peer_worst(
+    results: Results, name: str, component: str, cases: Sequence[str] = CONTACT_PEERS
+) -> float:
+    """Largest of one kind of difference from CalculiX, per cent of the mean nodal force."""
+    return 100 * max(
+        value
+        for case in cases
+        for scalar, value in results[f"P/{case}"].scalars.items()
+        if scalar == f"{name}_{component}"
+    )
+
+
+def peer_critical_stress(results: Results, element: str) -> float:
+    """Largest relative difference of a critical stress from CalculiX's."""
+    beams = [s for s in of_section(results, "P") if f"difference_{element}" in s.scalars]
+    return max(s.scalars[f"difference_{element}"] for s in beams)

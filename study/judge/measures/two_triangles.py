@@ -1,0 +1,30 @@
+"""Measures of section 7.1."""
+
+import numpy as np
+
+from study.core.store import Results
+from study.judge.measures.stored_cases import of_section
+
+
+def middle_over_side(results: Results, element: str) -> float:
+    """Reaction of the central node over the larger of the two others."""
+    sides = [results.scalar(f"7.1/{element}", f"reaction_{i}") for i in (0, 2)]
+    return results.scalar(f"7.1/{element}", "reaction_1") / max(sides)
+
+
+def corner_over_midside(results: Results, element: str) -> float:
+    """Smallest interior corner node's reaction over the largest mid-side one's, row of squares."""
+    reactions = results.curves(f"7.1/{element}-row")["reaction"]
+    return float(reactions[2:-2:2].min() / reactions[1::2].max())
+
+
+def reaction_spread(results: Results, element: str) -> float:
+    """Largest change of a reaction with material, stress state or diagonal."""
+    reactions = np.array(
+        [
+            [stored.scalars[f"reaction_{i}"] for i in range(3)]
+            for stored in of_section(results, "7.1")
+            if stored.case.startswith(element) and not stored.case.endswith("-row")
+        ]
+    )
+    return float(np.ptp(reactions, axis=0).max())

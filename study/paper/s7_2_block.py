@@ -1,0 +1,132 @@
+"""7.2 Elastic block on a rigid surface, pressed from above and pulled to the right (Figs 6-8)."""
+
+from functools import partial
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx.mesh import Mesh
+
+from pw_elements import Material, StressState
+from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
+from pw_elements.meshes import quadrilaterals, triangles
+from study.contact_result import contact_result
+from study.core.cases import Case
+from study.core.store import Result
+from study.discretisation import Discretisation, discretise
+
+TITLE = "Elastic block on a rigid surface"
+
+# Printed: E, nu, mu, 400 triangles or 200 quadrilaterals, the first and last contact element
+# frictionless. Reconstructed: 4 x 2 with 20 x 10 squares, pressure 200, traction 60, and that the
+# pressure comes first (the paper: "pressed ... and at the same time pulled").
+YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
+LENGTH, HEIGHT = 4.0, 2.0
+PRESSURE = 200.0
+FRICTION, PULL = 0.3, 0.3  # pull: tangential traction over pressure
+DIVISIONS = (20, 10)
+SMOOTH = 0.2  # length of the frictionless element at either end
+INCREMENTS = 10  # of the pull, after the pressure
+
+
+def block(
+    element: str,
+    friction: float = FRICTION,
+    pull: float = PULL,
+    divisions: tuple[int, int] = DIVISIONS,
+    shared_is_rough: bool = True,
+    state: str = "plane stress",
+    pressed_first: bool = True,
+) -> Result:
+    """Contact forces below the block after the last increment.
+
+    Each mesh starts from the active sets of the next coarser one, down to that of the paper.
+    """
+    levels = [(divisions[0], divisions[1])]
+    while levels[0][0] > DIVISIONS[0]:
+        levels.insert(0, (levels[0][0] // 2, levels[0][1] // 2))
+    states: list[ContactState] = []
+    for level in levels:
+        body = discretise(
+            element,
+            partial(mesh, level),
+            Material(YOUNGS_MODULUS, POISSONS_RATIO),
+            StressState(state),
+        )
+        loads = press_and_pull(body, pull, pressed_first)
+        states = on_foundation(body, loads, friction, shared_is_rough, states)
+    return contact_result(body, states, loads[-1], lower_side, PRESSURE)
+
+
+def press_and_pull(
+    body: Discretisation, pull: float, pressed_first: bool = True
+) -> list[PETSc.Vec]:
+    """Loads at the end of each increment: the pressure, then the pull in equal steps, or both."""
+    pressure = body.surface_load((0.0, -PRESSURE), _upper_side)
+    traction = body.surface_load((pull * PRESSURE, 0.0), _right_side)
+    steps = [k / INCREMENTS for k in range(INCREMENTS + 1)]
+    if pressed_first:
+        return [pressure + traction * step for step in steps]
+    return [(pressure + traction) * step for step in steps[1:]]
+
+
+def on_foundation(
+    body: Discretisation,
+    loads: list[PETSc.Vec],
+    friction: float,
+    shared_is_rough: bool,
+    start: list[ContactState],
+) -> list[ContactState]:
+    """Contact states at the end of each increment, started from those of a coarser mesh."""
+    edge = SMOOTH - 1e-9 if shared_is_rough else SMOOTH + 1e-9
+
+    def per_node(x: np.ndarray) -> np.ndarray:
+        return np.where((x[0] > edge) & (x[0] < LENGTH - edge), friction, 0.0)
+
+    foundation = ContactPair(lower_side, Plane((0.0, 0.0), (0.0, 1.0)), per_node)
+    return solve_contact(body.K, loads, body.supports([]), [foundation], body.space, start)
+
+
+def mesh(divisions: tuple[int, int], cell: str) -> Mesh:
+    """The block of "triangle" or "quadrilateral" cells."""
+    build = triangles if cell == "triangle" else quadrilaterals
+    return build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
+
+
+def lower_side(x: np.ndarray) -> np.ndarray:
+    """Marker of the contact surface."""
+    return np.isclose(x[1], 0.0)
+
+
+def _upper_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[1], HEIGHT)
+
+
+def _right_side(x: np.ndarray) -> np.ndarray:
+    return np.isclose(x[0], LENGTH)
+
+
+ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
+VARIANTS: dict[str, dict[str, object]] = {
+    "-pull0.15": {"pull": 0.15},
+    "-pull0.40": {"pull": 0.4},
+    "-mu0.5-pull0.50": {"friction": 0.5, "pull": 0.5},
+    "-together": {"pressed_first": False},
+}
+CASES = [Case("7.2", element, block, {"element": element}) for element in ELEMENTS]
+CASES += [
+    Case("7.2", f"pw-T6{name}-80x40", block, {"element": "pw-T6", "divisions": (80, 40), **variant})
+    for name, variant in VARIANTS.items()
+]
+# Everything rough sticks: there T times the standard forces has to be the new ones exactly
+CASES += [
+    Case("7.2", f"{element}-stick", block, {"element": element, "friction": 5.0, "pull": 0.1})
+    for element in ("galerkin-T6", "pw-T6")
+]
+CASES += [Case("7.2", "pw-T6-80x40", block, {"element": "pw-T6", "divisions": (80, 40)})]
+CASES += [
+    Case("7.2", f"{element}-smooth", block, {"element": element, "shared_is_rough": False})
+    for element in ("galerkin-T6", "pw-T6")
+]
+CASES += [Case("7.2", "pw-T6-strain", block, {"element": "pw-T6", "state": "plane strain"})]
