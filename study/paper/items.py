@@ -145,10 +145,16 @@ _ROOT = Path(__file__).parents[2]
 
 def readme_table() -> str:
     """Return README's table of what is where: the paper's sections, then the study's own."""
-    sections = sorted({*_TITLES, *(name for name in SECTIONS if name[0].isdigit())})
-    sections += [name for name in SECTIONS if name not in sections]
+    sections = sorted({*_TITLES, *SECTIONS}, key=_place)
     rows = ["| section | of the paper | computed in | drawn by |", "|---|---|---|---|"]
     return "\n".join([*rows, *map(_row, sections)])
+
+
+def _place(section: str) -> tuple[int, float]:
+    """Return what sections are sorted by: the paper's first, V9 before V10."""
+    kinds = ("", "T", "C", "V", "P")
+    letter = section.rstrip("0123456789.")
+    return kinds.index(letter), float(section.removeprefix(letter) or 0)
 
 
 def _row(section: str) -> str:
