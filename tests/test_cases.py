@@ -8,7 +8,7 @@ import pytest
 
 from study.core import cases, provenance
 from study.core.cases import Case, fingerprint, load_section, title
-from study.core.sources import closure, imported
+from study.core.sources import closure, code_digest, imported
 from study.core.store import StudyError
 from tests.toystudy import install
 
@@ -19,7 +19,7 @@ def toy(tmp_path, monkeypatch):
     return tmp_path / "toy"
 
 
-def add(path, text="# changed\n"):
+def add(path, text="CHANGED = 1\n"):
     path.write_text(path.read_text() + text)
 
 
@@ -84,6 +84,53 @@ def test_change_of_a_source_that_the_section_uses_invalidates(toy, name):
     assert fingerprint(case) != before
 
 
+SOURCE = '''"""A docstring."""
+
+X = 1  # a comment
+"""A text about X."""
+
+
+def f(a, b="text"):
+    """Another docstring."""
+    if a:
+        """And a text."""
+    return {"a": a, "b": b}
+'''
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("# a comment", "# another one", True),
+        ("A docstring", "Other words", True),
+        ('    """Another docstring."""\n', "", True),
+        ("A text about X", "Nothing", True),
+        ("And a text", "Nothing", True),
+        ("\n\n\ndef f(a, b=", "\ndef f(\n    a,\n    b=", True),
+        ('{"a": a, "b": b}', '{\n        "a": a,\n        "b": b,\n    }', True),
+        ("X = 1", "X = 2", False),
+        ('b="text"', 'b="other"', False),
+        ('"b": b', '"b": a', False),
+        ("if a:", "if b:", False),
+    ],
+)
+def test_code_changes_a_digest_and_comments_do_not(tmp_path, old, new, same):
+    assert SOURCE.count(old) == 1
+    path, other = tmp_path / "a.py", tmp_path / "b.py"
+    path.write_text(SOURCE)
+    other.write_text(SOURCE.replace(old, new))
+    assert (code_digest(path) == code_digest(other)) is same
+
+
+@pytest.mark.parametrize("name", ["one.py", "common.py", "__init__.py"])
+def test_comment_or_docstring_does_not_invalidate(toy, name):
+    case = load_section("1").cases[0]
+    before = fingerprint(case)
+    path = toy / name
+    path.write_text(f'"""About the module."""\n\n# a comment\n{path.read_text()}# another\n')
+    assert fingerprint(case) == before
+
+
 def test_change_of_another_section_does_not_invalidate(toy):
     case = load_section("1").cases[0]
     before = fingerprint(case)
@@ -112,11 +159,12 @@ def test_parameters_name_library_and_versions_invalidate(tmp_path, monkeypatch):
     marks = {fingerprint(case)}
     marks.add(fingerprint(replace(case, parameters=case.parameters | {"value": 1.5})))
     marks.add(fingerprint(replace(case, name="c")))
+    marks.add(fingerprint(replace(case, implied={"state": "solid"})))
     add(library)
     marks.add(fingerprint(case))
     monkeypatch.setattr(cases, "versions", lambda: {"dolfinx": "99"})
     marks.add(fingerprint(case))
-    assert len(marks) == 5
+    assert len(marks) == 6
 
 
 def test_library_is_part_of_the_fingerprint():
@@ -129,6 +177,21 @@ def test_order_of_parameters_does_not_matter():
     case = load_section("1").cases[1]
     turned = replace(case, parameters=dict(reversed(case.parameters.items())))
     assert fingerprint(turned) == fingerprint(case)
+
+
+def test_stored_parameters_have_the_defaults_and_the_types_of_json():
+    def run(element, divisions=(20, 10), friction=0.3, smooth=None):
+        raise AssertionError(element, divisions, friction, smooth)
+
+    case = Case("1", "a", run, {"element": "pw-T6", "friction": 0}, {"state": "plane stress"})
+    assert case.stored_parameters == {
+        "problem": "run",
+        "element": "pw-T6",
+        "divisions": [20, 10],
+        "friction": 0,
+        "smooth": None,
+        "state": "plane stress",
+    }
 
 
 def test_imports_are_found_in_all_their_forms(toy):

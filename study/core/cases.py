@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import inspect
 import json
 import re
 from collections.abc import Callable
@@ -10,7 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from study.core.provenance import versions
-from study.core.sources import closure, package_sources, source
+from study.core.sources import closure, code_digest, package_sources, source
 from study.core.store import Result, StudyError
 
 SECTIONS = {
@@ -47,12 +48,15 @@ class Case:
         name: Its name there, which is its file name too.
         run: Function of a module (workers import it), called with the parameters.
         parameters: Keyword arguments, of types that JSON has.
+        implied: What else is stored as a parameter, because the name or an argument implies it:
+            the element of a named quantity, the material of a named setting.
     """
 
     section: str
     name: str
     run: Callable[..., Result]
     parameters: dict[str, Any] = field(default_factory=dict)
+    implied: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"\w[\w.+-]*", self.name):
@@ -62,6 +66,18 @@ class Case:
     def key(self) -> str:
         """Section and name, as in "7.1/pw-T6"."""
         return f"{self.section}/{self.name}"
+
+    @property
+    def stored_parameters(self) -> dict[str, Any]:
+        """All parameters of the result as JSON gives them back.
+
+        They are the `problem`, which is the name of the function that computes it, the arguments
+        of that function with its defaults, and what is implied.
+        """
+        bound = inspect.signature(self.run).bind(**self.parameters)
+        bound.apply_defaults()
+        every = {"problem": self.run.__name__, **bound.arguments, **self.implied}
+        return dict(json.loads(json.dumps(every, allow_nan=False)))
 
 
 @dataclass(frozen=True)
@@ -107,16 +123,16 @@ def fingerprint(case: Case) -> str:
     """Return a digest of all that a case's result depends on.
 
     That is its parameters, the library, the modules of the study that its own imports lead to, and
-    the packages' versions. This module is left out: a section added to its table changes no other.
+    the packages' versions. Of sources it is the code that counts, neither comments nor layout. This
+    module is left out: a section added to its table changes no other.
     """
     digest = hashlib.sha256()
-    digest.update(json.dumps([case.key, case.parameters, versions()], sort_keys=True).encode())
+    stated = [case.key, case.stored_parameters, versions()]
+    digest.update(json.dumps(stated, sort_keys=True).encode())
     own = closure(_module(case.section), frozenset({__name__}))
     own |= closure(case.run.__module__, frozenset({__name__}))
     for path in [*package_sources("pw_elements"), *own.values()]:
-        data = path.read_bytes()
-        digest.update(f"\n{path.name} {len(data)}\n".encode())
-        digest.update(data)
+        digest.update(f"\n{path.name} {code_digest(path)}".encode())
     return digest.hexdigest()
 
 

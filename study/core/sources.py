@@ -1,6 +1,7 @@
 """Source files of modules, found and read without importing them."""
 
 import ast
+import hashlib
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
@@ -62,6 +63,30 @@ def closure(module: str, without: frozenset[str] = frozenset()) -> dict[str, Pat
             waiting += sorted(imported(name))
             waiting.append(name.rpartition(".")[0] or name)  # the package around it runs first
     return dict(sorted(found.items()))
+
+
+def code_digest(path: Path) -> str:
+    """Return a digest of a source's code: without comments, docstrings and layout."""
+    return _code_digest(path.read_bytes())
+
+
+@cache
+def _code_digest(source: bytes) -> str:
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        for block, statements in ast.iter_fields(node):
+            if isinstance(statements, list):
+                setattr(node, block, [one for one in statements if not _is_text(one)])
+    return hashlib.sha256(ast.dump(tree, annotate_fields=False).encode()).hexdigest()
+
+
+def _is_text(node: object) -> bool:
+    """Whether this is a text as a statement: a docstring, or the like of an attribute."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
 
 
 @cache
