@@ -1,6 +1,6 @@
 """What the study stores of a contact computation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from petsc4py import PETSc
 
@@ -13,8 +13,28 @@ from pw_elements.mechanics import Marker
 from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
 from study.core.store import Result
 from study.discretisation import Discretisation, mesh_curves
+from study.units import Units, units_of
 
 Array = npt.NDArray[np.float64]
+
+# Of the scalars that contact computations share, and of those that some of them add; names may
+# end in the number of a surface
+CONTACT_UNITS = {
+    "force_*": "force",
+    "translation": "length",
+    "peak_pressure*": "stress",
+    "peak_over_mean*": "1",
+    "closed_from*": "length",
+    "closed_to*": "length",
+    "stick_from*": "length",
+    "stick_to*": "length",
+    "sawtooth*": "1",
+    "unevenness*": "1",
+    "iterations": "1",
+    "iterations_most": "1",
+    "residual": "1",
+    "unique": "1",
+}
 
 
 def contact_result(
@@ -23,6 +43,8 @@ def contact_result(
     load: PETSc.Vec,
     line: Marker,
     mean_pressure: float,
+    units: Units,
+    kinds: Mapping[str, str] | None = None,
     **further: float,
 ) -> Result:
     """Scalars and curves of the last increment along one horizontal contact line.
@@ -33,12 +55,15 @@ def contact_result(
         load: of the last one.
         line: marker of the contact line's nodes, which alternate corner, mid-side, corner.
         mean_pressure: that pressures are stored relative to, in scalars only.
+        units: of forces, lengths and stresses.
+        kinds: of further scalars that `CONTACT_UNITS` does not know, see `units_of`.
         further: scalars to store besides.
     """
     scalars, curves = surface_result(body, states[-1], 0, load, line, mean_pressure)
     scalars = further | scalars | solver_scalars(states)
     curves |= deformation_curves(body, states[-1])
-    return Result(scalars, {}, curves, dofs=body.K.getSize()[0])
+    named = units_of(scalars, {**CONTACT_UNITS, **(kinds or {})}, units)
+    return Result(scalars, named, curves, dofs=body.K.getSize()[0])
 
 
 def surface_result(

@@ -31,6 +31,7 @@ _SPACES = {
     "pwsym-T6": Spaces.petrov_galerkin,
     "galerkin-Q8": Spaces.serendipity,
     "pw-Q8": Spaces.petrov_galerkin,
+    "pwsym-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,
     "composite-T6": Spaces.composite,
     # on tetrahedra
@@ -40,7 +41,11 @@ _SPACES = {
 
 # The quadrilaterals with piecewise-linear weights have an inner node more than the standard one:
 # that of two triangles (the paper's section 5), or the centre of four sub-quadrilaterals
-_INNER_NODES = {"pw-Q8": mid_diagonal_nodes, "pw-Q9": centre_nodes}
+_INNER_NODES = {
+    "pw-Q8": mid_diagonal_nodes,
+    "pwsym-Q8": mid_diagonal_nodes,
+    "pw-Q9": centre_nodes,
+}
 
 
 @dataclass(frozen=True)

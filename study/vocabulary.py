@@ -29,6 +29,7 @@ ELEMENTS = {
     "composite-T6": Element("composite T6", "v", "#B0568C"),
     "galerkin-Q8": Element("standard Q8", "s", "#B87A00"),
     "pw-Q8": Element("new Q8, condensed pair", "D", "#007A5A"),
+    "pwsym-Q8": Element("new Q8, symmetrised", "p", "#5FB596"),
     "pw-Q9": Element("new Q9, condensed centre", "P", "#6A4C93"),
     "galerkin-T10": Element("standard T10", "<", "#8C3B00"),
     "pw-T10": Element("new T10", ">", "#00406B"),

@@ -11,7 +11,7 @@ from tests.toystudy import MEASURED, claim
 
 @pytest.fixture
 def results(tmp_path):
-    save(tmp_path, "1", "b", Result({"y": 5.0}, {}), {})
+    save(tmp_path, "1", "b", Result({"y": 5.0}, {"y": "N"}), {"problem": "toy"}, {})
     return Results(tmp_path)
 
 

@@ -15,7 +15,9 @@ def stored(tmp_path, monkeypatch):
     def store(folder, key="1/a", **scalars):
         section, case = key.split("/")
         versions = {"versions": {"dolfinx": folder, "petsc": "3"}}
-        save(tmp_path / folder, section, case, Result(BASE | scalars, {}), versions)
+        numbers = BASE | scalars
+        result = Result(numbers, dict.fromkeys(numbers, "1"))
+        save(tmp_path / folder, section, case, result, {"problem": "toy"}, versions)
         return str(tmp_path / folder)
 
     return store

@@ -46,7 +46,8 @@ def alt(results):
 
 @pytest.fixture
 def out(tmp_path):
-    save(tmp_path / "out", "1", "a", Result({"y": 2.5}, {}, {"x": np.linspace(0, 1, 5)}), {})
+    result = Result({"y": 2.5}, {"y": "1"}, {"x": np.linspace(0, 1, 5)})
+    save(tmp_path / "out", "1", "a", result, {"problem": "toy"}, {})
     return tmp_path / "out"
 
 

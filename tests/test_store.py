@@ -14,14 +14,19 @@ from study.core.store import CorruptResult, MissingResult, Result, Results, Stud
 KEY = "7.1/pw-T6"
 RESULT = Result(
     scalars={"reaction_1": 0.1 + 0.2, "count": np.int64(3), "tiny": np.float64(5e-324)},
-    units={"reaction_1": "N"},
+    units={"reaction_1": "N", "count": "1", "tiny": "mm"},
     curves={"x": np.array([0.0, math.pi, math.nan]), "nodes": np.arange(6).reshape(2, 3)},
 )
+PARAMETERS = {"element": "pw-T6", "divisions": [20, 10], "friction": 0.3, "smooth": None}
+
+
+def number(value=1.0, unit="1", curves=None):
+    return Result({"y": value}, {"y": unit}, curves or {})
 
 
 @pytest.fixture
 def stored(tmp_path):
-    save(tmp_path, "7.1", "pw-T6", RESULT, {"seconds": 1.5})
+    save(tmp_path, "7.1", "pw-T6", RESULT, PARAMETERS, {"seconds": 1.5})
     return tmp_path
 
 
@@ -29,7 +34,8 @@ def test_what_is_read_is_what_was_saved(stored):
     read = Results(stored)[KEY]
     assert (read.section, read.case, read.key) == ("7.1", "pw-T6", KEY)
     assert read.scalars == {"reaction_1": 0.1 + 0.2, "count": 3.0, "tiny": 5e-324}
-    assert read.units == {"reaction_1": "N"}
+    assert read.units == {"reaction_1": "N", "count": "1", "tiny": "mm"}
+    assert read.parameters == PARAMETERS
     assert read.provenance["seconds"] == 1.5
     for name, curve in RESULT.curves.items():
         np.testing.assert_array_equal(read.curves[name], curve)
@@ -38,21 +44,59 @@ def test_what_is_read_is_what_was_saved(stored):
 
 def test_file_has_the_agreed_keys_and_nothing_else_lies_there(stored):
     content = json.loads((stored / "7.1" / "pw-T6.json").read_text())
-    assert set(content) == {"case", "scalars", "units", "provenance"}
+    assert set(content) == {"case", "parameters", "scalars", "units", "provenance"}
     assert content["case"] == "pw-T6"
     assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_number_that_is_not_finite_is_refused_by_name(tmp_path, value):
+    result = Result({"good": 1.0, "bad": value}, {"good": "N", "bad": "N"})
     with pytest.raises(StudyError, match=r"7\.1/pw-T6 .*\bbad = -?(nan|inf)"):
-        save(tmp_path, "7.1", "pw-T6", Result({"good": 1.0, "bad": value}, {}), {})
+        save(tmp_path, "7.1", "pw-T6", result, PARAMETERS, {})
     assert not list(tmp_path.rglob("*.json"))
+
+
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [
+        ({}, "numbers without a unit: y, z$"),
+        ({"y": "N"}, "numbers without a unit: z$"),
+        ({"y": "N", "z": ""}, "numbers without a unit: z$"),
+        ({"y": "N", "z": "1", "x": "m"}, "units of no number: x$"),
+    ],
+)
+def test_number_without_unit_and_unit_without_number_are_refused(tmp_path, units, message):
+    with pytest.raises(StudyError, match=r"^7\.1/pw-T6 has " + message):
+        save(tmp_path, "7.1", "pw-T6", Result({"y": 1.0, "z": 2.0}, units), PARAMETERS, {})
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_result_without_parameters_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"^7\.1/pw-T6 has no parameters$"):
+        save(tmp_path, "7.1", "pw-T6", number(), {}, {})
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_results_are_asked_for_by_parameters(stored):
+    other = {"element": "galerkin-T6", "divisions": [20, 10], "friction": 0.3}
+    save(stored, "7.1", "galerkin-T6", number(), other, {})
+    results = Results(stored)
+
+    def found(**parameters):
+        return [one.case for one in results.where("7.1", **parameters)]
+
+    assert found() == ["galerkin-T6", "pw-T6"]
+    assert found(element="pw-T6") == ["pw-T6"]
+    assert found(element=["pw-T6", "galerkin-T6"], friction=0.3) == ["galerkin-T6", "pw-T6"]
+    assert found(divisions=(20, 10), smooth=None) == ["pw-T6"]
+    assert found(friction=0.4) == found(divisions=[[20, 10]]) == found(mesh=1) == []
+    assert results.where("7.6", element="pw-T6") == []
 
 
 def test_curve_of_objects_is_refused_by_name(tmp_path):
     with pytest.raises(StudyError, match="odd"):
-        save(tmp_path, "7.1", "c", Result({}, {}, {"odd": np.array([{}, None])}), {})
+        save(tmp_path, "7.1", "c", number(curves={"odd": np.array([{}, None])}), PARAMETERS, {})
 
 
 KILLED = """
@@ -62,7 +106,8 @@ import numpy as np
 from study.core.store import Result, save
 real = os.replace
 os.replace = lambda a, b: os._exit(9) if str(b).endswith(".json") else real(a, b)
-save(Path(sys.argv[1]), "7.1", "pw-T6", Result({"y": 1.0}, {}, {"x": np.zeros(2)}), {})
+result = Result({"y": 1.0}, {"y": "1"}, {"x": np.zeros(2)})
+save(Path(sys.argv[1]), "7.1", "pw-T6", result, {"element": "pw-T6"}, {})
 """
 
 
@@ -90,13 +135,13 @@ def test_failed_write_leaves_the_old_result_and_no_litter(stored, monkeypatch):
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(OSError, match="No space"):
-        save(stored, "7.1", "pw-T6", Result({"reaction_1": 9.0}, {}, {"x": np.ones(1)}), {})
+        save(stored, "7.1", "pw-T6", number(9.0, curves={"x": np.ones(1)}), PARAMETERS, {})
     assert Results(stored).scalar(KEY, "reaction_1") == 0.1 + 0.2
     assert sorted(os.listdir(stored / "7.1")) == ["pw-T6.json", "pw-T6.npz"]
 
 
 def test_curves_of_an_earlier_result_go_with_it(stored):
-    save(stored, "7.1", "pw-T6", Result({"y": 1.0}, {}), {})
+    save(stored, "7.1", "pw-T6", number(), PARAMETERS, {})
     assert Results(stored).curves(KEY) == {}
     assert os.listdir(stored / "7.1") == ["pw-T6.json"]
 
@@ -120,6 +165,7 @@ def replaced(old, new):
         replaced("3.0", "NaN"),
         replaced("3.0", '"3.0"'),
         replaced('"units"', '"unit"'),
+        replaced('"parameters"', '"parameter"'),
         replaced('"case": "pw-T6"', '"case": "pw-Q8"'),
         lambda path: path.with_suffix(".npz").unlink(),
         lambda path: path.with_suffix(".npz").write_bytes(b"no archive"),
@@ -136,6 +182,28 @@ def test_damaged_result_is_named_with_its_remedy(stored, damage):
     assert "\n" not in message
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"count": 3.0', '"count": 3.0000000000000004'),
+        ('"reaction_1": "N"', '"reaction_1": "kN"'),
+        ('"friction": 0.3', '"friction": 0.4'),
+        (',\n  "tiny": 5e-324', ""),
+        ('"numbers_sha256": "', '"numbers_sha256": "0'),
+    ],
+)
+def test_edited_number_unit_or_parameter_is_noticed(stored, old, new):
+    replaced(old, new)(stored / "7.1" / "pw-T6.json")
+    with pytest.raises(CorruptResult, match=r"edited since the run.*study 7\.1 --force$"):
+        Results(stored)[KEY]
+
+
+def test_another_layout_of_the_same_numbers_is_none(stored):
+    path = stored / "7.1" / "pw-T6.json"
+    path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
+    assert Results(stored).scalar(KEY, "reaction_1") == 0.1 + 0.2
+
+
 def test_missing_result_is_named_with_its_remedy(stored):
     assert "7.6/pw-T6" not in Results(stored)
     with pytest.raises(MissingResult, match=r"7\.6/pw-T6\.json: run \./run study 7\.6$"):
@@ -148,8 +216,8 @@ def test_unknown_scalar_is_named_with_those_there_are(stored):
 
 
 def test_section_is_sorted_and_ignores_unfinished_files(stored):
-    save(stored, "7.1", "galerkin-T6", Result({}, {}), {})
-    save(stored, "7.6", "other", Result({}, {}), {})
+    save(stored, "7.1", "galerkin-T6", Result({}, {}), PARAMETERS, {})
+    save(stored, "7.6", "other", Result({}, {}), PARAMETERS, {})
     (stored / "7.1" / ".pw-Q8.json.77").write_text("{")
     (stored / "7.1" / ".half.json").write_text("{")
     assert [one.case for one in Results(stored).section("7.1")] == ["galerkin-T6", "pw-T6"]

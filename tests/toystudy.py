@@ -27,6 +27,7 @@ from study.core.store import Result
 from toy.common import FACTOR
 
 TITLE = "First toy"
+UNITS = {"y": "N", "iterations": "1"}
 
 
 def run(value, log, do=""):
@@ -38,7 +39,7 @@ def run(value, log, do=""):
         os._exit(9)
     if do == "sleep":
         time.sleep(60)
-    return Result({"y": FACTOR * value, "iterations": 3}, {"y": "N"}, {"x": np.arange(3.0)}, dofs=6)
+    return Result({"y": FACTOR * value, "iterations": 3}, UNITS, {"x": np.arange(3.0)}, dofs=6)
 
 
 def case(name, value=1.0, **parameters):
@@ -56,7 +57,7 @@ TITLE = "Second toy"
 
 
 def run():
-    return Result({"z": 7.0}, {})
+    return Result({"z": 7.0}, {"z": "1"})
 
 
 CASES = [Case("2", "only", run)]
@@ -78,6 +79,7 @@ def nothing(results):
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
 
+TOY = {"problem": "toy"}
 ORIGIN = {
     "commit": "0123456789abcdef",
     "dirty": True,
@@ -162,9 +164,10 @@ def reported(folder, monkeypatch):
     """Install the toys; return a folder of results with claims and three figures."""
     install(folder, monkeypatch)
     out = folder / "results"
-    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), ORIGIN)
+    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), TOY, ORIGIN)
     versions = {**ORIGIN["versions"], "dolfinx": "0.10.0"}
-    save(out, "1", "b", Result({"y": 5.0}, {}), {**ORIGIN, "versions": versions, "dirty": False})
+    other = {**ORIGIN, "versions": versions, "dirty": False}
+    save(out, "1", "b", Result({"y": 5.0}, {"y": "1"}), TOY, other)
     path = folder / "claims.toml"
     path.write_text(
         claim()

@@ -103,7 +103,7 @@ def compute(case: Case, mark: str, out: Path) -> Done:
         result = case.run(**case.parameters)
         seconds = time.perf_counter() - start
         origin = provenance(seconds, result.dofs, result.processes, mark)
-        save(out, case.section, case.name, result, origin)
+        save(out, case.section, case.name, result, case.stored_parameters, origin)
     except Exception as error:
         return Done(error=_one_line(error))
     cost = f"{seconds:7.2f} s {result.dofs:6d} dofs"

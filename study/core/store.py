@@ -29,9 +29,15 @@ class CorruptResult(StudyError):
 class Result:
     """What the run function of a case returns.
 
+    Units are those in which a problem is stated: kN, kN/m² and m, or N, MPa and mm. A problem that
+    states none has "unit force", "unit length" and "unit stress", any consistent ones; one whose
+    quantities are made dimensionless has "1", as have ratios, counts and flags. Forces on a plane
+    body are those on a thickness of one unit length, forces on an axisymmetric one are those on
+    the whole circumference.
+
     Attributes:
         scalars: Finite numbers by name.
-        units: Their units by name; a number without one is dimensionless.
+        units: The unit of each of them.
         curves: Arrays by name, of any shape; NaN marks a gap.
         dofs: Degrees of freedom of the discrete problem.
         processes: Number of MPI processes that took part.
@@ -50,6 +56,7 @@ class Stored:
 
     section: str
     case: str
+    parameters: dict[str, Any]
     scalars: dict[str, float]
     units: dict[str, str]
     curves: dict[str, np.ndarray]
@@ -59,6 +66,14 @@ class Stored:
     def key(self) -> str:
         """Section and case, as in "7.1/pw-T6"."""
         return f"{self.section}/{self.case}"
+
+    def has(self, /, **parameters: object) -> bool:
+        """Tell whether its parameters have these values; a list means any value of it.
+
+        A parameter that is a list itself, like a mesh's divisions, has to be that list.
+        """
+        own = self.parameters
+        return all(name in own and _is(own[name], value) for name, value in parameters.items())
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -82,18 +97,26 @@ def write_json(path: Path, content: object) -> None:
     write_whole(path, (text + "\n").encode())
 
 
-def save(out: Path, section: str, case: str, result: Result, provenance: Mapping[str, Any]) -> None:
+def save(
+    out: Path,
+    section: str,
+    case: str,
+    result: Result,
+    parameters: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> None:
     """Store a result; a process killed at any point leaves no mixture of old and new behind.
 
-    The provenance receives the digest of the curves, so that a `.npz` of another run is noticed.
+    The provenance receives digests: of the curves, so that a `.npz` of another run is noticed, and
+    of parameters, scalars and units, so that an edited number is.
 
     Raises:
-        StudyError: If a scalar is not finite.
+        StudyError: If there are no parameters, a scalar is not finite or has no unit, or a unit
+            belongs to no scalar.
     """
     scalars = {name: float(value) for name, value in result.scalars.items()}
-    bad = [f"{name} = {value}" for name, value in scalars.items() if not math.isfinite(value)]
-    if bad:
-        raise StudyError(f"{section}/{case} has numbers that are not finite: {', '.join(bad)}")
+    units = dict(result.units)
+    _refuse_incomplete(f"{section}/{case}", parameters, scalars, units)
     folder = Path(out) / section
     curves = folder / f"{case}.npz"
     digest = None
@@ -101,11 +124,15 @@ def save(out: Path, section: str, case: str, result: Result, provenance: Mapping
         data = _packed(result.curves)
         digest = hashlib.sha256(data).hexdigest()
         write_whole(curves, data)
+    numbers = {"parameters": dict(parameters), "scalars": scalars, "units": units}
     content = {
         "case": case,
-        "scalars": scalars,
-        "units": dict(result.units),
-        "provenance": {**provenance, "curves_sha256": digest},
+        **numbers,
+        "provenance": {
+            **provenance,
+            "curves_sha256": digest,
+            "numbers_sha256": _digest(**numbers),
+        },
     }
     write_json(folder / f"{case}.json", content)  # last: it declares the result complete
     if digest is None:
@@ -116,6 +143,39 @@ def discard(out: Path, section: str, case: str) -> None:
     """Remove a stored result, if there is one."""
     for suffix in (".json", ".npz"):
         (Path(out) / section / f"{case}{suffix}").unlink(missing_ok=True)
+
+
+def _refuse_incomplete(
+    key: str,
+    parameters: Mapping[str, Any],
+    scalars: Mapping[str, float],
+    units: Mapping[str, str],
+) -> None:
+    if not parameters:
+        raise StudyError(f"{key} has no parameters")
+    bad = [f"{name} = {value}" for name, value in scalars.items() if not math.isfinite(value)]
+    if bad:
+        raise StudyError(f"{key} has numbers that are not finite: {', '.join(bad)}")
+    bare = [name for name in scalars if not units.get(name)]
+    if bare:
+        raise StudyError(f"{key} has numbers without a unit: {', '.join(bare)}")
+    idle = [name for name in units if name not in scalars]
+    if idle:
+        raise StudyError(f"{key} has units of no number: {', '.join(idle)}")
+
+
+def _digest(
+    parameters: Mapping[str, Any], scalars: Mapping[str, float], units: Mapping[str, str]
+) -> str:
+    """Digest of what a file says, whatever the order and the layout."""
+    text = json.dumps([parameters, scalars, units], sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _is(own: object, wanted: object) -> bool:
+    if isinstance(wanted, list | tuple):
+        return own == list(wanted) if isinstance(own, list) else own in wanted
+    return own == wanted
 
 
 def _packed(curves: Mapping[str, np.ndarray]) -> bytes:
@@ -164,6 +224,10 @@ class Results:
         """Return all results of a section, sorted by case."""
         return [self[f"{section}/{case}"] for case in self.cases(section)]
 
+    def where(self, section: str, /, **parameters: object) -> list[Stored]:
+        """Return the results of a section with these parameters, see `Stored.has`."""
+        return [stored for stored in self.section(section) if stored.has(**parameters)]
+
     def cases(self, section: str) -> list[str]:
         """Return the names of a section's results, sorted, readable or not."""
         paths = (self.folder / section).glob("*.json")
@@ -202,8 +266,15 @@ class Results:
             raise CorruptResult(f"{error.filename} is missing: {_remedy(key)}") from None
         except (OSError, ValueError) as error:
             raise CorruptResult(f"{path} cannot be used ({error}): {_remedy(key)}") from None
-        scalars = {name: float(value) for name, value in content["scalars"].items()}
-        return Stored(section, case, scalars, content["units"], curves, content["provenance"])
+        return Stored(
+            section,
+            case,
+            content["parameters"],
+            _floats(content["scalars"]),
+            content["units"],
+            curves,
+            content["provenance"],
+        )
 
 
 def _remedy(key: str) -> str:
@@ -215,11 +286,12 @@ def _refuse(constant: str) -> float:
 
 
 def _check(content: object, case: str) -> None:
-    if not isinstance(content, dict) or set(content) != {"case", "scalars", "units", "provenance"}:
-        raise ValueError("its keys are not case, scalars, units and provenance")
+    parts = ("parameters", "scalars", "units", "provenance")
+    if not isinstance(content, dict) or set(content) != {"case", *parts}:
+        raise ValueError(f"its keys are not case, {', '.join(parts)}")
     if content["case"] != case:
         raise ValueError(f"it is of the case {content['case']!r}")
-    for part in ("scalars", "units", "provenance"):
+    for part in parts:
         if not isinstance(content[part], dict):
             raise ValueError(f"its {part} are no table")
     for name, value in content["scalars"].items():
@@ -228,6 +300,13 @@ def _check(content: object, case: str) -> None:
     for name, unit in content["units"].items():
         if not isinstance(unit, str):
             raise ValueError(f"the unit of {name} is no text")
+    found = _digest(content["parameters"], _floats(content["scalars"]), content["units"])
+    if content["provenance"].get("numbers_sha256") != found:
+        raise ValueError("its parameters, scalars or units have been edited since the run")
+
+
+def _floats(numbers: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in numbers.items()}
 
 
 def _unpacked(path: Path, digest: str) -> dict[str, np.ndarray]:

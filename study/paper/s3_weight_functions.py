@@ -22,6 +22,7 @@ from pw_elements.elements import PAPER_NODES
 from study.core.cases import Case
 from study.core.store import Result
 from study.matrices import dense, relative_difference
+from study.units import dimensionless
 
 TITLE = "The element: weight functions and matrices"
 
@@ -86,7 +87,8 @@ def weight_functions() -> Result:
         "weights": _weights(element, grid),
         "shapes": _weights(quadratic_element("triangle"), grid),
     }
-    return Result({name: float(value) for name, value in scalars.items()}, {}, curves, dofs=6)
+    numbers = {name: float(value) for name, value in scalars.items()}
+    return Result(numbers, dimensionless(numbers), curves, dofs=6)
 
 
 def element_matrices() -> Result:
@@ -120,7 +122,8 @@ def element_matrices() -> Result:
             order = _mesh_nodes_in_paper_order(body.spaces.trial)
             by_hand = _stiffness_by_subelements(body.spaces.trial, order)
             scalars["eq23_difference"] = relative_difference(entries["stiffness"], by_hand)
-    return Result({name: float(value) for name, value in scalars.items()}, {}, dofs=12)
+    numbers = {name: float(value) for name, value in scalars.items()}
+    return Result(numbers, dimensionless(numbers), dofs=12)
 
 
 def _weights(element: basix.ufl._ElementBase, points: Points) -> Points:
@@ -223,4 +226,7 @@ def _area(corners: Points) -> float:
     return float(abs(a * d - b * c) / 2)
 
 
-CASES = [Case("3", "weights", weight_functions), Case("3", "matrices", element_matrices)]
+CASES = [
+    Case("3", "weights", weight_functions, implied={"element": "pw-T6"}),
+    Case("3", "matrices", element_matrices, implied={"compared": ["pw-T6", "galerkin-T6"]}),
+]

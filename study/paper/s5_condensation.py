@@ -24,6 +24,7 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
 from study.matrices import dense, relative_difference
+from study.units import dimensionless
 from study.verification.t_identity import distorted
 
 TITLE = "The 8-node quadrilateral"
@@ -59,7 +60,8 @@ def element_matrix(element: str) -> Result:
         "cells": quadrilateral.cells,
         "inner": np.array(quadrilateral.inner),
     }
-    return Result({name: float(v) for name, v in scalars.items()}, {}, curves, dofs=len(K))
+    numbers = {name: float(value) for name, value in scalars.items()}
+    return Result(numbers, dimensionless(numbers), curves, dofs=len(K))
 
 
 def statics(element: str) -> Result:
@@ -75,7 +77,7 @@ def statics(element: str) -> Result:
         "displacement_difference": (a - a_all).norm() / a_all.norm(),
         "reaction_difference": (r - r_all).norm() / r_all.norm(),
     }
-    return Result(scalars, {}, dofs=without.right.getSize()[1])
+    return Result(scalars, dimensionless(scalars), dofs=without.right.getSize()[1])
 
 
 def identity() -> Result:
@@ -91,7 +93,7 @@ def identity() -> Result:
     K, K_galerkin = condensed
     scalars = {"difference": relative_difference(K, T @ K_galerkin)}
     scalars["difference_without_T"] = relative_difference(K, K_galerkin)
-    return Result(scalars, {}, dofs=len(K))
+    return Result(scalars, dimensionless(scalars), dofs=len(K))
 
 
 @dataclass(frozen=True)
@@ -158,4 +160,4 @@ CASES = [
     for name, run in (("element", element_matrix), ("statics", statics))
     for element in QUADRILATERALS
 ]
-CASES += [Case("5", "identity", identity)]
+CASES += [Case("5", "identity", identity, implied={"compared": ["pw-T6", "galerkin-T6"]})]

@@ -11,6 +11,7 @@ from pw_elements.recovery import forces_along
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves
+from study.units import UNSTATED
 
 TITLE = "Simple structure with two elements"
 
@@ -55,7 +56,7 @@ def structure(
     scalars["sum"] = float(vertical.sum())
     return Result(
         scalars,
-        dict.fromkeys(scalars, "unit force"),
+        dict.fromkeys(scalars, UNSTATED.force),
         {"x": lower.position[:, 0], "reaction": vertical, **mesh_curves(U)},
         dofs=K.getSize()[0],
     )

@@ -15,6 +15,7 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.units import UNSTATED
 
 TITLE = "Elastic block on a rigid surface"
 
@@ -56,7 +57,7 @@ def block(
         )
         loads = press_and_pull(body, pull, pressed_first)
         states = on_foundation(body, loads, friction, shared_is_rough, states)
-    return contact_result(body, states, loads[-1], lower_side, PRESSURE)
+    return contact_result(body, states, loads[-1], lower_side, PRESSURE, UNSTATED)
 
 
 def press_and_pull(

@@ -15,6 +15,7 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.units import UNSTATED
 
 TITLE = "Contact of an elastic body and a parabolic rigid punch"
 
@@ -61,6 +62,7 @@ def punch(
         body.K.createVecLeft(),
         _top(height),
         force / (2 * radius),
+        UNSTATED,
         force_indentation=force,
         translation=states[-1].pairs[0].translation[0],
     )

@@ -14,11 +14,12 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise
+from study.units import KN_M
 
 TITLE = "Rigid plate acting on an elastic body"
 
-# Printed: E, nu, friction angle, force, sides and base held, smallest elements under the plate.
-# Reconstructed: plate 2 wide, body 40 x 10, elements growing by 1.4 away from the plate.
+# In kN and m. Printed: E, nu, friction angle, force, sides and base held, smallest elements under
+# the plate. Reconstructed: plate 2 wide, body 40 x 10, elements growing by 1.4 away from the plate.
 YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_ANGLE = 1.2e8, 0.25, 20.0
 FORCE = 40.0
 HALF_PLATE, HALF_WIDTH, DEPTH = 1.0, 20.0, 10.0
@@ -53,6 +54,7 @@ def plate(
         nothing[-1],
         _below,
         FORCE / (2 * HALF_PLATE),
+        KN_M,
         translation=-states[-1].pairs[0].translation[1],
     )
 

@@ -3,6 +3,7 @@
 The section is synthetic, see `study.paper.s7_5_profiles`; so are the supports and gaps.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -21,12 +22,18 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, ContactState, Motion, Plane, solve_contact
-from study.contact_result import deformation_curves, solver_scalars, surface_result
+from study.contact_result import (
+    CONTACT_UNITS,
+    deformation_curves,
+    solver_scalars,
+    surface_result,
+)
 from study.core.cases import Case
 from study.core.store import Result
-from study.discretisation import Discretisation, discretise
+from study.discretisation import Discretisation, discretise, is_symmetrised
 from study.paper import s7_5_profiles
 from study.paper.s7_5_profiles import PROFILES, Cut, Profile
+from study.units import KN_M, SI, units_of
 
 TITLE = "Column of changing cross-section on rigid surfaces"
 
@@ -71,12 +78,11 @@ def stepped_column(
     scalars |= _mode_scalars(modes)
     for i, shape in enumerate(modes.shapes, start=1):
         curves[f"shape_{i}"] = shape.array_r.reshape(-1, 2)
-    return Result(scalars, _units(YOUNGS_MODULUS), curves, dofs=body.K.getSize()[0])
+    return Result(scalars, _units(scalars), curves, dofs=body.K.getSize()[0])
 
 
 def vibration(
     element: str,
-    symmetrised: bool = False,
     mass: Literal["consistent", "lumped"] = "consistent",
     guyan: Literal["transposed", "same"] = "transposed",
     cut: Cut = "right",
@@ -88,8 +94,8 @@ def vibration(
     """Table 1's eigenvalues alone, for a variant of an element.
 
     Args:
-        element: its name.
-        symmetrised: symmetric parts of both matrices, after the condensation.
+        element: its name; a symmetrised one has symmetric parts of both matrices, after the
+            condensation.
         mass: consistent, or its row sums, which are condensed afterwards.
         guyan: left matrix of the 8-node element's condensation.
         cut: diagonal of the quadrilaterals.
@@ -100,8 +106,9 @@ def vibration(
     """
     geometry = PROFILES[section]
     body = _discretised(element, geometry, refined, cut, quadrature_degree, youngs_modulus)
-    modes = _modes(body, geometry, symmetrised, mass, guyan)
-    return Result(_mode_scalars(modes), _units(youngs_modulus), dofs=body.K.getSize()[0])
+    modes = _modes(body, geometry, mass, guyan)
+    scalars = _mode_scalars(modes)
+    return Result(scalars, _units(scalars, youngs_modulus), dofs=body.K.getSize()[0])
 
 
 def eigenvalues(element: str, section: Profile) -> npt.NDArray[np.float64]:
@@ -145,7 +152,6 @@ def _pressed(
 def _modes(
     body: Discretisation,
     section: Profile,
-    symmetrised: bool = False,
     mass: Literal["consistent", "lumped"] = "consistent",
     guyan: Literal["transposed", "same"] = "transposed",
 ) -> VibrationModes:
@@ -161,7 +167,7 @@ def _modes(
     )
     if len(body.inner_nodes()):
         standing = standing.guyan(guyan)
-    return vibration_modes(body.K, M, standing, MODES, symmetrised)
+    return vibration_modes(body.K, M, standing, MODES, is_symmetrised(body.element))
 
 
 def _mode_scalars(modes: VibrationModes) -> dict[str, float]:
@@ -173,38 +179,48 @@ def _mode_scalars(modes: VibrationModes) -> dict[str, float]:
     }
 
 
-def _units(youngs_modulus: float) -> dict[str, str]:
-    """Of eigenvalues: with the printed numbers the force is in kN, see the module's head."""
-    unit = "1/s²" if youngs_modulus == YOUNGS_MODULUS_SI else "1000/s²"
-    return {f"omega2_{i}": unit for i in range(1, MODES + 1)}
+def _units(scalars: Iterable[str], youngs_modulus: float = YOUNGS_MODULUS) -> dict[str, str]:
+    """With the printed numbers forces are in kN and eigenvalues as the module's head says."""
+    si = youngs_modulus == YOUNGS_MODULUS_SI
+    kinds = {
+        **CONTACT_UNITS,
+        "radius_*": "length",
+        "height_*": "length",
+        "initial_gap_*": "length",
+        "descent": "length",
+        "omega2_*": "1/s²" if si else "1000/s²",
+        "mode_residual": "1",
+        "imaginary": "1",
+        "rigid": "1",
+    }
+    return units_of(scalars, kinds, SI if si else KN_M)
 
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
-_SYMMETRISED: dict[str, object] = {"symmetrised": True}
 _SAME: dict[str, object] = {"guyan": "same"}
 _LUMPED: dict[str, object] = {"mass": "lumped"}
 # what can be done to the matrices
 TREATMENTS: dict[str, dict[str, object]] = {
-    "pwsym-T6": {"element": "pw-T6", **_SYMMETRISED},
+    "pwsym-T6": {"element": "pwsym-T6"},
     "pw-T6-lumped": {"element": "pw-T6", **_LUMPED},
-    "pwsym-T6-lumped": {"element": "pw-T6", **_SYMMETRISED, **_LUMPED},
+    "pwsym-T6-lumped": {"element": "pwsym-T6", **_LUMPED},
     "pw-T6-onepoint": {"element": "pw-T6", "quadrature_degree": 1},
-    "pwsym-T6-onepoint": {"element": "pw-T6", **_SYMMETRISED, "quadrature_degree": 1},
+    "pwsym-T6-onepoint": {"element": "pwsym-T6", "quadrature_degree": 1},
     "pw-Q8-same": {"element": "pw-Q8", **_SAME},
     "pw-Q8-lumped": {"element": "pw-Q8", **_LUMPED},
     "pw-Q8-same-lumped": {"element": "pw-Q8", **_SAME, **_LUMPED},
-    "pwsym-Q8": {"element": "pw-Q8", **_SYMMETRISED},
-    "pwsym-Q8-same": {"element": "pw-Q8", **_SYMMETRISED, **_SAME},
-    "pwsym-Q8-lumped": {"element": "pw-Q8", **_SYMMETRISED, **_LUMPED},
-    "pwsym-Q8-same-lumped": {"element": "pw-Q8", **_SYMMETRISED, **_SAME, **_LUMPED},
+    "pwsym-Q8": {"element": "pwsym-Q8"},
+    "pwsym-Q8-same": {"element": "pwsym-Q8", **_SAME},
+    "pwsym-Q8-lumped": {"element": "pwsym-Q8", **_LUMPED},
+    "pwsym-Q8-same-lumped": {"element": "pwsym-Q8", **_SAME, **_LUMPED},
 }
 VARIANTS: dict[str, dict[str, object]] = {
     **TREATMENTS,
     # what the lost mesh could change
     "galerkin-T6-left": {"element": "galerkin-T6", "cut": "left"},
-    "pwsym-T6-left": {"element": "pw-T6", **_SYMMETRISED, "cut": "left"},
+    "pwsym-T6-left": {"element": "pwsym-T6", "cut": "left"},
     "galerkin-T6-fine": {"element": "galerkin-T6", "refined": 2},
-    "pwsym-T6-fine": {"element": "pw-T6", **_SYMMETRISED, "refined": 2},
+    "pwsym-T6-fine": {"element": "pwsym-T6", "refined": 2},
     "pw-T6-lumped-fine": {"element": "pw-T6", **_LUMPED, "refined": 2},
     # quadrature for hoop strains, which are no polynomials
     "galerkin-T6-degree12": {"element": "galerkin-T6", "quadrature_degree": 12},
@@ -212,18 +228,34 @@ VARIANTS: dict[str, dict[str, object]] = {
     "galerkin-Q8-degree12": {"element": "galerkin-Q8", "quadrature_degree": 12},
     "galerkin-Q8-SI": {"element": "galerkin-Q8", "youngs_modulus": YOUNGS_MODULUS_SI},
 }
-CASES = [Case("7.5", element, stepped_column, {"element": element}) for element in ELEMENTS]
+# with contact, matrices are those of `vibration` by its defaults
+_UNTREATED: dict[str, object] = {
+    "mass": "consistent",
+    "guyan": "transposed",
+    "cut": "right",
+    "quadrature_degree": None,
+    "youngs_modulus": YOUNGS_MODULUS,
+    "friction": FRICTION,
+}
+
+
+def _in_contact(element: str, suffix: str = "", **parameters: object) -> Case:
+    given = {"element": element, **parameters}
+    return Case("7.5", element + suffix, stepped_column, given, _UNTREATED)
+
+
+CASES = [_in_contact(element) for element in ELEMENTS]
 CASES += [
-    Case("7.5", "pw-T6-fine", stepped_column, {"element": "pw-T6", "refined": 2}),
-    Case("7.5", "pw-T6-gaps0.0-0.0", stepped_column, {"element": "pw-T6", "gaps": (0.0, 0.0)}),
-    Case("7.5", "pw-T6-gaps0.2-0.2", stepped_column, {"element": "pw-T6", "gaps": (2e-4, 2e-4)}),
+    _in_contact("pw-T6", "-fine", refined=2),
+    _in_contact("pw-T6", "-gaps0.0-0.0", gaps=(0.0, 0.0)),
+    _in_contact("pw-T6", "-gaps0.2-0.2", gaps=(2e-4, 2e-4)),
 ]
 CASES += [Case("7.5", name, vibration, variant) for name, variant in VARIANTS.items()]
 
 # what the lost section could change: another column with the printed eigenvalues
 _SECOND: dict[str, object] = {"section": "second"}
 CASES += [
-    Case("7.5", f"{element}-second", stepped_column, {"element": element, **_SECOND})
+    _in_contact(element, "-second", **_SECOND)
     for element in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8")
 ]
 CASES += [

@@ -32,6 +32,7 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import is_quadrilateral, is_symmetrised, mesh_curves, spaces
 from study.paper.s7_6_exact import Strip
+from study.units import units_of
 
 TITLE = "Buckling load of a simply supported beam"
 
@@ -152,8 +153,8 @@ def beam(
         scalars[f"residual_{mode}"] = found.residuals[0]
         scalars[f"imaginary_{mode}"] = found.imaginary
         curves[f"shape_{mode}"] = found.shapes[0].array_r.reshape(-1, 2)
-    units = {"sigma_cr_1": "Pa", "sigma_cr_2": "Pa"}
-    return Result(scalars, units, curves, dofs=K.getSize()[0])
+    kinds = {"sigma_cr_*": "Pa", "residual_*": "1", "imaginary_*": "1"}
+    return Result(scalars, units_of(scalars, kinds), curves, dofs=K.getSize()[0])
 
 
 def exact() -> Result:
@@ -208,7 +209,7 @@ def mesh_scan(pattern: Pattern) -> Result:
                 )
     curves = {"mesh": np.array(mesh), "face": np.array(face)}
     curves |= {name: np.array(values) for name, values in stresses.items()}
-    return Result({"meshes": float(len(mesh))}, {}, curves, dofs=dofs)
+    return Result({"meshes": float(len(mesh))}, {"meshes": "1"}, curves, dofs=dofs)
 
 
 def _stress_or_nan(model: HalfBeam, K: PETSc.Mat, mode: int, form: Form) -> float:
@@ -251,7 +252,8 @@ def _cases() -> list[Case]:
     refined: list[tuple[str, Form]] = [("galerkin-T6", "G"), ("galerkin-T6", "J"), ("pw-T6", "G")]
     pinned = {"load": "point", "pattern": PAPER_PATTERN, "end": "centre", "middle": "centre"}
     navier = {"load": "uniform", "pattern": "right", "end": "face", "middle": "face"}
-    cases = [Case("7.6", "exact", exact)]
+    strip = {"youngs_modulus": YOUNGS_MODULUS, "slenderness": LENGTH / HEIGHT}
+    cases = [Case("7.6", "exact", exact, implied=strip)]
     cases += [
         case("", element, form, divisions=PAPER_DIVISIONS, **pinned)
         for element in ELEMENTS
@@ -293,7 +295,8 @@ def _cases() -> list[Case]:
         )
         for nx, ny in symmetrised_meshes
     ]
-    cases += [Case("7.6", f"scan-{p}", mesh_scan, {"pattern": p}) for p in PATTERNS]
+    scanned = {"compared": [element for element, _ in SCAN_ELEMENTS], "load": "point"}
+    cases += [Case("7.6", f"scan-{p}", mesh_scan, {"pattern": p}, scanned) for p in PATTERNS]
     return cases
 
 

@@ -1,6 +1,6 @@
 """The same problems here and in CalculiX, node by node."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -19,7 +19,16 @@ from study.core.store import Result
 from study.discretisation import Discretisation, discretise
 from study.paper import s7_1_two_triangles, s7_6_buckling
 from study.peers.calculix import Peer, load, tracked_digest
-from study.peers.decks import PROBLEMS, Block, HalfBeam, NativePressure, TrianglePairs, TwoTriangles
+from study.peers.decks import (
+    PROBLEMS,
+    Block,
+    HalfBeam,
+    NativePressure,
+    Problem,
+    TrianglePairs,
+    TwoTriangles,
+)
+from study.units import dimensionless, units_of
 
 TITLE = "An independent code: CalculiX"
 
@@ -60,7 +69,7 @@ def reactions(case: str, tracked: str) -> Result:
     }
     scalars = {name: value / float(new["reaction"].mean()) for name, value in scalars.items()}
     curves = {"x": peer.numbers["x"], "peer_normal": theirs[:, 1], "peer_T_normal": transferred}
-    return Result(scalars, {}, curves, dofs=new["nodes"].size)
+    return Result(scalars, dimensionless(scalars), curves, dofs=new["nodes"].size)
 
 
 def contact(case: str, tracked: str) -> Result:
@@ -107,7 +116,7 @@ def contact(case: str, tracked: str) -> Result:
             f"{GALERKIN}_{name}": standard.force[:, axis],
             f"{PW}_{name}": new.force[:, axis],
         }
-    units = {"mean_force": "unit force"}
+    units = units_of(scalars, {"mean_force": "force", "*": "1"})
     return Result(scalars, units, curves, dofs=bodies[0].K.getSize()[0])
 
 
@@ -119,7 +128,8 @@ def native_pressure(case: str, tracked: str) -> Result:
     corner, middle = np.median(pressure[2:-2:2]), np.median(pressure[1::2])
     scalars = {"corner": corner, "midside": middle, "ratio": middle / corner}
     curves = {"x": peer.numbers["x"], "pressure": pressure}
-    return Result({name: float(value) for name, value in scalars.items()}, {}, curves)
+    numbers = {name: float(value) for name, value in scalars.items()}
+    return Result(numbers, dimensionless(numbers), curves)
 
 
 def critical_stress(case: str, tracked: str) -> Result:
@@ -136,7 +146,7 @@ def critical_stress(case: str, tracked: str) -> Result:
         stress = ours.scalars[f"sigma_cr_{problem.mode}"]
         scalars |= {element: stress, f"difference_{element}": abs(theirs / stress - 1)}
         dofs = ours.dofs
-    return Result(scalars, dict.fromkeys(("peer", GALERKIN, PW), "Pa"), dofs=dofs)
+    return Result(scalars, units_of(scalars, {"difference_*": "1", "*": "Pa"}), dofs=dofs)
 
 
 def _peer(case: str, tracked: str) -> Peer:
@@ -221,8 +231,27 @@ _RUNS = {
     NativePressure: native_pressure,
     HalfBeam: critical_stress,
 }
+
+
+def _stated(problem: Problem) -> dict[str, object]:
+    """What a problem's name implies: our elements, of which CalculiX has the standard one."""
+    fields = asdict(problem)
+    return {
+        "compared": [GALERKIN] if isinstance(problem, NativePressure) else [GALERKIN, PW],
+        "peer_element": fields.pop("element", "CPS6"),
+        "divisions": problem.mesh.divisions,
+        **fields,
+    }
+
+
 # the digest makes a case out of date when its tracked file changes
 CASES = [
-    Case("P", name, _RUNS[type(problem)], {"case": name, "tracked": tracked_digest(name)})
+    Case(
+        "P",
+        name,
+        _RUNS[type(problem)],
+        {"case": name, "tracked": tracked_digest(name)},
+        _stated(problem),
+    )
     for name, problem in PROBLEMS.items()
 ]

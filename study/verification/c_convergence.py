@@ -22,6 +22,7 @@ from pw_elements.mechanics import Marker
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, spaces
+from study.units import dimensionless
 from study.verification import c_eigenvalue_orders, c_manufactured
 from study.verification.c_manufactured import Field, Manufactured
 from study.verification.c_mesh_families import (
@@ -161,7 +162,7 @@ def statics(element: str, setting: str) -> Result:
     curves = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     scalars = {f"order_{name}": order(curves["h"], curves[f"error_{name}"]) for name in NORMS}
     scalars |= {f"error_{name}": float(curves[f"error_{name}"][-1]) for name in NORMS}
-    return Result(scalars, {}, curves, dofs=int(curves["dofs"][-1]))
+    return Result(scalars, dimensionless(scalars), curves, dofs=int(curves["dofs"][-1]))
 
 
 def scan(element: str, setting: str) -> Result:
@@ -173,7 +174,7 @@ def scan(element: str, setting: str) -> Result:
     curves = {f"error_{name}": np.array([row[f"error_{name}"] for row in rows]) for name in NORMS}
     curves["nu"] = np.array(RATIOS)
     scalars = {f"error_{name}": float(curves[f"error_{name}"][-1]) for name in NORMS}
-    return Result(scalars, {}, curves, dofs=int(rows[0]["dofs"]))
+    return Result(scalars, dimensionless(scalars), curves, dofs=int(rows[0]["dofs"]))
 
 
 def errors(element: str, setting: Setting, side: float) -> dict[str, float]:
@@ -217,13 +218,30 @@ def _norm(values: Array) -> float:
     return float(np.linalg.norm(values))
 
 
+def _stated(setting: Setting) -> dict[str, object]:
+    """What a setting's name implies."""
+    return {
+        "state": setting.state.value,
+        "field": setting.field.__name__,
+        "mesh": setting.mesh.__name__,
+    }
+
+
+def _fixed(setting: Setting) -> dict[str, object]:
+    return {
+        **_stated(setting),
+        "poissons_ratio": setting.poissons_ratio,
+        "sides": setting.sides,
+    }
+
+
 CASES = [
-    Case("C", f"{element}-{name}", statics, {"element": element, "setting": name})
+    Case("C", f"{element}-{name}", statics, {"element": element, "setting": name}, _fixed(setting))
     for name, setting in SETTINGS.items()
     for element in setting.elements
 ]
 CASES += [
-    Case("C", f"{element}-nu-{name}", scan, {"element": element, "setting": name})
+    Case("C", f"{element}-nu-{name}", scan, {"element": element, "setting": name}, _stated(setting))
     for name, setting in SCANNED.items()
     for element in setting.elements
 ]

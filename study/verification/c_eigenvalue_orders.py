@@ -15,6 +15,7 @@ from pw_elements import Body, Material, StressState, assemble_matrix, prescribe,
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, is_symmetrised, spaces
+from study.units import dimensionless
 from study.verification.c_mesh_families import (
     INNER,
     OUTER,
@@ -170,7 +171,7 @@ def modes(
         "error_eigenvalue": float(curves["error_eigenvalue"][-1]),
         "imaginary": float(curves["imaginary"].max()),
     }
-    return Result(scalars, {}, curves, dofs=int(curves["dofs"][-1]))
+    return Result(scalars, dimensionless(scalars), curves, dofs=int(curves["dofs"][-1]))
 
 
 def _wall(space: fem.FunctionSpace, component: int, place: float) -> fem.DirichletBC:
@@ -182,8 +183,23 @@ def _lowest(*families: Array) -> Array:
     return values[values > 0][:COUNT]
 
 
+def _stated(vibration: Vibration) -> dict[str, object]:
+    """What a vibration's name implies."""
+    return {
+        "state": vibration.state.value,
+        "mesh": vibration.mesh.__name__,
+        "sides": vibration.sides,
+    }
+
+
 CASES = [
-    Case("C", f"{element}-modes-{name}", modes, {"element": element, "vibration": name})
+    Case(
+        "C",
+        f"{element}-modes-{name}",
+        modes,
+        {"element": element, "vibration": name},
+        _stated(vibration),
+    )
     for name, vibration in VIBRATIONS.items()
     for element in vibration.elements
 ]
@@ -193,6 +209,7 @@ CASES += [
         f"{element}-modes-square-same",
         modes,
         {"element": element, "vibration": "square", "left": "same"},
+        _stated(VIBRATIONS["square"]),
     )
     for element in ("pw-Q8", "pw-Q9")
 ]

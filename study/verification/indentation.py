@@ -17,8 +17,10 @@ from pw_elements import Material, StressState, prescribe, reactions
 from pw_elements.contact import OPEN, ContactPair, ContactState, Motion, Surface, solve_contact
 from pw_elements.meshes import on_lines
 from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
+from study.contact_result import CONTACT_UNITS
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves
+from study.units import UNSTATED, Units, units_of
 from study.verification.half_space import BondedLine, KnownContact
 
 Array = npt.NDArray[Any]
@@ -29,6 +31,17 @@ OUTER, GROWTH = 5.0, 1.3
 INNER = 0.8
 # Friction that lets nothing slip below a bonded punch
 STICKING = 1e3
+
+INDENTATION_UNITS = {
+    **CONTACT_UNITS,
+    "error_*": "1",
+    "order_*": "1",
+    "penetration": "1",
+    "off_edge": "1",
+    "weightless": "1",
+    "open_inside": "1",
+    "contact_radius": "length",
+}
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 
@@ -41,11 +54,13 @@ class Indenter:
         known: the solution.
         surface: the rigid, its lowest point at the origin.
         state: plane strain, or axisymmetric.
+        units: of forces, lengths and stresses.
     """
 
     known: KnownContact
     surface: Surface
     state: StressState
+    units: Units = UNSTATED
 
 
 def series(
@@ -96,7 +111,8 @@ def series(
         scalars[name] = max(r.scalars[name] for r in every)
     curves = dict(levels[min(1, len(levels) - 1)][0].curves)
     curves |= {"elements": np.array([float(n) for n in meshes])} | errors
-    return Result(scalars, {}, curves, dofs=finest[0].dofs)
+    named = units_of(scalars, INDENTATION_UNITS, indenter.units)
+    return Result(scalars, named, curves, dofs=finest[0].dofs)
 
 
 def _indent(
@@ -128,7 +144,8 @@ def _indent(
         curves["force_n_T"] = -transferred.force[:, 1]
         curves["pressure_T"] = surface.tributary_pressure(curves["force_n_T"])
     scalars = _errors(curves, surface, known) | _summary(solved, known, surface)
-    return Result(scalars, {}, curves, dofs=body.K.getSize()[0])
+    named = units_of(scalars, INDENTATION_UNITS, indenter.units)
+    return Result(scalars, named, curves, dofs=body.K.getSize()[0])
 
 
 def growing(smallest: float, length: float) -> Array:

@@ -35,6 +35,7 @@ from pw_elements.meshes import curved, mapped, triangles
 from pw_elements.recovery import force_transfer
 from study.core.cases import Case
 from study.core.store import Result
+from study.units import dimensionless
 
 TITLE = "What the element is: the identity K_PW = T K_Galerkin"
 
@@ -132,7 +133,8 @@ def difference(quantity: str) -> Result:
     trial = (HOLDS | FAILS)[quantity]
     galerkin, pw = _bodies(trial, Spaces.galerkin, Spaces.petrov_galerkin)
     transferred = _transfer(galerkin.spaces, trial.make(galerkin))
-    return Result({"difference": _relative(trial.make(pw), transferred)}, {}, dofs=_dofs(galerkin))
+    scalars = {"difference": _relative(trial.make(pw), transferred)}
+    return Result(scalars, dimensionless(scalars), dofs=_dofs(galerkin))
 
 
 def composite_difference(quantity: str) -> Result:
@@ -141,9 +143,8 @@ def composite_difference(quantity: str) -> Result:
     galerkin, composite = _bodies(trial, Spaces.galerkin, Spaces.composite)
     T = force_transfer(galerkin.spaces.trial)
     transferred = T.matMult(trial.make(galerkin)).matMult(T.transpose(PETSc.Mat()))
-    return Result(
-        {"difference": _relative(trial.make(composite), transferred)}, {}, dofs=_dofs(galerkin)
-    )
+    scalars = {"difference": _relative(trial.make(composite), transferred)}
+    return Result(scalars, dimensionless(scalars), dofs=_dofs(galerkin))
 
 
 def statics_2d() -> Result:
@@ -163,7 +164,7 @@ def statics_2d() -> Result:
         "composite_displacement_difference_without_T": _relative(a, a_composite),
         "composite_reaction_difference": _relative(r_pw, r_composite),
     }
-    return Result(scalars, {}, dofs=a.getSize())
+    return Result(scalars, dimensionless(scalars), dofs=a.getSize())
 
 
 def statics_3d() -> Result:
@@ -185,7 +186,7 @@ def statics_3d() -> Result:
         scalars[f"numbering_difference_{element}"] = float(
             np.linalg.norm(ours - other) / np.linalg.norm(ours)
         )
-    return Result(scalars, {}, dofs=a.getSize())
+    return Result(scalars, dimensionless(scalars), dofs=a.getSize())
 
 
 def _by_place(spaces: Spaces) -> Array:
@@ -247,9 +248,34 @@ def _fixed_side(x: Array) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
-CASES = [Case("T", name, difference, {"quantity": name}) for name in (*HOLDS, *FAILS)]
-CASES += [
-    Case("T", f"composite-{name}", composite_difference, {"quantity": name})
-    for name in (*COMPOSITE_HOLDS, *COMPOSITE_FAILS)
+def _stated(quantity: Quantity, element: str) -> dict[str, object]:
+    """What a quantity's name implies of the body; the element that the standard one becomes."""
+    return {
+        "element": element,
+        "state": quantity.state.value,
+        "varying_modulus": quantity.varying_modulus,
+        "curved_sides": quantity.curved_sides,
+        "divisions": DIVISIONS,
+    }
+
+
+CASES = [
+    Case("T", name, difference, {"quantity": name}, _stated(quantity, "pw-T6"))
+    for name, quantity in (HOLDS | FAILS).items()
 ]
-CASES += [Case("T", "statics-2d", statics_2d), Case("T", "statics-3d", statics_3d)]
+CASES += [
+    Case(
+        "T",
+        f"composite-{name}",
+        composite_difference,
+        {"quantity": name},
+        _stated(quantity, "composite-T6"),
+    )
+    for name, quantity in (COMPOSITE_HOLDS | COMPOSITE_FAILS).items()
+]
+_PLANE = {"compared": ["galerkin-T6", "pw-T6", "composite-T6"], "state": "plane strain"}
+_SOLID = {"compared": ["galerkin-T10", "pw-T10"], "state": "solid"}
+CASES += [
+    Case("T", "statics-2d", statics_2d, implied=_PLANE),
+    Case("T", "statics-3d", statics_3d, implied=_SOLID),
+]

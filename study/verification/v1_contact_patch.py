@@ -12,9 +12,11 @@ from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.recovery import SurfaceNodes
+from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves
+from study.units import units_of
 
 TITLE = "Contact patch test"
 
@@ -76,7 +78,14 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
         "status": contact.status,
         **mesh_curves(space),
     }
-    return Result({k: float(v) for k, v in scalars.items()}, {}, curves, dofs=body.K.getSize()[0])
+    numbers = {name: float(value) for name, value in scalars.items()}
+    kinds = {
+        **CONTACT_UNITS,
+        "error_*": "1",
+        "weightless": "1",
+        "applied_pressure": "stress",
+    }
+    return Result(numbers, units_of(numbers, kinds), curves, dofs=body.K.getSize()[0])
 
 
 def _mesh(kind: str, cell: str) -> Mesh:

@@ -8,6 +8,8 @@ modulus 1/E* = (1 - nu1²)/E1 + (1 - nu2²)/E2 has the same width and pressure, 
 computed. The benchmark's contact of two meshes, and its friction, are not.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,7 @@ from pw_elements import StressState
 from pw_elements.contact import Parabola, Sphere
 from study.core.cases import Case
 from study.core.store import Result
+from study.units import N_MM, units_of
 from study.verification.half_space import Elastic, HertzLine, HertzSphere
 from study.verification.indentation import ELEMENTS, OUTER, Indenter, series
 
@@ -47,16 +50,16 @@ def cylinder(
     known = HertzLine(body, RADIUS, FORCE)
     circle = Sphere((0.0, RADIUS), RADIUS)
     surface = circle if true_circle else Parabola((0.0, 0.0), RADIUS)
-    return _against(element, Indenter(known, surface, StressState.PLANE_STRAIN), outer, far_field)
+    indenter = Indenter(known, surface, StressState.PLANE_STRAIN, N_MM)
+    return _against(element, indenter, outer, far_field)
 
 
 def sphere(element: str, outer: float = OUTER, far_field: bool = True) -> Result:
     """A rigid sphere with the cylinder's radius, force and material on a half space."""
     known = HertzSphere(Elastic(ALUMINIUM, POISSONS_RATIO), RADIUS, FORCE)
     paraboloid = Parabola((0.0, 0.0), RADIUS)
-    return _against(
-        element, Indenter(known, paraboloid, StressState.AXISYMMETRIC), outer, far_field
-    )
+    indenter = Indenter(known, paraboloid, StressState.AXISYMMETRIC, N_MM)
+    return _against(element, indenter, outer, far_field)
 
 
 def _against(element: str, indenter: Indenter, outer: float, far_field: bool) -> Result:
@@ -69,7 +72,12 @@ def _against(element: str, indenter: Indenter, outer: float, far_field: bool) ->
         "exact_peak": known.peak,
         "indenter_radius": known.radius,
     }
-    return Result({**result.scalars, **scalars}, {}, result.curves, result.dofs)
+    kinds = {"*_radius": "length", "exact_peak": "stress"}
+    return replace(
+        result,
+        scalars={**result.scalars, **scalars},
+        units={**result.units, **units_of(scalars, kinds, indenter.units)},
+    )
 
 
 def _lines(half_width: float, elements: float) -> npt.NDArray[np.float64]:

@@ -9,6 +9,7 @@ from pw_elements import StressState
 from pw_elements.contact import FlatPunch
 from study.core.cases import Case
 from study.core.store import Result
+from study.units import units_of
 from study.verification.half_space import BondedLine, Elastic, FlatLine, FlatRound, KnownContact
 from study.verification.indentation import ELEMENTS, OUTER, Indenter, borders, series
 
@@ -50,9 +51,11 @@ def punch(
         "error_force_tangential": abs(result.scalars["force_tangential"] / exact - 1),
     }
     exact_force = {"exact_force_t": -np.diff(known.shear_within(borders(result.curves["x"])))}
+    kinds = {"exact_force_tangential": "force", "error_*": "1"}
     return replace(
         result,
         scalars={**result.scalars, **scalars},
+        units={**result.units, **units_of(scalars, kinds)},
         curves={**result.curves, **exact_force},
     )
 
@@ -69,7 +72,7 @@ def exact(kind: str) -> Result:
         scalars["oscillation"] = known.oscillation
         # 1 - x/b where eta log((b + x)/(b - x)) = pi/2
         scalars["sign_change"] = float(1 - np.tanh(np.pi / (4 * known.oscillation)))
-    return Result(scalars, {}, curves)
+    return Result(scalars, units_of(scalars, {"mean_pressure": "stress", "*": "1"}), curves)
 
 
 def _lines(elements: int, grading: float) -> npt.NDArray[np.float64]:

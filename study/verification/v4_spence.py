@@ -17,6 +17,7 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.units import NONE
 from study.verification.friction import SPENCE
 from study.verification.graded_meshes import growing
 from study.verification.half_space import Elastic
@@ -84,6 +85,8 @@ def stick_radius(
         loads[-1],
         _below,
         FORCE / 2,
+        NONE,
+        kinds={"stick*": "1", "pass_change": "1"},
         stick=(first_slipping + last_sticking) / 2,
         stick_between=first_slipping - last_sticking,
         pass_change=change,

@@ -27,6 +27,7 @@ from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
+from study.units import dimensionless
 from study.verification.friction import Cattaneo
 from study.verification.graded_meshes import growing, with_counterpart
 from study.verification.half_space import Elastic
@@ -35,7 +36,8 @@ TITLE = "Partial slip: Cattaneo and Mindlin"
 
 Array = npt.NDArray[np.float64]
 
-# Two equal cylinders in plane strain; lengths over the half width of their contact. The radius
+# Two equal cylinders in plane strain; lengths over the half width a of their contact, stresses
+# over E, forces over E a. The radius
 # is large, so that sliding does not move the contact, and makes the force follow from Hertz.
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
 FRICTION, SHARE = 0.4, 0.5  # mu, Q/(mu P)
@@ -181,7 +183,7 @@ def _result(body: Discretisation, states: list[ContactState]) -> Result:
         **mesh_curves(body.space),
     }
     numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, {}, curves, dofs=body.K.getSize()[0])
+    return Result(numbers, dimensionless(numbers), curves, dofs=body.K.getSize()[0])
 
 
 def _border(x: Array, end: float) -> float:

@@ -17,6 +17,7 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise
+from study.units import SI
 from study.verification.friction import GRECO_PLACES
 
 TITLE = "GRECO plate with open, slipping and sticking zones"
@@ -51,14 +52,14 @@ def plate(element: str, squares: int) -> Result:
         ground = ContactPair(_base, Plane((0.0, 0.0), (0.0, 1.0)), FRICTION)
         states = solve_contact(body.K, load, symmetry, [ground], body.space, states)
 
-    result = contact_result(body, states, load, _base, PRESSURE_TOP)
+    result = contact_result(body, states, load, _base, PRESSURE_TOP, SI)
     u = _along_base(result.curves)
     places = [u[np.argmin(np.abs(result.curves["x"] - x))] for x in GRECO_PLACES]
     named = {f"u_{i}": float(value) for i, value in enumerate(places, start=1)}
     return replace(
         result,
         scalars={**result.scalars, **named},
-        units=dict.fromkeys(named, "m"),
+        units={**result.units, **dict.fromkeys(named, SI.length)},
         curves={**result.curves, "u": u},
     )
 

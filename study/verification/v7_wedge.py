@@ -30,9 +30,11 @@ from pw_elements.contact import (
 )
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.recovery import SurfaceNodes
+from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
+from study.units import SI, dimensionless, units_of
 from study.verification.friction import (
     WEDGE_PUSH,
     WEDGE_SLOPE,
@@ -94,15 +96,9 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
         "status": contact.status,
         **mesh_curves(wedge.space),
     }
-    units = {
-        "force_normal": "N",
-        "force_tangential": "N",
-        "peak_pressure": "Pa",
-        "sliding": "m",
-        "sliding_known": "m",
-    }
+    kinds = {**CONTACT_UNITS, "slipping": "1", "sliding*": "length", "ratio*": "1"}
     numbers = {name: float(value) for name, value in scalars.items()}
-    return Result(numbers, units, curves, dofs=wedge.K.getSize()[0])
+    return Result(numbers, units_of(numbers, kinds, SI), curves, dofs=wedge.K.getSize()[0])
 
 
 def limit(element: str, friction: float, divisions: tuple[int, int]) -> Result:
@@ -124,9 +120,8 @@ def limit(element: str, friction: float, divisions: tuple[int, int]) -> Result:
             slides = tried
         else:
             holds = tried
-    return Result(
-        {"holds": holds, "slides": slides, "ratio_known": known}, {}, dofs=wedge.K.getSize()[0]
-    )
+    scalars = {"holds": holds, "slides": slides, "ratio_known": known}
+    return Result(scalars, dimensionless(scalars), dofs=wedge.K.getSize()[0])
 
 
 def _on_incline(

@@ -37,6 +37,7 @@ from study.discretisation import (
     spaces,
 )
 from study.paper.s7_6_exact import Strip
+from study.units import dimensionless
 from study.verification.v8_exact import Rod, rectangle_eigenvalues
 
 TITLE = "Vibration with known answers"
@@ -47,6 +48,7 @@ Support = tuple[int, float, int]  # axis and value of a coordinate, displacement
 Level = tuple[Array, dict[str, float], Discretisation]
 Treatment = Literal["transposed", "same", "all nodes", "lumped"]
 
+# E and the density are one, and a length of each body: all numbers are dimensionless
 MATERIAL = Material(1.0, 0.3)
 MODES = 6
 EIGENVALUES = [f"omega2_{n}" for n in range(1, MODES + 1)]
@@ -135,7 +137,8 @@ def free(element: str, state: str) -> Result:
         "zero": eigenvalues[: modes.rigid].max() / eigenvalues[modes.rigid],
         "rigid_error": float(modes.rigid - RIGID[kind]),
     }
-    return Result(scalars | _quality(modes), {}, dofs=body.K.getSize()[0])
+    scalars |= _quality(modes)
+    return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
 
 
 def tube(element: str, squares: Sequence[int]) -> Result:
@@ -165,7 +168,8 @@ def cylinder(element: str) -> Result:
     factor = -(1 + nu) * (1 - 2 * nu) / E
     axis: list[Support] = [(0, 0.0, 0)]
     error = _pressed(body, axis, lambda x: np.isclose(x[0], 1.0), (-1.0, 0.0), lambda r: factor * r)
-    return Result({"displacement_error": error}, {}, dofs=body.K.getSize()[0])
+    scalars = {"displacement_error": error}
+    return Result(scalars, dimensionless(scalars), dofs=body.K.getSize()[0])
 
 
 def quadrature(element: str, squares: int) -> Result:
@@ -190,7 +194,7 @@ def quadrature(element: str, squares: int) -> Result:
         f"change_{degree}": value for degree, value in zip(QUADRATURE_DEGREES, change, strict=True)
     }
     curves = {"degree": np.array(QUADRATURE_DEGREES), "change": np.array(change)}
-    return Result(scalars, {}, curves, dofs=whole.K.getSize()[0])
+    return Result(scalars, dimensionless(scalars), curves, dofs=whole.K.getSize()[0])
 
 
 def _modes(
@@ -256,7 +260,7 @@ def _converging(
     curves = {"squares": np.array(squares), "errors": errors, **mesh_curves(body.space)}
     if "imaginary" in scalars:
         curves["imaginaries"] = np.array([q["imaginary"] for q in qualities])
-    return Result(scalars, {}, curves, dofs=body.K.getSize()[0])
+    return Result(scalars, dimensionless(scalars), curves, dofs=body.K.getSize()[0])
 
 
 def _quality(modes: VibrationModes) -> dict[str, float]:

@@ -32,12 +32,14 @@ from pw_elements.meshes import mapped, triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.matrices import dense
+from study.units import dimensionless
 from study.verification.t_identity import distorted
 
 TITLE = "Explicit dynamics with lumped mass"
 
 Array = npt.NDArray[np.float64]
 
+# E, the density and the square's side are one: all numbers are dimensionless
 MATERIAL = Material(1.0, 0.3)
 COURANT = 0.5  # time step over the largest one that is stable for real eigenvalues
 PERIODS = 10  # of the slowest mode
@@ -71,7 +73,7 @@ def pair(matrices: str, squares: int, regular: bool = False) -> Result:
         time, amplitude = _free_vibration(stiffness, np.diag(mass), start, step, PERIODS * period)
         scalars |= {"amplification": amplitude.max(), "steps": float(len(time) - 1)}
         curves |= {"time": time / period, "amplitude": amplitude}
-    return Result(scalars, {}, curves, dofs=K.getSize()[0])
+    return Result(scalars, dimensionless(scalars), curves, dofs=K.getSize()[0])
 
 
 def _growth(values: npt.NDArray[np.complex128]) -> float:
@@ -130,10 +132,20 @@ PAIRS = {
     "pwsym-lumped": partial(_matrices, stiffness="symmetric part", mass="lumped"),
     "galerkin-lumped": partial(_matrices, stiffness="standard", mass="lumped"),
 }
+# Whose stiffness it is; the mass is that of the new element always
+ELEMENTS = {"unsymmetric": "pw-T6", "symmetric part": "pwsym-T6", "standard": "galerkin-T6"}
 SQUARES = 8
-CASES = [Case("V9", name, pair, {"matrices": name, "squares": SQUARES}) for name in PAIRS]
+
+
+def _case(name: str, matrices: str, **parameters: object) -> Case:
+    stated = PAIRS[matrices].keywords
+    implied = {"element": ELEMENTS[stated["stiffness"]], **stated}
+    return Case("V9", name, pair, {"matrices": matrices, **parameters}, implied)
+
+
+CASES = [_case(name, name, squares=SQUARES) for name in PAIRS]
 CASES += [
-    Case("V9", f"{name}-{n}", pair, {"matrices": name, "squares": n, "regular": True})
+    _case(f"{name}-{n}", name, squares=n, regular=True)
     for name in ("pw-lumped", "pw-consistent")
     for n in (2, 4)
 ]
