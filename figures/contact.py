@@ -40,12 +40,13 @@ def compare(
 ) -> None:
     """Draws a reported stress of several elements, times a scale, over x.
 
-    One whose key has `hollow` in it nearly coincides with another and gets hollow markers.
+    One whose element has `hollow` in it nearly coincides with another and gets hollow markers.
     """
     for key in keys:
         curves = results.curves(key)
-        look = LOOK[key.partition("/")[2]]
-        if hollow in key:
+        element = results[key].parameters["element"]
+        look = LOOK[element]
+        if hollow in element:
             look = {**look, "markerfacecolor": "none", "markersize": 7, "linewidth": 0.6}
         ax.plot(curves["x"], scale * reported(curves, quantity), **look)
 

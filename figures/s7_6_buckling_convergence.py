@@ -9,26 +9,33 @@ from study.core.store import Results
 from study.judge import measures
 
 SECTION = "7.6"
-ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pwsym-T6-static-unsymmetric", "pwsym-T6")
-FORMS = {"G": "", "J": "-J"}
+# Cases under the paper's load, whose element and form are drawn under the uniform one
+FORMS = {
+    "G": ("galerkin-T6", "pw-T6", "galerkin-Q8", "pwsym-T6-static-unsymmetric", "pwsym-T6"),
+    "J": ("galerkin-T6-J", "pw-T6-J", "galerkin-Q8-J", "pwsym-T6-J"),
+}
 MODE = 2
-NEEDS = ["7.6/exact", "7.6/galerkin-T6-uniform-64x16", "7.6/pwsym-T6-uniform-128x32"]
+NEEDS = [
+    "7.6/exact",
+    "7.6/galerkin-T6-uniform-64x16",
+    "7.6/pwsym-T6-uniform-128x32",
+    *(f"7.6/{case}" for cases in FORMS.values() for case in cases),
+]
 
 
 def draw(results: Results) -> Figure:
     """Relative error over divisions of the height, one panel a form."""
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
-    for ax, (form, suffix) in zip(axes, FORMS.items(), strict=True):
-        for element in ELEMENTS:
-            if element.endswith("unsymmetric") and form == "J":
-                continue
-            look = dict(LOOK[element.removesuffix("-static-unsymmetric")])
-            if element.endswith("unsymmetric"):
+    for ax, (form, cases) in zip(axes, FORMS.items(), strict=True):
+        for case in cases:
+            parameters = results[f"7.6/{case}"].parameters
+            look = dict(LOOK[parameters["element"]])
+            if not parameters["prestress_symmetrised"]:
                 look |= {"linestyle": "--", "label": "symmetrised, eigenvalue step only"}
-            elif element == "pw-T6":  # on top of the standard element's
+            elif parameters["element"] == "pw-T6":  # on top of the standard element's
                 look |= {"linestyle": ":", "markerfacecolor": "none", "markersize": 8}
-            height = [ny for _, ny in measures.uniform_meshes(results, f"{element}{suffix}")]
-            errors = np.abs(measures.uniform_errors(results, f"{element}{suffix}", MODE))
+            height = [ny for _, ny in measures.uniform_meshes(results, case)]
+            errors = np.abs(measures.uniform_errors(results, case, MODE))
             ax.loglog(height, errors, **look)
         slope = np.array([2.0, 16.0])
         for order, start in ((4, 3e-4), (2, 4e-2)):

@@ -29,7 +29,7 @@ def draw(results: Results) -> Figure:
     for mode, ax in enumerate(axes, start=1):
         rows = [(f"printed: {name}", v[mode - 1], "black", "*") for name, v in TABLE_2.items()]
         for case, label in COMPUTED.items():
-            look = LOOK[case.removesuffix("-J")]
+            look = LOOK[results[f"7.6/{case}"].parameters["element"]]
             value = results.scalar(f"7.6/{case}", f"sigma_cr_{mode}")
             rows.append((label, value, look["color"], look["marker"]))
         for name, label in EXACT.items():

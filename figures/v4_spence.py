@@ -35,13 +35,13 @@ def draw(results: Results) -> Figure:
     left.legend(loc="upper left", fontsize=7)
     zone_strip(left, curves, bottom=-0.27)
     for key, color in zip(RIGHT, COLORS, strict=True):
-        curves, scalars = results.curves(key), results[key].scalars
+        stored = results[key]
+        curves, parameters = stored.curves, stored.parameters
         used = np.abs(curves["force_t"]) / (curves["friction"] * curves["force_n"])
-        nu, angle = key.split("-")[2].removeprefix("nu"), key.split("-")[3].removesuffix("deg")
-        right.plot(
-            curves["x"], used, color=color, lw=1.2, label=f"ν = {nu}, friction angle {angle}°"
-        )
-        right.plot([scalars["stick_known"]] * 2, [0, 1.1], color=color, lw=0.8, ls="--")
+        angle = np.rad2deg(np.arctan(parameters["friction"]))
+        label = f"ν = {parameters['poissons_ratio']:.2f}, friction angle {angle:.1f}°"
+        right.plot(curves["x"], used, color=color, lw=1.2, label=label)
+        right.plot([stored.scalars["stick_known"]] * 2, [0, 1.1], color=color, lw=0.8, ls="--")
     right.set(xlabel="x / b", ylabel="shear / (μ pressure)", xlim=(0, 1.0), ylim=(0, 1.75))
     right.set_yticks([0, 0.25, 0.5, 0.75, 1.0])
     right.legend(loc="upper left", fontsize=7)

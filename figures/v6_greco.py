@@ -1,5 +1,7 @@
 """GRECO plate: displacements along the base, nodal contact stresses, zones."""
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,7 +24,7 @@ def draw(results: Results) -> Figure:
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.0))
     for key, line in zip(FINE, ("-", "--"), strict=True):
         curves = results.curves(key)
-        look = {**LOOK[_element(key)], "marker": "", "linestyle": line}
+        look = {**_look(results, key), "marker": "", "linestyle": line}
         left.plot(1e3 * curves["x"], 1e5 * curves["u"], **look)
     places, published = 1e3 * np.array(GRECO_PLACES), 1e5 * np.array(GRECO_PUBLISHED)
     left.errorbar(
@@ -35,7 +37,7 @@ def draw(results: Results) -> Figure:
     for key in COARSE:
         curves = results.curves(key)
         for quantity, line in (("pressure", "-"), ("shear", ":")):
-            look = {**LOOK[_element(key)], "linestyle": line, "markersize": 2.5}
+            look = {**_look(results, key), "linestyle": line, "markersize": 2.5}
             look["label"] = f"{look['label']}: {quantity}"
             sign = -1.0 if quantity == "shear" else 1.0
             right.plot(1e3 * curves["x"], 1e-6 * sign * reported(curves, quantity), **look)
@@ -69,5 +71,5 @@ def alt(results: Results) -> str:
     )
 
 
-def _element(key: str) -> str:
-    return key.partition("/")[2].rpartition("-")[0]
+def _look(results: Results, key: str) -> dict[str, Any]:
+    return LOOK[results[key].parameters["element"]]

@@ -1,9 +1,11 @@
 """Measures of section 7.6."""
 
+from typing import Any
+
 import numpy as np
 
-from study.core.store import MissingResult, Results
-from study.judge.measures.stored_cases import T6, of_section
+from study.core.store import Results, Stored
+from study.judge.measures.stored_cases import T6, matching, of_section
 from study.paper.items import TABLE_2
 
 
@@ -48,22 +50,31 @@ def exact_ratio(results: Results, name: str, over: str, mode: int) -> float:
 
 
 def uniform_meshes(results: Results, case: str) -> list[tuple[int, int]]:
-    """Divisions of the uniform-load cases of an element, coarse to fine."""
-    start = f"{case}-uniform-"
-    found = [
-        s.case.removeprefix(start) for s in of_section(results, "7.6") if s.case.startswith(start)
-    ]
-    return sorted((int(nx), int(ny)) for nx, ny in (name.split("x") for name in found))
+    """Divisions of the uniform-load cases that treat a beam as this case does, coarse to fine."""
+    found = _uniform(results, **_treatment(results, case))
+    return [(nx, ny) for nx, ny in (stored.parameters["divisions"] for stored in found)]
 
 
 def uniform_errors(results: Results, case: str, mode: int) -> list[float]:
-    """Relative errors of the uniform-load cases, coarse to fine, against their own exact value."""
-    reference = "J" if case.endswith("-J") else "G"
-    exact = results.scalar("7.6/exact", f"{reference}_{mode}")
-    return [
-        results.scalar(f"7.6/{case}-uniform-{nx}x{ny}", f"sigma_cr_{mode}") / exact - 1
-        for nx, ny in uniform_meshes(results, case)
-    ]
+    """Relative errors of the same cases against the exact value of their form."""
+    return _errors(results, mode, **_treatment(results, case))
+
+
+def _treatment(results: Results, case: str) -> dict[str, Any]:
+    """What a beam's result depends on besides load, supports and mesh."""
+    own = results[f"7.6/{case}"].parameters
+    return {name: own[name] for name in ("element", "form", "prestress_symmetrised")}
+
+
+def _uniform(results: Results, **treatment: object) -> list[Stored]:
+    found = matching(results, "7.6", {"problem": "beam", "load": "uniform", **treatment})
+    return sorted(found, key=lambda stored: stored.parameters["divisions"])
+
+
+def _errors(results: Results, mode: int, form: str, **treatment: object) -> list[float]:
+    exact = results.scalar("7.6/exact", f"{form}_{mode}")
+    found = _uniform(results, form=form, **treatment)
+    return [stored.scalars[f"sigma_cr_{mode}"] / exact - 1 for stored in found]
 
 
 def finest_error(results: Results, case: str) -> float:
@@ -89,12 +100,11 @@ def order(results: Results, case: str, mode: int) -> float:
 
 def pw_against_galerkin(results: Results, form: str) -> float:
     """Largest relative difference of pw-T6 and galerkin-T6 under uniform load, all meshes."""
-    suffix = "-J" if form == "J" else ""
     return max(
         abs(a - b)
         for mode in (1, 2)
         for a, b in zip(
-            *(uniform_errors(results, f"{element}{suffix}", mode) for element in T6), strict=True
+            *(_errors(results, mode, form, element=element) for element in T6), strict=True
         )
     )
 
@@ -117,13 +127,10 @@ def scan(results: Results, user_element: str) -> np.ndarray:
     `user_element` with G.
     """
     rows = []
-    for stored in of_section(results, "7.6"):
-        if stored.case.startswith("scan-"):
-            cps6 = stored.curves["galerkin-T6-J"] / TABLE_2["CPS6"]
-            user = stored.curves[f"{user_element}-G"] / TABLE_2["6-node user element"]
-            rows.append(np.hstack([cps6, user]))
-    if not rows:
-        raise MissingResult("no mesh has been scanned: run ./run study 7.6")
+    for stored in matching(results, "7.6", {"problem": "mesh_scan"}):
+        cps6 = stored.curves["galerkin-T6-J"] / TABLE_2["CPS6"]
+        user = stored.curves[f"{user_element}-G"] / TABLE_2["6-node user element"]
+        rows.append(np.hstack([cps6, user]))
     return 100 * (np.concatenate(rows) - 1)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from study.core.store import Results
-from study.judge.measures.stored_cases import T6, matching, of_section
+from study.judge.measures.stored_cases import T6, Selection, matching, of_section
 from study.paper.items import TABLE_1
 
 _MODES = range(1, 7)
@@ -41,8 +41,8 @@ def eigenvalue_shift(results: Results, case: str, over: str, mode: int) -> float
     return 100 * (results.scalar(f"7.5/{case}", name) / results.scalar(f"7.5/{over}", name) - 1)
 
 
-def eigenvalue_shifts(results: Results, cases: str, over: str) -> list[float]:
-    """Shifts of all modes (one number each) of the cases whose names match an expression."""
+def eigenvalue_shifts(results: Results, cases: Selection, over: str) -> list[float]:
+    """Shifts of all modes (one number each) of cases, by parameters or an expression for names."""
     return [
         eigenvalue_shift(results, stored.case, over, mode)
         for stored in matching(results, "7.5", cases)
@@ -50,12 +50,12 @@ def eigenvalue_shifts(results: Results, cases: str, over: str) -> list[float]:
     ]
 
 
-def largest_eigenvalue_shift(results: Results, cases: str, over: str) -> float:
+def largest_eigenvalue_shift(results: Results, cases: Selection, over: str) -> float:
     """Largest of `eigenvalue_shifts` in absolute value."""
     return max(map(abs, eigenvalue_shifts(results, cases, over)))
 
 
-def highest_eigenvalue_shift(results: Results, cases: str, over: str) -> float:
+def highest_eigenvalue_shift(results: Results, cases: Selection, over: str) -> float:
     """Highest of `eigenvalue_shifts`, with its sign."""
     return max(eigenvalue_shifts(results, cases, over))
 
@@ -82,11 +82,16 @@ def shift_misfit(results: Results, case: str, over: str, element: str, printed_o
 
 
 def misfit_margin(
-    results: Results, cases: str, others: str, over: str, element: str, printed_over: str
+    results: Results,
+    cases: Selection,
+    others: Selection,
+    over: str,
+    element: str,
+    printed_over: str,
 ) -> float:
     """Smallest misfit among other cases less the largest among the cases, in per cent points."""
 
-    def misfits(names: str) -> list[float]:
+    def misfits(names: Selection) -> list[float]:
         found = matching(results, "7.5", names)
         return [shift_misfit(results, s.case, over, element, printed_over) for s in found]
 

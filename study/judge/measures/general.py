@@ -3,7 +3,7 @@
 import numpy as np
 
 from study.core.store import Results
-from study.judge.measures.stored_cases import matching
+from study.judge.measures.stored_cases import Selection, matching
 
 
 def scalar(results: Results, key: str, name: str) -> float:
@@ -11,12 +11,12 @@ def scalar(results: Results, key: str, name: str) -> float:
     return results.scalar(key, name)
 
 
-def largest(results: Results, section: str, cases: str, name: str) -> float:
-    """Largest size of a stored number among cases whose names match a regular expression."""
+def largest(results: Results, section: str, cases: Selection, name: str) -> float:
+    """Largest size of a stored number among cases, by parameters or an expression for names."""
     return max(_sizes(results, section, cases, name))
 
 
-def smallest(results: Results, section: str, cases: str, name: str) -> float:
+def smallest(results: Results, section: str, cases: Selection, name: str) -> float:
     """Smallest size of it."""
     return min(_sizes(results, section, cases, name))
 
@@ -36,7 +36,9 @@ def difference_of(results: Results, key: str, name: str, other: str) -> float:
     return results.scalar(key, name) - results.scalar(key, other)
 
 
-def relative_difference(results: Results, section: str, cases: str, name: str, other: str) -> float:
+def relative_difference(
+    results: Results, section: str, cases: Selection, name: str, other: str
+) -> float:
     """Largest relative difference of two stored numbers of a case, over matching cases."""
     return max(
         abs(stored.scalars[name] / stored.scalars[other] - 1)
@@ -44,12 +46,14 @@ def relative_difference(results: Results, section: str, cases: str, name: str, o
     )
 
 
-def largest_from(results: Results, section: str, cases: str, name: str, value: float) -> float:
+def largest_from(
+    results: Results, section: str, cases: Selection, name: str, value: float
+) -> float:
     """Largest distance of a stored number from a value, over matching cases."""
     return max(abs(s.scalars[name] - value) for s in matching(results, section, cases))
 
 
-def _sizes(results: Results, section: str, cases: str, name: str) -> list[float]:
+def _sizes(results: Results, section: str, cases: Selection, name: str) -> list[float]:
     return [abs(stored.scalars[name]) for stored in matching(results, section, cases)]
 
 

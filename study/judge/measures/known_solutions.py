@@ -1,17 +1,22 @@
 """Measures of the T-identity and of sections with known solutions."""
 
+import re
+
 import numpy as np
 
 from study.core.store import Results, Stored
-from study.judge.measures.stored_cases import matching
+from study.judge.measures.stored_cases import Selection, like, matching
 from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
 from study.vocabulary import OPEN, STICK
 
+# Of each new element, the standard one with the same nodes
+_STANDARD = {"pw-T6": "galerkin-T6", "pw-T10": "galerkin-T10"}
 
-def greco_deviation(results: Results, cases: str, reference: str) -> float:
+
+def greco_deviation(results: Results, cases: Selection, reference: str) -> float:
     """Largest deviation of a displacement of the GRECO plate from known ones, in per cent.
 
-    `cases` is a regular expression; `reference` is "published" or "prototype".
+    `reference` is "published" or "prototype".
     """
     return max(
         100 * abs(stored.scalars[f"u_{i}"] / greco_known(results, i, reference) - 1)
@@ -26,7 +31,7 @@ def greco_known(results: Results, place: int, reference: str) -> float:
     return known[place - 1]
 
 
-def greco_change(results: Results, cases: str, other: str) -> float:
+def greco_change(results: Results, cases: Selection, other: str) -> float:
     """Largest deviation of a displacement of the GRECO plate from another case's, in per cent."""
     names = [f"u_{i}" for i in range(1, len(GRECO_PLACES) + 1)]
     return max(
@@ -52,7 +57,7 @@ def zone_shift(results: Results, key: str, other: str, zone: str) -> float:
     return abs(zone_end(results, key, zone) - zone_end(results, other, zone))
 
 
-def stick_outside(results: Results, cases: str) -> float:
+def stick_outside(results: Results, cases: Selection) -> float:
     """Largest distance of the known stick radius from the interval of nodes that holds it."""
     return max(
         max(
@@ -65,17 +70,17 @@ def stick_outside(results: Results, cases: str) -> float:
 def refinement_order(results: Results, element: str, name: str) -> float:
     """Mean observed order of an error of section V5 from the coarsest to the finest mesh."""
     cases = sorted(
-        matching(results, "V5", rf"{element}-\d+"),
+        matching(results, "V5", {"element": element, "far_field": True}),
         key=lambda stored: stored.scalars["element_size"],
     )
     size, error = ([cases[i].scalars[what] for i in (0, -1)] for what in ("element_size", name))
     return float(np.log(error[1] / error[0]) / np.log(size[1] / size[0]))
 
 
-def largest_error_ratio(results: Results, settings: str, name: str) -> float:
+def largest_error_ratio(results: Results, settings: Selection, name: str) -> float:
     """Largest error of the new T6 or T10 over the standard one's on the finest meshes.
 
-    `settings` is a regular expression for what follows the element in a case's name.
+    `settings` are parameters, or an expression for what follows the element in a case's name.
     """
     return max(
         ours.scalars[name] / standard.scalars[name]
@@ -83,7 +88,7 @@ def largest_error_ratio(results: Results, settings: str, name: str) -> float:
     )
 
 
-def largest_ratio_on_meshes(results: Results, settings: str, name: str) -> float:
+def largest_ratio_on_meshes(results: Results, settings: Selection, name: str) -> float:
     """The same on any of the meshes."""
     return max(
         float((ours.curves[name] / standard.curves[name]).max())
@@ -92,19 +97,34 @@ def largest_ratio_on_meshes(results: Results, settings: str, name: str) -> float
 
 
 def ratio_at_poissons_ratio(results: Results, settings: str, name: str, nu: float) -> float:
-    """Largest ratio of both errors at a Poisson's ratio among the scans over it."""
+    """Largest ratio of both errors at a Poisson's ratio among the scans over it.
+
+    `settings` is an expression for their names.
+    """
     ratios = []
-    for ours, standard in _convergence_pairs(results, f"nu-({settings})"):
+    scanned = {"problem": "scan", "setting": _scanned(results, settings)}
+    for ours, standard in _convergence_pairs(results, scanned):
         (place,) = np.flatnonzero(ours.curves["nu"] == nu)
         ratios.append(float(ours.curves[name][place] / standard.curves[name][place]))
     return max(ratios)
 
 
-def _convergence_pairs(results: Results, settings: str) -> list[tuple[Stored, Stored]]:
+def _scanned(results: Results, settings: str) -> list[str]:
+    scans = matching(results, "C", {"problem": "scan", "element": list(_STANDARD)})
+    names = [stored.parameters["setting"] for stored in scans]
+    return [name for name in names if re.fullmatch(settings, name)]
+
+
+def _convergence_pairs(results: Results, settings: Selection) -> list[tuple[Stored, Stored]]:
     """Results of the new T6 or T10, and of the standard one in the same setting."""
+    cases: Selection
+    if isinstance(settings, str):
+        cases = f"({'|'.join(_STANDARD)})-({settings})"
+    else:
+        cases = {**settings, "element": list(_STANDARD)}
     return [
-        (ours, results[ours.key.replace("C/pw-", "C/galerkin-")])
-        for ours in matching(results, "C", f"pw-T(6|10)-({settings})")
+        (ours, like(results, ours, element=_STANDARD[ours.parameters["element"]]))
+        for ours in matching(results, "C", cases)
     ]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from study.core.store import Results
-from study.judge.measures.stored_cases import of_section
+from study.judge.measures.stored_cases import matching
 
 
 def middle_over_side(results: Results, element: str) -> float:
@@ -23,8 +23,7 @@ def reaction_spread(results: Results, element: str) -> float:
     reactions = np.array(
         [
             [stored.scalars[f"reaction_{i}"] for i in range(3)]
-            for stored in of_section(results, "7.1")
-            if stored.case.startswith(element) and not stored.case.endswith("-row")
+            for stored in matching(results, "7.1", {"element": element, "squares": 1})
         ]
     )
     return float(np.ptp(reactions, axis=0).max())
