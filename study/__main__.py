@@ -14,12 +14,16 @@ from study.judge import claims
 
 ROOT = Path(__file__).resolve().parents[1]
 
+NAMED = 5  # outdated results that are named; more are counted
+
 USAGE = """\
   study                   all sections, then claims, figures and report
   study 7.1 7.6           these sections only; the rest is taken from stored results
   study list              sections and cases, and whether a stored result holds
   study check             judge the claims by the stored results
   study report            claims, figures and report again from stored results
+
+check and report take stored results as they are, and say on stderr which are outdated or missing.
 
 exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage
 """
@@ -76,15 +80,20 @@ def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
 
 def report(out: Path) -> int:
     """Judge, draw and write the report again."""
-    _ensure_stored(out)
+    results = _ensure_stored(out)
     _ensure_writable(out)
+    _tell_outdated(results)
     return conclude(out, complete=False)
 
 
 def check(out: Path) -> int:
-    """Print the claims whose verdict differs from the pinned one; without a verdict, it does."""
-    _ensure_stored(out)
-    verdicts = claims.judge(claims.load_claims(), Results(out))
+    """Print the claims whose verdict differs from the pinned one; without a verdict, it does.
+
+    That results are outdated is said on stderr; the exit status is that of the verdicts.
+    """
+    results = _ensure_stored(out)
+    _tell_outdated(results)
+    verdicts = claims.judge(claims.load_claims(), results)
     differing = [verdict for verdict in verdicts if verdict.differs]
     print(claims.table(differing) + claims.summary(verdicts))
     return int(bool(differing))
@@ -147,12 +156,36 @@ def _ensure_writable(out: Path) -> None:
         raise StudyError(f"{out} cannot be written to: {error.strerror}") from None
 
 
-def _ensure_stored(out: Path) -> None:
-    """Refuse a folder without results, or with one that cannot be read."""
+def _ensure_stored(out: Path) -> Results:
+    """Return the results of a folder, but refuse one without any, or with one not to be read."""
     results = Results(out)
     stored = [case for section in SECTIONS for case in results.section(section)]
     if not stored:
         raise StudyError(f"there are no results in {out}: run ./run study")
+    return results
+
+
+def _tell_outdated(results: Results) -> None:
+    """Say which stored results code or parameters have left behind, and which are missing."""
+    try:
+        cases = [case for section in SECTIONS for case in load_section(section).cases]
+    except StudyError as error:  # results can be judged where they cannot be computed
+        print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
+        return
+    states = [(case, runner.state(case, results)) for case in cases]
+    for what in ("outdated", "missing"):
+        found = [case for case, state in states if state == what]
+        if not found:
+            continue
+        named = ", ".join(case.key for case in found[:NAMED])
+        rest = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+        sections = dict.fromkeys(case.section for case in found)
+        again = "" if len(sections) == len(SECTIONS) else " ".join(["", *sections])
+        print(
+            f"study: of {len(cases)} results {len(found)} {'is' if len(found) == 1 else 'are'} "
+            f"{what}: {named}{rest}; run ./run study{again}",
+            file=sys.stderr,
+        )
 
 
 if __name__ == "__main__":

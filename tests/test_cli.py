@@ -87,7 +87,7 @@ def test_second_run_reuses_and_force_does_not(run, toy, capsys):
 
 
 def test_result_of_a_case_that_is_no_more_is_removed(run, out):
-    save(out, "1", "former", Result({"y": 1.0}, {}), {})
+    save(out, "1", "former", Result({"y": 1.0}, {"y": "1"}), {"problem": "toy"}, {})
     assert run("2") == 0
     assert Results(out).cases("1") == ["former"]
     assert run("1") == 0
@@ -208,6 +208,35 @@ def test_list_tells_the_state_of_each_case(run, toy, out, capsys):
     change(toy / "toy" / "common.py", "2.0", "3.0")
     run("list")
     assert "    outdated  1/b" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["check", "report"])
+def test_what_only_reads_tells_what_is_outdated_or_missing(run, toy, out, capsys, command):
+    run()
+    capsys.readouterr()
+    assert run(command) == 0
+    assert "outdated" not in (said := capsys.readouterr().err)
+    assert "missing" not in said
+    change(toy / "toy" / "one.py", "FACTOR * value", "value * FACTOR")
+    (out / "2" / "only.json").unlink()
+    assert run(command) == 0
+    assert capsys.readouterr().err.splitlines()[:2] == [
+        "study: of 3 results 2 are outdated: 1/a, 1/b; run ./run study 1",
+        "study: of 3 results 1 is missing: 2/only; run ./run study 2",
+    ]
+    change(toy / "toy" / "one.py", "value * FACTOR", "FACTOR * value")
+    change(toy / "toy" / "one.py", "CASES =", "# what is computed\nCASES =")
+    assert run(command) == 0
+    assert "outdated" not in capsys.readouterr().err
+
+
+def test_many_outdated_results_are_counted(run, toy, capsys, monkeypatch):
+    run()
+    monkeypatch.setattr(study.__main__, "NAMED", 1)
+    change(toy / "toy" / "common.py", "2.0", "3.0")
+    capsys.readouterr()
+    assert run("check") == 0
+    assert "2 are outdated: 1/a and 1 more; run ./run study 1\n" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
