@@ -314,7 +314,8 @@ def _cases() -> list[Case]:
         )
         for nx, ny in symmetrised_meshes
     ]
-    cases += [Case("7.6", f"scan-{p}", mesh_scan, {"pattern": p}) for p in PATTERNS]
+    # "left" is "right" mirrored in the beam's axis, and so are its supports and values
+    cases += [Case("7.6", f"scan-{p}", mesh_scan, {"pattern": p}) for p in PATTERNS if p != "left"]
     return cases
 
 
