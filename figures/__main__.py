@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from figures.drawing import Drawn, Entry, draw, natural, scripts, up_to_date
-from study.core.pool import Failed, Killed, Pool, Task
+from study.core.pool import Failed, Pool, Task
 from study.core.store import Results, write_json
 
 FEW = 3  # so many figures that are not drawn are named one by one
@@ -68,13 +68,12 @@ def _drawn(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Dra
         pool.submit(Task(name, draw, (name, folder)))
     found = {task.name: outcome for task, outcome in pool}
     for name in names:
-        match found[name]:
-            case Killed():
-                yield name, Drawn(None, [], "its process was killed (out of memory?)")
-            case Failed(why):
-                yield name, Drawn(None, [], why)
-            case drawn:
-                yield name, drawn
+        outcome = found[name]
+        if isinstance(outcome, Drawn):
+            yield name, outcome
+        else:
+            why = outcome.why if isinstance(outcome, Failed) else "its process was killed"
+            yield name, Drawn(None, [], why)
 
 
 def _tell(wanting: dict[str, list[str]], each: bool) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -132,7 +133,7 @@ def _attempt(name: str, results: _Reading) -> Drawn:
     return Drawn(entry, [], "")
 
 
-def _draw(script: Any, name: str, results: Results) -> tuple[int, int]:
+def _draw(script: ModuleType, name: str, results: Results) -> tuple[int, int]:
     """Draw the pictures; return width and height in CSS pixels."""
     with style():
         figure = script.draw(results)

@@ -104,7 +104,7 @@ def mesh_plot(
     ax.add_collection(lines).set_rasterized(len(cells) > MANY)
     for nodes, size, face in ((tips, 3.0, "#333333"), (middles, 2.6, "white")):
         unique = np.unique(np.round(np.concatenate(nodes), 12), axis=0)
-        look = {"ms": size, "mfc": face, "mec": "#333333", "mew": 0.6, "ls": "none"}
+        look: dict[str, Any] = {"ms": size, "mfc": face, "mec": "#333333", "mew": 0.6, "ls": "none"}
         ax.plot(*unique.T, "o", rasterized=len(cells) > MANY, **look)
     ax.set_aspect("equal")
     ax.autoscale_view()

@@ -11,7 +11,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing import connection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+Channel: TypeAlias = connection.Connection
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Pool:
         self._waiting: list[tuple[float, int, Task]] = []
         self._count = 0
         self._idle: list[_Worker] = []
-        self._busy: dict[Any, tuple[_Worker, Task]] = {}
+        self._busy: dict[Channel, tuple[_Worker, Task]] = {}
         # PETSc takes it for a crash and aborts; a pipe to a worker that died is no reason
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
@@ -70,11 +72,12 @@ class Pool:
         heapq.heappush(self._waiting, (-task.cost, self._count, task))
         self._count += 1
 
-    def __iter__(self) -> Iterator[tuple[Task, Any]]:
+    def __iter__(self) -> Iterator[tuple[Task, object]]:
         try:
             while self._waiting or self._busy:
                 self._start()
-                for channel in connection.wait(list(self._busy)):
+                ready = connection.wait(list(self._busy))
+                for channel in [channel for channel in self._busy if channel in ready]:
                     worker, task = self._busy.pop(channel)
                     outcome = worker.outcome()
                     if isinstance(outcome, Killed):
@@ -108,6 +111,7 @@ class _Worker:
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")  # MPI does not survive a fork
+        self.channel: Channel
         self.channel, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,), daemon=True)
         # it inherits this from its first moment on: Ctrl-C is handled in the main process, once
@@ -126,7 +130,7 @@ class _Worker:
             return False
         return True
 
-    def outcome(self) -> Any:
+    def outcome(self) -> object:
         """Return what became of the task."""
         try:
             return self.channel.recv()
@@ -154,7 +158,7 @@ def one_line(error: BaseException) -> str:
     return f"{what} ({Path(place.filename).name}, line {place.lineno})"
 
 
-def _work(channel: Any) -> None:
+def _work(channel: Channel) -> None:
     """Do tasks as they come, until the main process closes the channel or is no more."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
@@ -165,7 +169,7 @@ def _work(channel: Any) -> None:
         channel.send(outcome)
 
 
-def _done(channel: Any) -> Any:
+def _done(channel: Channel) -> object:
     data = channel.recv_bytes()
     try:
         function, arguments = pickle.loads(data)
