@@ -148,12 +148,23 @@ def _draw(script: ModuleType, name: str, results: Results) -> tuple[int, int]:
             figure.set_layout_engine("none")  # it stays as it is, and need not be found again
             text = io.StringIO()
             figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
-            svg = re.sub(r"\bfont: ([^;\"]+)", _longhand, text.getvalue())
-            svg = re.sub(r"data:image/png;base64,([^\"]+)", _smaller, svg)
-            write_whole(picture(results.folder, name, "svg"), svg.encode())
+            write_whole(picture(results.folder, name, "svg"), _lean(text.getvalue()).encode())
         finally:
             plt.close(figure)
     return width, height
+
+
+def _lean(svg: str) -> str:
+    """Return a drawing that is smaller, quicker to lay out, and looks the same.
+
+    A hundredth of a point is enough for places; the page has dozens of drawings.
+    """
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r' transform="rotate\(-0 [^"]*\)"', "", svg)
+    svg = re.sub(r"\bfont: ([^;\"]+)", _longhand, svg)
+    svg = re.sub(r'="(?!data:)[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
+    svg = re.sub(r"data:image/png;base64,([^\"]+)", _smaller, svg)
+    return re.sub(r"\n\s+", "\n", svg)
 
 
 def _longhand(font: re.Match[str]) -> str:
