@@ -85,6 +85,10 @@ from study.judge.measures.known_solutions import (
     zone_end,
     zone_shift,
 )
+from study.judge.measures.paper_statements import (
+    factor_entries_ratio,
+    shear_off_fine,
+)
 from study.judge.measures.peers import (
     peer_critical_stress,
     peer_worst,

@@ -1,0 +1,50 @@
+"""Results that are computed when a measure asks for them, with another element if need be."""
+
+from dataclasses import replace
+from functools import cache
+
+from study.core.cases import SECTIONS, load_section
+from study.core.store import Results, save
+
+
+@cache
+def cases():
+    return {case.key: case for section in SECTIONS for case in load_section(section).cases}
+
+
+class Lazy:
+    """A stored result whose case is computed when its numbers are read."""
+
+    def __init__(self, results, key):
+        self.key = key
+        self.section, _, self.case = key.partition("/")
+        self._results = results
+
+    def __getattr__(self, name):
+        return getattr(self._results[self.key], name)
+
+
+class ComputedResults(Results):
+    """Results of the study's cases, each computed once and kept in a folder."""
+
+    def __getitem__(self, key):
+        if key not in self and key in cases():
+            case = cases()[key]
+            save(self.folder, case.section, case.name, case.run(**case.parameters), {})
+        return super().__getitem__(key)
+
+    def section(self, section):
+        return [Lazy(self, key) for key in cases() if key.startswith(f"{section}/")]
+
+
+class SwappedResults(ComputedResults):
+    """The same, where a piece of each key is replaced: one element stands in for another."""
+
+    def __init__(self, folder, old, new):
+        super().__init__(folder)
+        self.old, self.new = old, new
+
+    def __getitem__(self, key):
+        section, _, case = key.partition("/")
+        taken = ComputedResults(self.folder)[key.replace(self.old, self.new)]
+        return replace(taken, section=section, case=case)
