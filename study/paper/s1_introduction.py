@@ -1,4 +1,4 @@
-"""I (section 1): what the introduction says of cost and of tensile nodal forces, on two small models."""
+"""I: what the introduction says of cost and of tensile nodal forces, on two small models."""
 
 from functools import partial
 
