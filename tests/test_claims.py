@@ -2,10 +2,11 @@
 
 import json
 
+import jsonschema
 import pytest
 
 from study.core.store import Result, Results, StudyError, save
-from study.judge.claims import judge, load_claims, summary, table, write
+from study.judge.claims import SCHEMA, judge, load_claims, summary, table, write
 from tests.toystudy import MEASURED, claim, finding
 
 CONSTRUCTED = '"consistent by construction"'
@@ -233,5 +234,9 @@ def test_summary_counts_and_table_names(load, results):
     assert table([]) == ""
 
 
+def test_the_schema_is_one():
+    jsonschema.Draft202012Validator.check_schema(json.loads(SCHEMA.read_bytes()))
+
+
 def test_the_paper_s_own_claims_are_well_formed():
-    assert load_claims()
+    assert {claim.kind for claim in load_claims()} == {"paper", "implied", "finding", "pin"}

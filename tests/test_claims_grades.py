@@ -87,6 +87,8 @@ def test_identity_gives_a_simple_fraction_to_round_off(claim, folder):
 def test_what_was_put_in_or_fitted_is_a_constant_of_the_study(claim):
     module, _, name = claim.chosen.rpartition(".")
     constant = getattr(import_module(module), name)
+    place = re.match(r"study\.paper\.s(\d)_(\d)_", module)
+    assert "{}.{}".format(*place.groups()) in claim.source
     if claim.basis == "input":
         assert claim.judgement.value == np.prod(constant)
 

@@ -31,3 +31,32 @@ def shear_off_fine(
     off = (ours["shear_tributary"] - known)[np.abs(nodes) < within]
     size = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
     return float(100 * size / np.abs(shear).max())
+
+
+# Section, and the scalar of mid-side over corner force
+_EXAMPLES = [(section, "sawtooth") for section in ("7.2", "7.3", "7.4")]
+_EXAMPLES += [("7.5", f"sawtooth_{surface}") for surface in (1, 2, 3, 4)]
+_STANDARD = ("galerkin-T6", "galerkin-Q8")
+
+
+def corner_share_in_examples(results: Results) -> float:
+    """Corner over mid-side force of the standard elements, where it is farthest from a half."""
+    shares = [
+        1 / results.scalar(f"{section}/{element}", name)
+        for section, name in _EXAMPLES
+        for element in _STANDARD
+    ]
+    return max(shares, key=lambda share: abs(share - 0.5))
+
+
+def unevenness_of_standard(results: Results) -> float:
+    """Largest unevenness of the standard elements' pressure over the node's own test function.
+
+    Plane examples; in per cent of the pressure.
+    """
+    plane = [section for section, _ in _EXAMPLES if section != "7.5"]
+    return 100 * max(
+        results.scalar(f"{section}/{element}", "unevenness")
+        for section in plane
+        for element in _STANDARD
+    )
