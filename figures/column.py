@@ -12,7 +12,6 @@ from figures.contact import Curves, reported, zone_legend, zone_strip
 from figures.style import FULL, LOOK
 from study.core.store import Results
 
-SECTION = "7.5"
 FAMILIES = (("galerkin-T6", "pw-T6", "composite-T6"), ("galerkin-Q8", "pw-Q8", "pw-Q9"))
 FINE = "7.5/pw-T6-fine"
 NEEDS = [*(f"7.5/{element}" for family in FAMILIES for element in family), FINE]

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from figures.style import FULL, LOOK
 from study.core.store import Results
 from study.judge import measures
+from study.vocabulary import SLIP
 
 # Contact status as the library numbers it
 ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
@@ -53,7 +54,7 @@ def zone_strip(ax: Axes, curves: Curves, bottom: float = -0.16, height: float = 
     """Contact zones as a coloured strip below the axes; bottom and height are axes fractions."""
     x = curves["x"]
     borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
-    smooth = (curves["friction"] == 0) & (curves["status"] == 2)
+    smooth = (curves["friction"] == 0) & (curves["status"] == SLIP)
     colours = [
         SMOOTH[1] if free else ZONES[int(status)][1]
         for status, free in zip(curves["status"], smooth, strict=True)
@@ -67,7 +68,7 @@ def zone_strip(ax: Axes, curves: Curves, bottom: float = -0.16, height: float = 
 
 def zone_legend(curves: Curves) -> list[Patch]:
     """Handles of the zones that occur."""
-    smooth = (curves["friction"] == 0) & (curves["status"] == 2)
+    smooth = (curves["friction"] == 0) & (curves["status"] == SLIP)
     entries = [ZONES[int(s)] for s in np.unique(curves["status"][~smooth])]
     entries += [SMOOTH] if smooth.any() else []
     return [Patch(facecolor=c, edgecolor="#777777", lw=0.5, label=name) for name, c in entries]

@@ -18,9 +18,7 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
     fine = results.curves(FINE)
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-        ax.plot(
-            fine["x"], fine[quantity], color="black", lw=0.9, label="piecewise linear, 114 x 24"
-        )
+        ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 114 x 24")
         compare(ax, results, NEEDS[:-1], quantity, hollow="pw-T6")
         zone_strip(ax, results.curves("7.3/pw-Q8"), bottom=-0.3)
         ax.set(xlabel="$x$", xlim=(-2.2, 2.2))

@@ -18,7 +18,7 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
     fine = results.curves(FINE)
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-        ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="piecewise linear, fine")
+        ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, fine")
         compare(ax, results, NEEDS[:-1], quantity)
         zone_strip(ax, results.curves("7.4/pw-Q8"), bottom=-0.3)
         ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03))

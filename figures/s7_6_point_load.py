@@ -10,7 +10,7 @@ SECTION = "7.6"
 SERIES = {
     "galerkin-T6-J": {**LOOK["galerkin-T6"], "linestyle": "--", "label": "standard, form J"},
     "galerkin-T6": {**LOOK["galerkin-T6"], "label": "standard, form G"},
-    "pw-T6": {**LOOK["pw-T6"], "label": "piecewise linear, form G"},
+    "pw-T6": {**LOOK["pw-T6"], "label": "new T6, form G"},
 }
 HEIGHTS = (4, 8, 16, 32)
 NEEDS = [

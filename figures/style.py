@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
+from study.vocabulary import ELEMENTS
+
 matplotlib.use("Agg")
 
 COLUMN = 3.5
@@ -17,19 +19,10 @@ FULL = 7.0
 """Width of a figure of the whole page, in inches."""
 
 LOOK: dict[str, dict[str, Any]] = {
-    "galerkin-T6": {"color": "#D55E00", "marker": "^", "label": "standard, 6 nodes"},
-    "pw-T6": {"color": "#0072B2", "marker": "o", "label": "piecewise linear, 6 nodes"},
-    "pwsym-T6": {"color": "#56B4E9", "marker": "d", "label": "symmetrised, 6 nodes"},
-    "galerkin-Q8": {"color": "#B87A00", "marker": "s", "label": "standard, 8 nodes"},
-    "pw-Q8": {"color": "#007A5A", "marker": "D", "label": "piecewise linear, 8 nodes"},
-    "pw-Q9": {"color": "#6A4C93", "marker": "P", "label": "piecewise linear, native quadrilateral"},
-    "composite-T6": {"color": "#B0568C", "marker": "v", "label": "composite, 6 nodes"},
-    "exact": {"color": "#000000", "marker": "", "label": "exact"},
+    key: {"color": element.colour, "marker": element.marker, "label": element.name}
+    for key, element in ELEMENTS.items()
 }
-"""Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`.
-
-The colours are Okabe and Ito's, two of them darkened to be seen on white.
-"""
+"""Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
 
 RC = {
     "font.family": "sans-serif",

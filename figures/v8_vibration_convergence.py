@@ -25,17 +25,16 @@ VARIANTS: dict[str, dict[str, Any]] = {
         "linestyle": ":",
         "markerfacecolor": "none",
         "markersize": 8,
-        "label": "piecewise linear, 9 nodes",
+        "label": "new Q9, all nodes",
     },
-    "pwsym-T6": LOOK["pwsym-T6"] | {"label": "piecewise linear, 6 nodes, symmetrised"},
-    "pw-T6-lumped": LOOK["pw-T6"]
-    | {"linestyle": "--", "label": "piecewise linear, 6 nodes, lumped mass"},
-    "pw-Q8": LOOK["pw-Q8"] | {"label": "piecewise linear, 8 nodes (Guyan)"},
+    "pwsym-T6": LOOK["pwsym-T6"],
+    "pw-T6-lumped": LOOK["pw-T6"] | {"linestyle": "--", "label": "new T6, lumped mass"},
+    "pw-Q8": LOOK["pw-Q8"] | {"label": "new Q8 (Guyan)"},
     "pw-Q8-same": LOOK["pw-Q8"]
     | {
         "linestyle": "--",
         "markerfacecolor": "none",
-        "label": "piecewise linear, 8 nodes (Guyan, L = R)",
+        "label": "new Q8 (Guyan, L = R)",
     },
 }
 NEEDS = [f"V8/{problem}-{variant}" for problem in PROBLEMS for variant in VARIANTS]

@@ -1,4 +1,7 @@
-"""Natural frequencies and buckling factors of unsymmetric pairs, Eqs (14) and (24), by SLEPc."""
+"""Natural frequencies and buckling factors of unsymmetric pairs, by SLEPc.
+
+Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buckling.
+"""
 
 from dataclasses import dataclass, replace
 

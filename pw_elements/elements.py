@@ -24,7 +24,7 @@ PAPER_NODES = (0, 1, 2, 5, 3, 4)
 
 
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Piecewise-linear weight functions on the cell halved once, Eqs (15)-(20).
+    """Piecewise-linear weight functions on the cell halved once, Eq. (15) to Eq. (20).
 
     Args:
         cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four

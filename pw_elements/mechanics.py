@@ -1,4 +1,8 @@
-"""Isotropic linear elasticity as UFL forms over a trial/test pair, Eqs (1)-(12), (22), (25).
+"""Isotropic linear elasticity as UFL forms over a trial/test pair.
+
+The equations of motion, Eq. (1), in weak form, Eq. (2), are M a'' + K a = f, Eq. (9), with the
+forms of `Body`; accelerations are a field like displacements, Eq. (4), and UFL's gradients take
+the place of the matrices B, of shape functions, and of Eq. (8), of weight functions.
 
 Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
 """
@@ -117,7 +121,7 @@ class Body:
             raise ValueError(f"thickness = {self.thickness}: has to be a positive number")
 
     def strain(self, u: Expr) -> Expr:
-        """Small strain tensor, Eq (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
+        """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
         plane = ufl.sym(ufl.grad(u))
         if self.state is not StressState.AXISYMMETRIC:
             return plane
@@ -127,7 +131,7 @@ class Body:
         )
 
     def stress(self, u: Expr) -> Expr:
-        """Stress tensor, Eqs (6) and (22), of the strain tensor's shape."""
+        """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape."""
         E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
         mu = E / (2 * (1 + nu))
         if self.state is StressState.PLANE_STRESS:
@@ -138,17 +142,17 @@ class Body:
         return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
 
     def stiffness(self) -> ufl.Form:
-        """Stiffness form, Eq (10)."""
+        """Stiffness form, Eq. (10)."""
         u, v = self._arguments()
         return self._integral(ufl.inner(self.stress(u), self.strain(v)), 2)
 
     def mass(self) -> ufl.Form:
-        """Consistent mass form, Eq (11)."""
+        """Consistent mass form, Eq. (11)."""
         u, v = self._arguments()
         return self._integral(self._value(self.material.density) * ufl.inner(u, v), 4)
 
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
-        """Load of a traction vector (force per area), Eq (12), over a `boundary_measure`.
+        """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
 
         Loads of several measures are added as vectors; a form may have one of them.
         """
@@ -156,12 +160,12 @@ class Body:
         return ufl.inner(self._vector(traction), v) * self._depth() * surface
 
     def body_load(self, force: Vector) -> ufl.Form:
-        """Load of a body force vector (force per volume), Eq (12)."""
+        """Load of a body force vector (force per volume), Eq. (12)."""
         v = ufl.TestFunction(self.spaces.test)
         return self._integral(ufl.inner(self._vector(force), v), 2)
 
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
-        """Initial stress form, Eqs (25) and (26), for a prestress tensor.
+        """Initial stress form, Eq. (25) and Eq. (26), for a prestress tensor.
 
         Args:
             stress: tensor of the strain's shape, e.g. `body.stress(prestress_displacement)`.

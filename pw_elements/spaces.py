@@ -1,4 +1,7 @@
-"""Trial and test spaces with one numbering: node i of the one is node i of the other."""
+"""Trial and test spaces with one numbering: node i of the one is node i of the other.
+
+Displacements are u = N a, Eq. (3), virtual displacements v = W c, Eq. (7).
+"""
 
 from dataclasses import dataclass
 

@@ -143,7 +143,7 @@ class Sketch:
     modulus: float
     nu: float
     thickness: float
-    prescribe: str
+    support: str
     held: tuple[tuple[Side, int, float], ...]
     pairs: tuple[PairSketch, ...]
     loads: tuple[tuple[Side, str, tuple[float, ...], tuple[float, ...]], ...]
@@ -245,10 +245,10 @@ def sketch(seed: int) -> Sketch:
     if state == "axisymmetric":
         lower[0] = unit * rng.uniform(0.3, 2.0) if hollow else 0.0
 
-    prescribe, held = _supports(rng, dim, state, hollow)
+    support, held = _supports(rng, dim, state, hollow)
     strain = 10 ** rng.uniform(-4, -1.6)
-    pairs, loads = _pairs_and_loads(rng, dim, state, hollow, prescribe, strain)
-    path, steps = _path(rng, prescribe, pairs)
+    pairs, loads = _pairs_and_loads(rng, dim, state, hollow, support, strain)
+    path, steps = _path(rng, support, pairs)
     crown = {}
     if _chance(rng, 0.25):
         up = dim - 1
@@ -274,7 +274,7 @@ def sketch(seed: int) -> Sketch:
         10 ** rng.uniform(-3, 11),
         nu,
         10 ** rng.uniform(-1, 1),
-        prescribe,
+        support,
         held,
         tuple(pairs),
         tuple(loads),
@@ -320,23 +320,23 @@ def _supports(
 
 
 def _pairs_and_loads(
-    rng: np.random.Generator, dim: int, state: str, hollow: bool, prescribe: str, strain: float
+    rng: np.random.Generator, dim: int, state: str, hollow: bool, support: str, strain: float
 ) -> tuple[list[PairSketch], list]:
     up = dim - 1
     top, base, right, left = (up, 1), (up, 0), (0, 1), (0, 0)
     round_axis = state == "axisymmetric" and not hollow  # nothing may slide over the axis
-    fixed = prescribe in ("clamped", "roller", "cantilever")
+    fixed = support in ("clamped", "roller", "cantilever")
     pairs: list[PairSketch] = []
     loads: list = []
 
     def pair(side: Side, drive: str, floor: bool = False, **numbers) -> PairSketch:
         mu = _friction(rng)
-        loose = prescribe == "contact alone" and state != "axisymmetric"
+        loose = support == "contact alone" and state != "axisymmetric"
         if floor and loose and mu < 0.1 and _chance(rng, 0.95):
             mu = float(rng.uniform(0.1, 1.0))
         steep = 0.6 * mu if floor and not fixed else 1.0
-        centred = (round_axis or prescribe == "symmetry") and side[0] == up and _chance(rng, 0.7)
-        flat = floor and prescribe == "contact alone" and not _chance(rng, 0.1)
+        centred = (round_axis or support == "symmetry") and side[0] == up and _chance(rng, 0.7)
+        flat = floor and support == "contact alone" and not _chance(rng, 0.1)
         kind, shape = _surface(rng, side, dim, steep, centred, flat, strain)
         along, drag = "held", (0.0,) * up
         if drive != "rest" and _chance(rng, 0.75) and not (state == "axisymmetric" and side == top):
@@ -393,11 +393,11 @@ def _pairs_and_loads(
             upwards = np.zeros(up)
             upwards[-1] = rng.uniform(0.2, 1.0)
             load(right, rng.uniform(-0.3, 0.3), upwards)
-        if prescribe == "cantilever" and _chance(rng, 0.5):
+        if support == "cantilever" and _chance(rng, 0.5):
             pairs += parted(base, ["rest"], floor=True)
         elif _chance(rng, 0.3):
             pairs.append(pair(right, _pick(rng, {"rest": 0.5, "moved": 0.25}, rest="pushed")))
-        if prescribe == "clamped" and (hollow or state != "axisymmetric") and _chance(rng, 0.15):
+        if support == "clamped" and (hollow or state != "axisymmetric") and _chance(rng, 0.15):
             pairs.append(pair(left, _pick(rng, {"rest": 0.6}, rest="moved")))
         return pairs, loads
 
@@ -408,14 +408,14 @@ def _pairs_and_loads(
         least = {"constant": 1.0, "graded": 0.6, "half smooth": 0.4}
         most = min(pair.mu * least[pair.friction] for pair in pairs)
         most *= 0.9 if _chance(rng, 0.85) else 1.3
-        if state == "axisymmetric" or prescribe == "symmetry":
+        if state == "axisymmetric" or support == "symmetry":
             most = 0.5 * _chance(rng, 0.5)
         load(top, pressing, min(most, 1.5) * pressing * rng.uniform(-1, 1, up) / np.sqrt(up))
     else:
         pairs.append(pair(top, way))
     if _chance(rng, 0.2):
         pairs.append(pair(right, _pick(rng, {"rest": 0.7}, rest="moved")))
-    if state != "axisymmetric" and prescribe != "symmetry" and _chance(rng, 0.08):
+    if state != "axisymmetric" and support != "symmetry" and _chance(rng, 0.08):
         pairs.append(pair(left, "rest"))
     return pairs, loads
 
@@ -481,7 +481,7 @@ def _flatness(rng: np.random.Generator, strain: float) -> float:
 
 
 def _path(
-    rng: np.random.Generator, prescribe: str, pairs: Sequence[PairSketch]
+    rng: np.random.Generator, support: str, pairs: Sequence[PairSketch]
 ) -> tuple[str, tuple[tuple[float, float], ...]]:
     weights = {
         "one step": 0.2,
@@ -497,7 +497,7 @@ def _path(
         steps = np.column_stack((rng.uniform(0.3, 1.0, count), rng.uniform(-1, 1, count)))
         return name, tuple(map(tuple, steps.tolist()))
     # what nothing else holds is let go in a few problems only: it cannot be solved
-    held = prescribe != "contact alone" and all(pair.drive != "pushed" for pair in pairs)
+    held = support != "contact alone" and all(pair.drive != "pushed" for pair in pairs)
     if name == "total unloading" and not held and not _chance(rng, 0.1):
         return name, tuple((max(p, 0.01), min(q, 0.01 if p <= 0 else q)) for p, q in PATHS[name])
     return name, tuple(PATHS[name])
@@ -609,7 +609,7 @@ class _Maker:
             height, number, phase = plan.waves[3 * axis : 3 * axis + 3]
             across = x[:, (axis + 1) % dim]
             s[:, axis] += height * np.sin(np.pi * x[:, axis]) * np.cos(number * across + phase)
-        middle = 0.0 if plan.prescribe == "symmetry" or plan.lower[0] == 0.0 else 0.5
+        middle = 0.0 if plan.support == "symmetry" or plan.lower[0] == 0.0 else 0.5
         off = np.mean(((s[:, :-1] - middle) / (1 - middle)) ** 2, axis=1)
         top, base = (plan.crown.get(end, 0.0) * off for end in (1, 0))
         s[:, -1] += base * (1 - s[:, -1]) - top * s[:, -1]

@@ -364,3 +364,30 @@ def test_one_pair_and_one_start_need_no_list():
     assert again.iterations == 1
     with pytest.raises(ValueError, match="max_iterations = 0: one at least"):
         solved(floor(), max_iterations=0)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("mu", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("n", [4, 8, 16])
+@pytest.mark.parametrize("element", ["new triangle", "standard quadrilateral"])
+def test_a_plate_under_force_that_is_pressed_and_pushed_at_once(element, n, mu, share):
+    """A clamped block's plate is held by friction alone, and Q < mu P: there is a solution."""
+    build, method = {
+        "new triangle": (triangles, Spaces.petrov_galerkin),
+        "standard quadrilateral": (quadrilaterals, Spaces.serendipity),
+    }[element]
+    mesh = build(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
+    body = Body(method(mesh), Material(1000.0, 0.3), StressState.PLANE_STRAIN)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    clamped = Reduction.dirichlet(U, [prescribe(U, i, at(1, 0.0)) for i in (0, 1)])
+    plate = ContactPair(
+        at(1, 2.0), Plane((0, 2), (0, -1)), mu, [Motion((None, None), (share * mu, -1.0))]
+    )
+    (state,) = solve_contact(K, K.createVecLeft(), clamped, plate, U)
+    assert state.residuals.largest() < 1e-10
+    assert state.pairs[0].force == pytest.approx((share * mu, -1.0), rel=1e-9)
+    status = state.pairs[0].status
+    assert (status == STICK).any()
+    # one set of status with all slipping would leave the plate free
+    assert not np.all(status == SLIP)

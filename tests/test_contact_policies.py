@@ -80,6 +80,29 @@ def test_points_that_slip_grip_before_the_body_is_let_go():
     assert len(policy.lost) == 1
 
 
+def test_the_slowest_of_those_that_slip_the_other_way_sticks_next():
+    """The last point to stick yields; those that slid the other way come to rest one by one."""
+    sliding = ActiveSet(
+        np.array([SLIP, SLIP, SLIP, STICK], dtype=np.int8),
+        np.array([[1.0], [1.0], [-1.0], [0.0]]),
+        np.zeros(N),
+    )
+    gone = ActiveSet(
+        np.full(N, SLIP, dtype=np.int8), np.array([[1.0], [1.0], [-1.0], [-1.0]]), np.zeros(N)
+    )
+    # forces of the surface: against slip, and on the last point more than friction can give
+    state = contact(
+        [[1.0, 0.3], [1.0, 0.3], [1.0, -0.3], [1.0, -0.8]], slip=[-2e-3, -1e-3, 1e-3, 0.0]
+    )
+    policy = hold(lambda a: not np.any(a.status == STICK))
+    assert policy.kept(gone, sliding, state).status.tolist() == [SLIP, STICK, SLIP, SLIP]
+    assert policy.lost == []
+    # where all slip one way, nothing brakes the body but what it overcomes
+    one_way = contact([[1.0, -0.3]] * 3 + [[1.0, -0.8]], slip=[1e-3, 2e-3, 3e-3, 0.0])
+    dragged = replace(gone, direction=np.full((N, 1), -1.0))
+    assert policy._pivoted(dragged, one_way, np.arange(N) == 3) is None
+
+
 def test_an_open_pair_lands_at_its_nearest_point():
     number = np.array([0, 0, 1, 1], dtype=np.int32)
     policy = LastHold(

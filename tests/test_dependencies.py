@@ -85,6 +85,20 @@ def test_what_only_reads_results_reaches_no_solver(module):
         assert not tops(imported(name)) & SOLVER, name
 
 
+def test_the_core_of_the_study_knows_no_mechanics():
+    core = [name for name in modules("study") if name.startswith("study.core.")]
+    assert len(core) > 4
+    for name in core:
+        own = {other for other in imported(name) if other.startswith(("study.", "pw_elements"))}
+        assert all(other.startswith("study.core") for other in own), name
+
+
+def test_the_judge_asks_results_and_printed_numbers_only():
+    for name in modules("study"):
+        if name.startswith(("study.judge", "study.report")):
+            assert not tops(imported(name)) & SOLVER, name
+
+
 def test_the_check_above_sees_a_solver_where_there_is_one():
     names = reached("study.paper.s7_1_two_triangles")
     assert any(tops(imported(name)) & SOLVER for name in names)

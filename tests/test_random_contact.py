@@ -124,7 +124,7 @@ DRAGGED = replace(
     crown={},
     modulus=50.0,
     nu=0.3,
-    prescribe="clamped",
+    support="clamped",
     held=(((1, 0), 0, 0.0), ((1, 0), 1, 0.0)),
     pairs=(
         PairSketch(

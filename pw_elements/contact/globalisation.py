@@ -103,8 +103,9 @@ class LastHold:
         """The new set, less the changes by which the body would lose its last hold.
 
         Of the points that let go, those that violate the law least are kept for one more
-        iteration, as many as it takes. If they do not suffice, points that slipped before stick,
-        or an open pair lands: a body may let go at one end to be held by another.
+        iteration, as many as it takes. If they do not suffice, a point that slips the other way
+        sticks in their place. If there is none, points that slipped before stick, or an open
+        pair lands: a body may let go at one end to be held by another.
 
         Raises:
             FreeBody: if nothing of that holds the body.
@@ -124,6 +125,9 @@ class LastHold:
             if not self._free_motions(candidate, contact.frame):
                 return candidate
             count //= 2
+        pivoted = self._pivoted(new, contact, loosened)
+        if pivoted is not None and not self._free_motions(pivoted, contact.frame):
+            return pivoted
         lost = FreeBody(
             f"{' and '.join(motions)}: the loads lift or drag the body off, nothing holds it once "
             "the nodes that would have to pull are open and the others slip "
@@ -139,6 +143,27 @@ class LastHold:
                 if not self._free_motions(held, contact.frame):
                     return held
         raise lost
+
+    def _pivoted(self, new: ActiveSet, contact: Contact, loosened: Mask) -> ActiveSet | None:
+        """The new set with a point that sticks in place of those that let go, if there is one.
+
+        The body then moves against the forces that held it. Of the points that slipped the
+        other way, the slowest is the first that stands still. None if all slip one way: then
+        nothing brakes the body but what it overcomes.
+        """
+        tangents = contact.frame[:, 1:]
+        slip, shear = (
+            np.einsum("nab,na->nb", tangents, part) for part in (contact.slip, contact.shearing)
+        )
+        held = shear[loosened & (new.status == SLIP)].sum(axis=0)
+        self._comm.Allreduce(MPI.IN_PLACE, held, MPI.SUM)
+        braking = (new.status == SLIP) & ~loosened & (contact.friction > 0) & (slip @ held > 0)
+        speed = np.where(braking, np.linalg.norm(slip, axis=1), np.inf)
+        slowest = self._comm.allreduce(speed.min(initial=np.inf), MPI.MIN)
+        if not np.isfinite(slowest):
+            return None
+        standing = braking & (speed <= slowest * (1 + 1e-9))
+        return mixed(standing, sticking(standing, contact.friction, new.direction.shape[1]), new)
 
     def _landing(self, active: ActiveSet, gap: Array) -> Mask:
         """The nearest point of each pair that is open everywhere."""

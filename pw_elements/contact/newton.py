@@ -142,15 +142,14 @@ class Increment:
         wrong = np.nan_to_num(np.abs(now.contact.violation()), nan=np.inf).max(initial=0.0)
         largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
         wrong = comm.allreduce(wrong, MPI.MAX)
-        allowed = _TOLERANCE * largest + self.lost(now)
+        allowed = _TOLERANCE * largest + self.round_off(now)
         return float(wrong / allowed) if wrong > 0 else 0.0
 
-    def lost(self, now: Iterate) -> float:
+    def round_off(self, now: Iterate) -> float:
         """Force that may be nothing but round-off."""
-        round_off = _LOST * np.abs(now.displacement)
-        round_off += ROUND_OFF * np.abs(self.interface.position)
-        lost = (self.system.scale[:, None] * round_off).max(initial=0.0)
-        return float(self.system.comm.allreduce(lost, MPI.MAX))
+        length = _LOST * np.abs(now.displacement) + ROUND_OFF * np.abs(self.interface.position)
+        force = (self.system.scale[:, None] * length).max(initial=0.0)
+        return float(self.system.comm.allreduce(force, MPI.MAX))
 
 
 def newton(

@@ -104,7 +104,7 @@ def _residuals(increment: Increment, now: Iterate, active: ActiveSet) -> Residua
     force = largest(np.linalg.norm(now.force, axis=1))
     moved = np.concatenate([now.displacement, interface.shifts(now.translations)])
     length = largest(np.linalg.norm(moved, axis=1))
-    if force <= increment.lost(now):
+    if force <= increment.round_off(now):
         force = 1.0
     if length <= ROUND_OFF * largest(np.abs(interface.position)):
         length = 1.0

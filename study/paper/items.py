@@ -4,10 +4,15 @@ M. Klisiński, Ch. Luo, E. Postek, "Discussion on application of piece-wise line
 functions in 2D contact problems", received August 16, 2001.
 """
 
+import ast
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
-# Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq (27)
+from study.core.cases import SECTIONS, title
+from study.core.sources import source
+
+# Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq. (27)
 TABLE_2 = {
     "Euler": (2660e6, 10640e6),
     "CPS6": (2.6208e9, 9.8096e9),
@@ -32,79 +37,166 @@ class Item:
         kind: Which of them.
         number: Its number in the paper.
         content: What it shows.
-        treated: The module, figure or case that treats it.
+        section: The paper's section.
+        module: File that computes it; that of an equation has "Eq. (number)" where it does.
+        figure: File that draws it; empty for equations.
     """
 
     kind: Literal["figure", "table", "equation"]
     number: str
     content: str
-    treated: str
+    section: str
+    module: str
+    figure: str = ""
 
-
-def _figure(number: int, content: str, treated: str) -> Item:
-    return Item("figure", str(number), content, treated)
-
-
-def _table(number: int, content: str, treated: str) -> Item:
-    return Item("table", str(number), content, treated)
-
-
-def _equation(number: int, content: str, treated: str) -> Item:
-    return Item("equation", str(number), content, treated)
+    @property
+    def treated(self) -> str:
+        """The file that shows it, or computes it if none does."""
+        return self.figure or self.module
 
 
 _MECHANICS = "pw_elements/mechanics.py"
 _ELEMENTS = "pw_elements/elements.py"
+_SPACES = "pw_elements/spaces.py"
+_EIGEN = "pw_elements/eigen.py"
+_WEIGHTS = "study/paper/s3_weight_functions.py"
+_COMPUTED = {
+    "3": _WEIGHTS,
+    "5": "study/paper/s5_condensation.py",
+    "7.1": "study/paper/s7_1_two_triangles.py",
+    "7.2": "study/paper/s7_2_block.py",
+    "7.3": "study/paper/s7_3_parabolic_punch.py",
+    "7.4": "study/paper/s7_4_rigid_plate.py",
+    "7.5": "study/paper/s7_5_column.py",
+    "7.6": "study/paper/s7_6_buckling.py",
+}
+
+
+def _figure(section: str, number: int, content: str) -> Item:
+    drawn = f"figures/fig{number:02}.py"
+    return Item("figure", str(number), content, section, _COMPUTED[section], drawn)
+
+
+def _table(section: str, number: int, content: str) -> Item:
+    drawn = f"figures/tab{number:02}.py"
+    return Item("table", str(number), content, section, _COMPUTED[section], drawn)
+
+
+def _equation(section: str, number: int, content: str, module: str) -> Item:
+    return Item("equation", str(number), content, section, module)
+
 
 ITEMS = [
-    _figure(1, "6-node triangle in the parent domain", "figures/fig01.py"),
-    _figure(2, "weight functions of nodes 1 and 4", "figures/fig02.py"),
-    _figure(3, "two triangles make an 8-node quadrilateral", "figures/fig03.py"),
-    _figure(4, "the structure of two triangles", "figures/fig04.py"),
-    _figure(5, "its reactions by both methods", "figures/fig05.py"),
-    _figure(6, "elastic block on a rigid foundation", "figures/fig06.py"),
-    _figure(7, "contact stresses, 6-node triangles", "figures/fig07.py"),
-    _figure(8, "contact stresses, 8-node quadrilaterals", "figures/fig08.py"),
-    _figure(9, "parabolic rigid punch", "figures/fig09.py"),
-    _figure(10, "its contact stresses", "figures/fig10.py"),
-    _figure(11, "rigid plate: profile and mesh", "figures/fig11.py"),
-    _figure(12, "its contact stresses", "figures/fig12.py"),
-    _figure(13, "its reaction forces, CPS8", "figures/fig13.py"),
-    _figure(14, "its reaction forces, user element", "figures/fig14.py"),
-    _figure(15, "stepped column: section and mesh", "figures/fig15.py"),
+    _figure("3", 1, "6-node triangle in the parent domain"),
+    _figure("3", 2, "weight functions of nodes 1 and 4"),
+    _figure("5", 3, "two triangles make an 8-node quadrilateral"),
+    _figure("7.1", 4, "the structure of two triangles"),
+    _figure("7.1", 5, "its reactions by both methods"),
+    _figure("7.2", 6, "elastic block on a rigid foundation"),
+    _figure("7.2", 7, "contact stresses, 6-node triangles"),
+    _figure("7.2", 8, "contact stresses, 8-node quadrilaterals"),
+    _figure("7.3", 9, "parabolic rigid punch"),
+    _figure("7.3", 10, "its contact stresses"),
+    _figure("7.4", 11, "rigid plate: profile and mesh"),
+    _figure("7.4", 12, "its contact stresses"),
+    _figure("7.4", 13, "its reaction forces, CPS8"),
+    _figure("7.4", 14, "its reaction forces, user element"),
+    _figure("7.5", 15, "stepped column: section and mesh"),
     *(
-        _figure(
-            16 + 2 * i + j,
-            f"{stress} on contact surface {i + 1}",
-            f"figures/fig{16 + 2 * i + j}.py",
-        )
+        _figure("7.5", 16 + 2 * i + j, f"{stress} on contact surface {i + 1}")
         for i in range(4)
         for j, stress in enumerate(("normal pressure", "shear stress"))
     ),
-    _figure(24, "half beam, symmetric buckling: mesh and supports", "figures/fig24.py"),
-    _figure(25, "half beam, antisymmetric buckling: mesh and supports", "figures/fig25.py"),
-    _table(1, "the first six eigenvalues of the stepped column", "figures/tab01.py"),
-    _table(2, "critical stresses of the beam", "figures/tab02.py"),
-    _equation(1, "equations of motion", _MECHANICS),
-    _equation(2, "weak form", _MECHANICS),
-    _equation(3, "trial functions", "pw_elements/spaces.py"),
-    _equation(4, "accelerations", _MECHANICS),
-    _equation(5, "strains", _MECHANICS),
-    _equation(6, "stresses", _MECHANICS),
-    _equation(7, "test functions", "pw_elements/spaces.py"),
-    _equation(8, "gradients of the weight functions", _ELEMENTS),
-    _equation(9, "discrete equations of motion", _MECHANICS),
-    _equation(10, "stiffness matrix", _MECHANICS),
-    _equation(11, "mass matrix", _MECHANICS),
-    _equation(12, "force vector", _MECHANICS),
-    _equation(13, "harmonic motion", "pw_elements/eigen.py"),
-    _equation(14, "eigenvalue problem of vibration", "pw_elements/eigen.py"),
-    *(_equation(14 + node, f"weight function of node {node}", _ELEMENTS) for node in range(1, 7)),
-    _equation(21, "element stiffness matrix", "study/paper/s3_weight_functions.py"),
-    _equation(22, "constitutive matrix of plane stress", _MECHANICS),
-    _equation(23, "sum over the four sub-elements", "study/paper/s3_weight_functions.py"),
-    _equation(24, "buckling problem", "pw_elements/eigen.py"),
-    _equation(25, "initial stress matrix", _MECHANICS),
-    _equation(26, "gradients in it", _MECHANICS),
-    _equation(27, "Euler's critical stress", "study/paper/s7_6_exact.py"),
+    _figure("7.6", 24, "half beam, symmetric buckling: mesh and supports"),
+    _figure("7.6", 25, "half beam, antisymmetric buckling: mesh and supports"),
+    _table("7.5", 1, "the first six eigenvalues of the stepped column"),
+    _table("7.6", 2, "critical stresses of the beam"),
+    _equation("2", 1, "equations of motion", _MECHANICS),
+    _equation("2", 2, "weak form", _MECHANICS),
+    _equation("2", 3, "trial functions", _SPACES),
+    _equation("2", 4, "accelerations", _MECHANICS),
+    _equation("2", 5, "strains", _MECHANICS),
+    _equation("2", 6, "stresses", _MECHANICS),
+    _equation("2", 7, "test functions", _SPACES),
+    _equation("2", 8, "gradients of the weight functions", _MECHANICS),
+    _equation("2", 9, "discrete equations of motion", _MECHANICS),
+    _equation("2", 10, "stiffness matrix", _MECHANICS),
+    _equation("2", 11, "mass matrix", _MECHANICS),
+    _equation("2", 12, "force vector", _MECHANICS),
+    _equation("2", 13, "harmonic motion", _EIGEN),
+    _equation("2", 14, "eigenvalue problem of vibration", _EIGEN),
+    *(
+        _equation("3", 14 + node, f"weight function of node {node}", _WEIGHTS)
+        for node in range(1, 7)
+    ),
+    _equation("4", 21, "element stiffness matrix", _WEIGHTS),
+    _equation("4", 22, "constitutive matrix of plane stress", _MECHANICS),
+    _equation("4", 23, "sum over the four sub-elements", _WEIGHTS),
+    _equation("6", 24, "buckling problem", _EIGEN),
+    _equation("6", 25, "initial stress matrix", _MECHANICS),
+    _equation("6", 26, "gradients in it", _MECHANICS),
+    _equation("7.6", 27, "Euler's critical stress", "study/paper/s7_6_exact.py"),
 ]
+
+# What sections of the paper without examples are about; the others have a module with a title
+_TITLES = {"2": "Weak formulation", "4": "Stiffness matrix", "6": "Initial stress matrix"}
+_ROOT = Path(__file__).parents[2]
+
+
+def readme_table() -> str:
+    """Return README's table of what is where: the paper's sections, then the study's own."""
+    sections = sorted({*_TITLES, *SECTIONS}, key=_place)
+    rows = ["| section | of the paper | computed in | drawn by |", "|---|---|---|---|"]
+    return "\n".join([*rows, *map(_row, sections)])
+
+
+def _place(section: str) -> tuple[int, float]:
+    """Return what sections are sorted by: the paper's first, V9 before V10."""
+    kinds = ("", "I", "T", "C", "V", "P")
+    letter = section.rstrip("0123456789.")
+    return kinds.index(letter), float(section.removeprefix(letter) or 0)
+
+
+def _row(section: str) -> str:
+    mine = [item for item in ITEMS if item.section == section]
+    name = _TITLES.get(section) or title(section)
+    computed = {item.module for item in mine}
+    if section in SECTIONS:
+        path = source(SECTIONS[section])
+        assert path is not None
+        computed.add(path.relative_to(_ROOT).as_posix())
+    drawn = [path for path in sorted(_ROOT.glob("figures/*.py")) if _section(path) == section]
+    cells = [
+        f"{section}: {name}",
+        "; ".join(filter(None, (_numbers(mine, kind) for kind in _PLURAL))),
+        ", ".join(f"`{path}`" for path in sorted(computed)),
+        ", ".join(f"`{path.relative_to(_ROOT).as_posix()}`" for path in drawn),
+    ]
+    return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
+
+
+_PLURAL = {"figure": "Figs", "table": "Tables", "equation": "Eqs"}
+_SINGULAR = {"figure": "Fig.", "table": "Table", "equation": "Eq."}
+
+
+def _numbers(items: list[Item], kind: str) -> str:
+    """Return "Figs 6-8": the numbers of a kind, which follow each other within a section."""
+    numbers = sorted(int(item.number) for item in items if item.kind == kind)
+    shown = [f"({n})" if kind == "equation" else f"{n}" for n in numbers]
+    if len(shown) < 2:
+        return f"{_SINGULAR[kind]} {shown[0]}" if shown else ""
+    joint = "-" if numbers[-1] - numbers[0] == len(numbers) - 1 else ", "
+    ends = (shown[0], shown[-1]) if joint == "-" else shown
+    return f"{_PLURAL[kind]} {joint.join(ends)}"
+
+
+def _section(path: Path) -> str:
+    """Return the section of a figure script without importing it; empty for a helper."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "SECTION":
+            return str(ast.literal_eval(node.value))
+    return ""
+
+
+if __name__ == "__main__":
+    print(readme_table())

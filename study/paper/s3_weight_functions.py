@@ -1,4 +1,4 @@
-"""3, 4, 6: the weight functions, Eqs (15)-(20), and the matrices made with them (Figs 1, 2)."""
+"""3, 4, 6: the weight functions, Eq. (15) to Eq. (20), and their matrices (Figs 1, 2)."""
 
 from mpi4py import MPI
 
@@ -36,15 +36,15 @@ YOUNGS_MODULUS, POISSONS_RATIO, DENSITY = 1.0, 0.3, 1.0
 
 
 def printed_weights(points: Points, subelement: npt.NDArray[np.int64]) -> Points:
-    """Eqs (15)-(20) to the letter: (n, 6) weights at points (n, 2) of sub-elements 1..4."""
+    """Eq. (15) to Eq. (20) to the letter: (n, 6) at points (n, 2) of sub-elements 1..4."""
     x, y = points.T
     zero = np.zeros_like(x)
-    w1 = [1 - 2 * x - 2 * y, zero, zero, zero]
-    w2 = [zero, 2 * x - 1, zero, zero]
-    w3 = [zero, zero, 2 * y - 1, zero]
-    w4 = [2 * x, 2 - 2 * x - 2 * y, zero, 1 - 2 * y]
-    w5 = [zero, 2 * y, 2 * x, 2 * x + 2 * y - 1]
-    w6 = [2 * y, zero, 2 - 2 * x - 2 * y, 1 - 2 * x]
+    w1 = [1 - 2 * x - 2 * y, zero, zero, zero]  # Eq. (15)
+    w2 = [zero, 2 * x - 1, zero, zero]  # Eq. (16)
+    w3 = [zero, zero, 2 * y - 1, zero]  # Eq. (17)
+    w4 = [2 * x, 2 - 2 * x - 2 * y, zero, 1 - 2 * y]  # Eq. (18)
+    w5 = [zero, 2 * y, 2 * x, 2 * x + 2 * y - 1]  # Eq. (19)
+    w6 = [2 * y, zero, 2 - 2 * x - 2 * y, 1 - 2 * x]  # Eq. (20)
     chosen = [np.choose(subelement - 1, w) for w in (w1, w2, w3, w4, w5, w6)]
     return np.stack(chosen, axis=1)
 
@@ -90,7 +90,7 @@ def weight_functions() -> Result:
 
 
 def element_matrices() -> Result:
-    """K, M and K_sigma of one element: Eq (23) as a sum over sub-elements, and symmetry."""
+    """K, M and K_sigma of one element: Eq. (23) as a sum over sub-elements, and symmetry."""
     mesh = _one_triangle(CORNERS)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO, DENSITY)
     bodies = {
@@ -183,7 +183,7 @@ def _mesh_nodes_in_paper_order(U: fem.FunctionSpace) -> npt.NDArray[np.int32]:
 
 
 def _stiffness_by_subelements(U: fem.FunctionSpace, order: npt.NDArray[np.int32]) -> Points:
-    """Eq (23) without quadrature: B is linear, so each sub-element needs its centroid only."""
+    """Eq. (21) as Eq. (23) without quadrature: B is linear, centroids of sub-elements do."""
     nodes = U.tabulate_dof_coordinates()[order, :2]
     D = (
         YOUNGS_MODULUS
@@ -211,7 +211,7 @@ def _stiffness_by_subelements(U: fem.FunctionSpace, order: npt.NDArray[np.int32]
 
 
 def _strain_matrix(gradients: Points) -> Points:
-    """B of Eq (6), (3, 12), from gradients (2, 6)."""
+    """B of Eq. (6), (3, 12), from gradients (2, 6)."""
     B = np.zeros((3, 12))
     B[0, 0::2] = B[2, 1::2] = gradients[0]
     B[1, 1::2] = B[2, 0::2] = gradients[1]

@@ -31,7 +31,7 @@ class Strip:
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
     def euler(self, n: int) -> float:
-        """Euler's stress of mode n, Eq (27)."""
+        """Euler's stress of mode n, Eq. (27)."""
         return (n * np.pi / self.slenderness) ** 2 * self.youngs_modulus / 12
 
     def engesser(self, n: int) -> float:
@@ -47,7 +47,7 @@ class Strip:
         """Exact plane-stress value of mode n: smallest root of the free-surface determinant.
 
         `form` says which geometric stiffness the continuum has: "G" the gradient form of
-        Eqs (25) and (26), "J" the objective-rate one, "deflection" the deflection's slope only.
+        Eq. (25) and Eq. (26), "J" the objective-rate one, "deflection" the deflection's slope only.
         """
         return _smallest_root(lambda s: self._determinant(s, n, form), 1.2 * self.euler(n))
 

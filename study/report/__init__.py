@@ -23,17 +23,9 @@ from study.core.store import (
 )
 from study.judge import claims as judged
 from study.report import numbers
+from study.vocabulary import ELEMENTS, PLANE_ELEMENTS
 
 HERE = Path(__file__).parent
-ELEMENTS = {
-    "galerkin-T6": "standard T6",
-    "pw-T6": "new T6",
-    "composite-T6": "composite T6",
-    "galerkin-Q8": "standard Q8",
-    "pw-Q8": "new Q8, condensed pair",
-    "pw-Q9": "new quadrilateral, condensed centre",
-}
-"""Plane elements and their names in tables."""
 _GENERAL = re.compile(r"Abstract|Section 8\b")  # the paper's frame, part of no section here
 
 
@@ -129,7 +121,7 @@ class _Page:
         }
         self.environment.filters |= words
         self.environment.globals |= words | {
-            "elements": list(ELEMENTS.items()),
+            "elements": [(key, ELEMENTS[key].name) for key in PLANE_ELEMENTS],
             "s": results.scalar,
             "curves": self.curves,
             "measure": self.measure,

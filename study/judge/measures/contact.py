@@ -4,6 +4,7 @@ import numpy as np
 
 from study.core.store import Results
 from study.judge.measures.stored_cases import T6
+from study.vocabulary import OPEN, SLIP
 
 BLOCK_PRESSURE = 200.0
 
@@ -17,7 +18,7 @@ def edge_force_change(results: Results, key: str, other: str) -> float:
 def slip_sawtooth(results: Results, key: str) -> float:
     """Median over slipping mid-side nodes of shear force over the mean of both corners'."""
     curves = results.curves(key)
-    force, slipping = curves["force_t"], (curves["status"] == 2) & (curves["friction"] > 0)
+    force, slipping = curves["force_t"], (curves["status"] == SLIP) & (curves["friction"] > 0)
     middle = np.arange(3, len(force) - 3, 2)
     used = middle[slipping[middle] & slipping[middle - 1] & slipping[middle + 1]]
     return float(np.median(2 * force[used] / (force[used - 1] + force[used + 1])))
@@ -39,7 +40,7 @@ def transfer_defect(results: Results, section: str, component: str, suffix: str 
     Largest difference in per cent of the mean normal force of a closed node.
     """
     galerkin, pw = (results.curves(f"{section}/{element}{suffix}") for element in T6)
-    mean = pw["force_n"][pw["status"] != 0].mean()
+    mean = pw["force_n"][pw["status"] != OPEN].mean()
     return float(100 * np.abs(galerkin[f"{component}_T"] - pw[component]).max() / mean)
 
 

@@ -5,8 +5,7 @@ import numpy as np
 from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import matching
 from study.verification.friction import GRECO_PLACES, GRECO_PROTOTYPE, GRECO_PUBLISHED
-
-OPEN, STICK = 0, 1  # contact status as the library numbers it
+from study.vocabulary import OPEN, STICK
 
 
 def greco_deviation(results: Results, cases: str, reference: str) -> float:

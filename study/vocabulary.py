@@ -1,0 +1,46 @@
+"""Words that the whole study shares, free of any solver: elements, loads, states of contact nodes.
+
+An element has one name, one marker and one colour in tables, legends, captions and claims.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element that the study compares.
+
+    Attributes:
+        name: In tables, legends and prose.
+        marker: Matplotlib's, for its nodes in figures.
+        colour: Of its lines and markers; Okabe and Ito's, two of them darkened to be seen on white.
+    """
+
+    name: str
+    marker: str
+    colour: str
+
+
+# By the names of result files; T: triangles or tetrahedra, Q: quadrilaterals, with their nodes
+ELEMENTS = {
+    "galerkin-T6": Element("standard T6", "^", "#D55E00"),
+    "pw-T6": Element("new T6", "o", "#0072B2"),
+    "pwsym-T6": Element("new T6, symmetrised", "d", "#56B4E9"),
+    "composite-T6": Element("composite T6", "v", "#B0568C"),
+    "galerkin-Q8": Element("standard Q8", "s", "#B87A00"),
+    "pw-Q8": Element("new Q8, condensed pair", "D", "#007A5A"),
+    "pw-Q9": Element("new Q9, condensed centre", "P", "#6A4C93"),
+    "galerkin-T10": Element("standard T10", "<", "#8C3B00"),
+    "pw-T10": Element("new T10", ">", "#00406B"),
+    "exact": Element("exact", "", "#000000"),
+}
+
+PLANE_ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
+"""Those of the contact examples, in the order of tables."""
+
+# Loads of the beam in section 7.6: printed, and the one whose values converge
+LOADS = {"point": "concentrated load at A", "uniform": "uniform load on the end"}
+
+# What a contact node does, as the library numbers it; a test compares
+OPEN, STICK, SLIP = 0, 1, 2
+STATUS = {OPEN: "open", STICK: "sticking", SLIP: "slipping"}
