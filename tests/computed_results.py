@@ -25,12 +25,27 @@ class Lazy:
 
 
 class ComputedResults(Results):
-    """Results of the study's cases, each computed once and kept in a folder."""
+    """Results of the study's cases, each computed once and kept in a folder.
+
+    Args:
+        folder: where.
+        parameters: of the cases, instead of their own.
+    """
+
+    def __init__(self, folder, parameters=None):
+        super().__init__(folder)
+        self.parameters = parameters or {}
 
     def __getitem__(self, key):
         if key not in self and key in cases():
             case = cases()[key]
-            save(self.folder, case.section, case.name, case.run(**case.parameters), {})
+            save(
+                self.folder,
+                case.section,
+                case.name,
+                case.run(**case.parameters | self.parameters),
+                {},
+            )
         return super().__getitem__(key)
 
     def section(self, section):

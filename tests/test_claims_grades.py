@@ -15,6 +15,7 @@ import pytest
 
 from study.core.store import MissingResult, Results
 from study.judge.claims import GRADES, PAPER, judge, load_claims
+from study.paper.s7_5_profiles import PROFILES
 from tests.computed_results import ComputedResults, SwappedResults
 
 CLAIMS = load_claims()
@@ -83,14 +84,39 @@ def test_identity_gives_a_simple_fraction_to_round_off(claim, folder):
     assert abs(measured - Fraction(measured).limit_denominator(12)) < 1e-9
 
 
+OTHER_INPUTS = {
+    "study.paper.s7_3_parabolic_punch.RADIUS": {"radius": 10.0},
+    "study.paper.s7_3_parabolic_punch.DIVISIONS": {"divisions": (18, 4)},
+    "study.paper.s7_4_rigid_plate.FORCE": 41.0,
+    "study.paper.s7_5_profiles.PROFILES": "first",
+    "study.paper.s7_6_buckling.LENGTH": 9.0,
+    "study.paper.s7_6_buckling.PAPER_DIVISIONS": {"divisions": (2, 1)},
+}
+"""For what was put in or fitted: another parameter of the cases, or another constant."""
+
+
 @graded("consistent by construction", "input", "fit")
-def test_what_was_put_in_or_fitted_is_a_constant_of_the_study(claim):
+def test_what_was_put_in_or_fitted_decides_the_verdict(claim, monkeypatch, tmp_path):
+    """With another input the number is not met: that it is met says what was put in."""
+    parameters = {}
+    match OTHER_INPUTS[claim.chosen]:
+        case dict(parameters):
+            pass
+        case str(name):
+            profile = PROFILES[name]
+            wider = tuple(1.1 * radius for radius in profile.radii)
+            higher = tuple(1.1 * height for height in profile.heights)
+            other = replace(profile, radii=wider, heights=higher, ring_divisions=(4, 1, 7, 4))
+            monkeypatch.setitem(PROFILES, name, other)
+        case constant:
+            monkeypatch.setattr(claim.chosen, constant)
+    assert verdict(claim, ComputedResults(tmp_path, parameters)).verdict == "fails"
+
+
+@graded("consistent by construction", "input")
+def test_input_is_the_number_itself(claim):
     module, _, name = claim.chosen.rpartition(".")
-    constant = getattr(import_module(module), name)
-    place = re.match(r"study\.paper\.s(\d)_(\d)_", module)
-    assert "{}.{}".format(*place.groups()) in claim.source
-    if claim.basis == "input":
-        assert claim.judgement.value == np.prod(constant)
+    assert claim.judgement.value == np.prod(getattr(import_module(module), name))
 
 
 INSENSITIVE = [c for c in STATEMENTS if c.grade == "consistent by construction" and c.swap]
