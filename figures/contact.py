@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from figures.style import FULL, LOOK
+from figures.style import FULL, LOOK, MANY
 from study.core.store import Results
 from study.judge import measures
 from study.vocabulary import SLIP
@@ -84,7 +84,11 @@ def deformed(ax: Axes, curves: Curves, scale: float, element: str) -> np.ndarray
     """Draws the deformed mesh; returns its nodes."""
     moved = curves["nodes"] + scale * curves["displacement"]
     cells = PolyCollection(
-        moved[outline(curves["cells"])], facecolor="#EEF3F7", edgecolor="#8A97A3", lw=0.4
+        moved[outline(curves["cells"])],
+        facecolor="#EEF3F7",
+        edgecolor="#8A97A3",
+        lw=0.4,
+        rasterized=len(curves["cells"]) > MANY,
     )
     ax.add_collection(cells)
     ax.set_aspect("equal")

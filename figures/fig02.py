@@ -21,7 +21,12 @@ def draw(results: Results) -> Figure:
         for column, node in enumerate((1, 4)):
             ax: Axes3D = fig.add_subplot(2, 2, 2 * row + column + 1, projection="3d")
             z = curves[name][:, node - 1]
-            surface = {"color": look["color"], "edgecolor": "white", "linewidth": 0.3}
+            surface = {
+                "color": look["color"],
+                "edgecolor": "white",
+                "linewidth": 0.3,
+                "rasterized": True,
+            }
             ax.plot_trisurf(x, y, z, triangles=cells, shade=False, alpha=0.85, **surface)
             ax.plot([0, 1, 0, 0], [0, 0, 1, 0], 0, color="black", linewidth=0.9)
             ax.set(xlabel="$x$", ylabel="$y$", zlim=(-0.13, 1.05), xticks=(0, 0.5, 1))

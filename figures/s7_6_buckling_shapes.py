@@ -36,7 +36,11 @@ def draw(results: Results) -> Figure:
             deformed = x + SCALE * u
             ax.add_collection(
                 PolyCollection(
-                    deformed[cells], facecolor="#D8E8F4", edgecolor=LOOK[ELEMENT]["color"], lw=0.4
+                    deformed[cells],
+                    facecolor="#D8E8F4",
+                    edgecolor=LOOK[ELEMENT]["color"],
+                    lw=0.4,
+                    rasterized=True,
                 )
             )
         stress = results.scalar(CASE, f"sigma_cr_{mode}")

@@ -9,7 +9,7 @@ from study.core.store import Results
 from study.judge import measures
 
 SECTION = "7.6"
-NEEDS = [f"7.6/scan-{p}" for p in ("right", "left", "right_left", "left_right", "crossed")]
+NEEDS = [f"7.6/scan-{p}" for p in ("right", "right_left", "left_right", "crossed")]
 READINGS = {"pwsym-T6": "symmetrised", "pw-T6": "as it is"}
 WINDOW = 12.0  # per cent
 

@@ -18,6 +18,9 @@ COLUMN = 3.5
 FULL = 7.0
 """Width of a figure of the whole page, in inches."""
 
+MANY = 50
+"""Meshes of more cells and clouds of more points are images within a drawing: it would be slow."""
+
 LOOK: dict[str, dict[str, Any]] = {
     key: {"color": element.colour, "marker": element.marker, "label": element.name}
     for key, element in ELEMENTS.items()
@@ -46,7 +49,7 @@ RC = {
     "lines.linewidth": 1.3,
     "lines.markersize": 4.0,
     "legend.frameon": False,
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
     "svg.hashsalt": "pw-elements",
 }
 
@@ -90,10 +93,12 @@ def mesh_plot(
             sides.append((1 - t) * (1 - 2 * t) * a + 4 * t * (1 - t) * m + t * (2 * t - 1) * b)
         tips.append(around)
         middles.append(between)
-    ax.add_collection(LineCollection(sides, colors="#555555", linewidths=linewidth))
+    lines = LineCollection(sides, colors="#555555", linewidths=linewidth)
+    ax.add_collection(lines).set_rasterized(len(cells) > MANY)
     for nodes, size, face in ((tips, 3.0, "#333333"), (middles, 2.6, "white")):
         unique = np.unique(np.round(np.concatenate(nodes), 12), axis=0)
-        ax.plot(*unique.T, "o", ms=size, mfc=face, mec="#333333", mew=0.6, ls="none")
+        look: dict[str, Any] = {"ms": size, "mfc": face, "mec": "#333333", "mew": 0.6, "ls": "none"}
+        ax.plot(*unique.T, "o", rasterized=len(cells) > MANY, **look)
     ax.set_aspect("equal")
     ax.autoscale_view()
 

@@ -1,18 +1,25 @@
 """Run the study: compute what is not stored yet, judge the claims, draw, write the report."""
 
 import argparse
+import errno
 import os
+import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from study.core import runner
-from study.core.cases import SECTIONS, load_section
+from study.core.cases import SECTIONS, Section, load_section
 from study.core.store import Results, StudyError
 from study.judge import claims
 
 ROOT = Path(__file__).resolve().parents[1]
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+INTERRUPTED = "study: interrupted; the results so far are kept"
 
 USAGE = """\
   study                   all sections, then claims, figures and report
@@ -39,21 +46,35 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
-        match options.what:
-            case ["list"]:
-                return show(options.out)
-            case ["check"]:
-                return check(options.out)
-            case ["report"]:
-                return report(options.out)
-            case sections:
-                return study(sections, options.out, options.jobs, options.force)
+        status = _command(options)
+        sys.stdout.flush()
+        return status
     except StudyError as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        print(f"study: {error.filename or options.out}: {error.strerror}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
-        print("study: interrupted; the results so far are kept", file=sys.stderr)
+        print(INTERRUPTED, file=sys.stderr)
         return 130
+
+
+def _command(options: argparse.Namespace) -> int:
+    match options.what:
+        case ["list"]:
+            return show(options.out)
+        case ["check"]:
+            return check(options.out)
+        case ["report"]:
+            return report(options.out, options.jobs)
+        case sections:
+            return study(sections, options.out, options.jobs, options.force)
 
 
 def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
@@ -66,19 +87,19 @@ def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
     _ensure_writable(out)
     claims.load_claims()  # an error in them is to be known now, not at the end
-    wanted = [load_section(section) for section in dict.fromkeys(sections or SECTIONS)]
+    wanted = _load(list(dict.fromkeys(sections or SECTIONS)))
     cases = [case for section in wanted for case in section.cases]
     for section in wanted:
         runner.discard_others(section, out)
-    failed = runner.run(cases, out, jobs, force)
-    return max(conclude(out, complete=not sections), int(bool(failed)))
+    failed = runner.run(cases, out, jobs, force, figures=not sections)
+    return max(conclude(out, complete=not sections, jobs=jobs), int(bool(failed)))
 
 
-def report(out: Path) -> int:
+def report(out: Path, jobs: int = 1) -> int:
     """Judge, draw and write the report again."""
     _ensure_stored(out)
     _ensure_writable(out)
-    return conclude(out, complete=False)
+    return conclude(out, complete=False, jobs=jobs)
 
 
 def check(out: Path) -> int:
@@ -93,20 +114,21 @@ def check(out: Path) -> int:
 def show(out: Path) -> int:
     """Print the sections with their cases and what is stored of them."""
     results = Results(out)
-    for name in SECTIONS:
-        section = load_section(name)
-        print(f"{name}  {section.title}")
-        for case in section.cases:
-            print(f"    {runner.state(case, results):8}  {case.key}")
+    lines = []
+    for section in _load(list(SECTIONS)):
+        lines.append(f"{section.id}  {section.title}")
+        lines += [f"    {runner.state(case, results):8}  {case.key}" for case in section.cases]
+    print("\n".join(lines))
     return 0
 
 
-def conclude(out: Path, complete: bool) -> int:
+def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
     """Write claims, figures and report from what is stored.
 
     Args:
         out: Folder of the results.
         complete: Whether nothing may be missing, as after a run of all sections.
+        jobs: Number of processes that draw.
 
     Returns:
         1 if a verdict differs from the pinned one, a figure cannot be drawn, or something is
@@ -117,7 +139,7 @@ def conclude(out: Path, complete: bool) -> int:
     results = Results(out)
     verdicts = claims.judge(claims.load_claims(), results)
     claims.write(out, verdicts)
-    drawn = draw_figures(out, complete)
+    drawn = draw_figures(out, complete, jobs)
     incomplete = build(results, out)
     differing = [
         verdict
@@ -131,11 +153,39 @@ def conclude(out: Path, complete: bool) -> int:
     return int(bool(differing) or not drawn or (complete and bool(incomplete)))
 
 
-def draw_figures(out: Path, complete: bool) -> bool:
-    """Draw all figures in a process of their own; return whether none failed."""
+def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
+    """Draw all figures in processes of their own; return whether none failed."""
     command = [sys.executable, "-m", "figures", "--results", str(out.resolve())]
+    command += ["--jobs", str(jobs)]
     command += ["--complete"] if complete else []
     return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
+
+
+def _load(sections: list[str]) -> list[Section]:
+    with _quiet_imports():
+        return [load_section(section) for section in sections]
+
+
+@contextmanager
+def _quiet_imports() -> Iterator[None]:
+    """Let Ctrl-C end the process at once, before anything was written.
+
+    A package takes it for a part of itself that is missing, and prints advice. PETSc takes a
+    reader who has seen enough for a crash: pipes are as before afterwards.
+    """
+
+    def end(*_: object) -> None:
+        print(INTERRUPTED, file=sys.stderr, flush=True)
+        os._exit(130)
+
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is signal.default_int_handler:
+        signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 def _ensure_writable(out: Path) -> None:

@@ -1,5 +1,6 @@
 """The command line: what is computed, kept and reported, and with which exit status."""
 
+import errno
 import json
 import os
 import re
@@ -350,3 +351,93 @@ def forget(toy):
     for cache in (toy / "toy").glob("__pycache__"):
         for path in cache.iterdir():
             path.unlink()
+
+
+def test_valid_result_outlives_a_failed_run_with_force(run, toy, out, capsys):
+    run("1")
+    before = (out / "1" / "b.json").read_text()
+    (toy / "log").unlink()
+    (toy / "log").mkdir()  # the same sources, but every case of section 1 fails now
+    assert run("1", "--force") == 1
+    assert (out / "1" / "b.json").read_text() == before
+    assert capsys.readouterr().err.count("its stored result still holds and is kept") == 2
+
+
+def test_longest_cases_come_first_by_an_earlier_run(run, out, capsys):
+    run("1")
+    stored = json.loads((out / "1" / "b.json").read_text())
+    stored["provenance"]["seconds"] = 99.0
+    (out / "1" / "b.json").write_text(json.dumps(stored))
+    capsys.readouterr()
+    assert run("1", "--force") == 0
+    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == ["1/b", "1/a"]
+
+
+def test_killed_worker_costs_its_own_case_only(run, toy, out, capsys):
+    change(toy / "toy" / "one.py", 'case("b", 2.5)', 'case("b", 2.5, do="die"), case("c")')
+    forget(toy)
+    assert run("1", jobs=2) == 1
+    assert "unfinished: 1/b\n" in capsys.readouterr().err
+    assert Results(out).cases("1") == ["a", "c"]
+
+
+def test_full_disk_is_2_and_one_sentence(run, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "results/.claims.json.7")
+
+    monkeypatch.setattr("study.judge.claims.write", full)
+    assert run("1") == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "study: results/.claims.json.7: No space left on device"
+
+
+def test_main_process_that_is_killed_takes_its_workers_along(tmp_path):
+    driver = tmp_path / "driver.py"
+    driver.write_text(DRIVER)
+    command = [sys.executable, str(driver), str(ROOT), str(tmp_path), "2"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 30
+        while started(tmp_path) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.kill()
+    workers = {int(worker) for worker in (tmp_path / "log").read_text().split()}
+    while any(map(lives, workers)):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def lives(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_reader_that_leaves_is_no_crash():
+    command = f"{sys.executable} -m study list | head -n 1"
+    done = subprocess.run(
+        command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith("3  ")
+    assert done.stderr == ""
+
+
+def test_interrupt_while_importing_is_one_line(tmp_path):
+    (tmp_path / "toy").mkdir()
+    slow = "import os, signal\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+    slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
+    (tmp_path / "toy" / "__init__.py").write_text(slow)
+    code = "import sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
+    code += "from study.__main__ import main; sys.exit(main(['1']))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 130
+    assert done.stderr == "study: interrupted; the results so far are kept\n"

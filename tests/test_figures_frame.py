@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import figures
-from figures.__main__ import main, scripts
+from figures.__main__ import main
+from figures.drawing import scripts
 from figures.style import COLUMN, LOOK, mesh_plot, style
 from study.core.store import Result, save
 
@@ -90,13 +91,14 @@ def test_figures_are_drawn_again_only_after_a_change(out, script):
     assert drawn()
     assert not drawn()
     (out / "figures" / "index.json").unlink()
-    assert drawn()
+    assert not drawn()
+    assert names(out) == ["toy_one"]
 
 
 def test_figure_is_drawn_and_indexed(out, script):
     script("toy_one")
     assert main(["--results", str(out)]) == 0
-    files = ["digest", "index.json", "toy_one.png", "toy_one.svg"]
+    files = ["index.json", "toy_one.json", "toy_one.png", "toy_one.svg"]
     assert sorted(os.listdir(out / "figures")) == files
     (entry,) = json.loads((out / "figures" / "index.json").read_text())
     assert entry == {
@@ -123,7 +125,8 @@ def test_same_results_give_the_same_bytes(out, script):
     assert drawn[0] == drawn[1]
     svg = drawn[0][0].decode()
     assert "<dc:date>" not in svg
-    assert "<text" not in svg
+    assert "font-family: 'DejaVu Sans', sans-serif" in svg
+    assert "font:" not in svg
 
 
 def test_figure_without_its_results_is_skipped_with_a_line(out, script, capsys):
@@ -254,3 +257,47 @@ def test_quadrilateral_is_drawn_around_not_across(corners):
     sides, _ = drawn(x, [corners])
     lengths = [np.linalg.norm(side[-1] - side[0]) for side in sides]
     assert lengths == pytest.approx([1, 1, 1, 1])
+
+
+def test_only_the_figure_whose_result_changed_is_drawn_again(out, script):
+    save(out, "1", "b", Result({"y": 1.0}, {}, {"x": np.linspace(0, 1, 3)}), {})
+    script("toy_first")
+    script("toy_second", '"1/a"', '"1/b"')
+    main(["--results", str(out)])
+    for name in ("toy_first", "toy_second"):
+        (out / "figures" / f"{name}.svg").write_text("")
+    result = out / "1" / "b.json"
+    result.write_text(result.read_text() + "\n")
+    main(["--results", str(out)])
+    assert (out / "figures" / "toy_first.svg").stat().st_size == 0
+
+
+def test_figure_of_a_whole_section_is_drawn_again_with_another_case_in_it(out, script):
+    script("toy_whole", "alt(results):\n", "alt(results):\n    results.section('1')\n")
+    main(["--results", str(out)])
+    picture = out / "figures" / "toy_whole.svg"
+    picture.write_text("")
+    main(["--results", str(out)])
+    assert picture.stat().st_size == 0
+    save(out, "1", "b", Result({"y": 1.0}, {}), {})
+    main(["--results", str(out)])
+    assert picture.stat().st_size > 0
+
+
+def test_many_figures_for_want_of_results_are_one_line(out, script, capsys):
+    for number in range(5):
+        script(f"toy_many{number}", '"1/a"', f'"{number + 2}/a"')
+    script("toy_many_good")
+    assert main(["--results", str(out)]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "figures: 5 not drawn, for want of results of sections 2, 3, 4, 5, 6"
+
+
+def test_clouds_of_points_are_images_of_few_colours(out, script):
+    script("toy_cloud", '**LOOK["pw-T6"]', '"o", label="cloud"')
+    cloud = np.linspace(0, 1, 500)
+    save(out, "1", "a", Result({"y": 2.5}, {}, {"x": cloud}), {})
+    assert main(["--results", str(out)]) == 0
+    svg = (out / "figures" / "toy_cloud.svg").read_text()
+    assert svg.count("data:image/png;base64,") == 1
+    assert svg.count("<use") < 100

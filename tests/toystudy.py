@@ -170,7 +170,7 @@ def install(folder, monkeypatch):
     monkeypatch.setitem(
         sys.modules, "study.paper.items", module("study.paper.items", "", ITEMS=ITEMS)
     )
-    monkeypatch.setattr(study.__main__, "draw_figures", lambda out, _: _draw_nothing(out))
+    monkeypatch.setattr(study.__main__, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):

@@ -1,13 +1,10 @@
 """Compute cases, several at a time, and store each result as soon as it is there."""
 
-import multiprocessing
-import signal
+import math
 import sys
 import time
-import traceback
-from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Generator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,11 +12,13 @@ from typing import Literal
 from tqdm import tqdm
 
 from study.core.cases import Case, Section, fingerprint
+from study.core.expected import expected
+from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
 from study.core.store import CorruptResult, Results, discard, save
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
-Task = tuple[Case, str]  # with its fingerprint, taken before anything runs
+Todo = tuple[Case, str]  # with its fingerprint, taken before anything runs
 
 
 @dataclass(frozen=True)
@@ -53,41 +52,56 @@ def discard_others(section: Section, out: Path) -> None:
         discard(out, section.id, stored)
 
 
-def run(cases: list[Case], out: Path, jobs: int, force: bool) -> list[str]:
+def run(cases: list[Case], out: Path, jobs: int, force: bool, figures: bool = False) -> list[str]:
     """Compute the cases whose stored results do not hold; report on stderr as they finish.
+
+    The longest come first. Several processes compile the forms that many cases share before.
 
     Args:
         cases: All that are wanted.
         out: Folder of the results.
         jobs: Number of processes; if it is 1, the cases run in this one.
         force: Compute also what is stored and holds.
+        figures: Whether several processes draw each figure as soon as its results are there. They
+            tell nothing: who draws all figures afterwards finds these done, or the fault again.
 
     Returns:
-        Keys of the cases that did not finish. Their old results are removed: they would pass for
-        results of this run.
+        Keys of the cases that did not finish. An old result of theirs is kept if it holds, and
+        else removed: it would pass for one of this run.
     """
     progress = _Progress(cases)
     results = Results(out)
-    todo = []
+    todo, holds = [], set()
     for case in cases:
         before = state(case, results)
         if before == "corrupt":
             progress.note(f"{case.key}: its stored result cannot be read and is computed again")
+        if before == "stored":
+            holds.add(case.key)
         if before == "stored" and not force:
             progress.ended(case, "  reused")
         else:
             todo.append((case, fingerprint(case)))
+    seconds = expected(results)
+    todo.sort(key=lambda one: -seconds.get(one[0].key, 0.0))
     failed, unfinished = [], []
-    for case, done in _serial(todo, out) if jobs == 1 else _parallel(todo, out, jobs):
-        if done is None:
-            unfinished.append(case.key)
-        elif done.error:
-            failed.append(case.key)
-            progress.ended(case, f"  failed: {done.error}")
-        else:
-            progress.ended(case, done.cost)
-        if done is None or done.error:
-            discard(out, case.section, case.name)
+    if jobs == 1:
+        ended = _serial(todo, out)
+    else:
+        ahead = _Figures(out, {case.key for case in cases} - {case.key for case, _ in todo})
+        ended = _parallel(todo, out, jobs, seconds, ahead if figures else None)
+    with closing(ended):  # and with it the processes, if this one is interrupted
+        for case, done in ended:
+            if done is None:
+                unfinished.append(case.key)
+            elif done.error:
+                failed.append(case.key)
+                kept = "; its stored result still holds and is kept" if case.key in holds else ""
+                progress.ended(case, f"  failed: {done.error}{kept}")
+            else:
+                progress.ended(case, done.cost)
+            if (done is None or done.error) and case.key not in holds:
+                discard(out, case.section, case.name)
     if unfinished:
         progress.note(
             "a worker process was killed (out of memory?), unfinished: " + ", ".join(unfinished)
@@ -105,7 +119,7 @@ def compute(case: Case, mark: str, out: Path) -> Done:
         origin = provenance(seconds, result.dofs, result.processes, mark)
         save(out, case.section, case.name, result, origin)
     except Exception as error:
-        return Done(error=_one_line(error))
+        return Done(error=one_line(error))
     cost = f"{seconds:7.2f} s {result.dofs:6d} dofs"
     if "iterations" in result.scalars:
         cost += f" {result.scalars['iterations']:4.0f} iterations"
@@ -134,45 +148,97 @@ class _Progress:
         self.bar.close()
 
 
-def _serial(todo: list[Task], out: Path) -> Iterator[tuple[Case, Done | None]]:
+def _serial(todo: list[Todo], out: Path) -> Generator[tuple[Case, Done | None]]:
     for case, mark in todo:
         yield case, compute(case, mark, out)
 
 
-def _parallel(todo: list[Task], out: Path, jobs: int) -> Iterator[tuple[Case, Done | None]]:
+def _parallel(
+    todo: list[Todo],
+    out: Path,
+    jobs: int,
+    seconds: dict[str, float],
+    figures: "_Figures | None",
+) -> Generator[tuple[Case, Done | None]]:
     """Yield the cases as they end, with None for one whose worker process was killed."""
     if not todo:
         return
-    context = multiprocessing.get_context("spawn")  # MPI does not survive a fork
-    pool = ProcessPoolExecutor(min(jobs, len(todo)), context)
-    futures: dict[Future[Done], Case] = {}
-    try:
-        # workers start within submit and inherit this: Ctrl-C is handled here, once
-        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            for case, mark in todo:
-                futures[pool.submit(compute, case, mark, out)] = case
-        except BrokenProcessPool:
-            pass  # what was not submitted comes last
-        finally:
-            signal.signal(signal.SIGINT, handler)
-        for future in as_completed(futures):
-            try:
-                yield futures[future], future.result()
-            except BrokenProcessPool:
-                yield futures[future], None
-        for case, _ in todo[len(futures) :]:
-            yield case, None
-    except BaseException:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    pool = Pool(jobs)
+    if len(todo) > jobs:
+        pool.submit(Task(_FORMS, _shared_forms, (), math.inf))
+    if figures:
+        pool.submit(Task(_NEEDS, _needs, (), 1.0))
+    cases = {case.key: case for case, _ in todo}
+    for case, mark in todo:
+        pool.submit(Task(case.key, compute, (case, mark, out), seconds.get(case.key, 0.0)))
+    for task, outcome in pool:
+        if task.name in cases:
+            done = _ended(outcome)
+            if figures and done and not done.error:
+                figures.ready.add(task.name)
+            yield cases[task.name], done
+        elif task.name == _FORMS and isinstance(outcome, list):
+            for arguments in outcome:
+                pool.submit(Task("form", _compile_shared, arguments, math.inf))
+        elif task.name == _NEEDS and figures and isinstance(outcome, dict):
+            figures.waiting = outcome
+        if figures:
+            for drawing in figures.tasks():
+                pool.submit(drawing)
 
 
-def _one_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    what = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
-    return f"{what} ({Path(place.filename).name}, line {place.lineno})"
+# None of these names is the key of a case, which has a slash
+_FORMS, _NEEDS, _FIGURE = "forms", "needs", "figure"
+
+
+class _Figures:
+    """Which figures still wait for results."""
+
+    def __init__(self, out: Path, ready: set[str]) -> None:
+        self.out = out
+        self.ready = ready
+        self.waiting: dict[str, list[str]] = {}
+
+    def tasks(self) -> list[Task]:
+        """Return tasks to draw the figures whose results are all there, each once."""
+        now = [name for name, keys in self.waiting.items() if self.ready.issuperset(keys)]
+        for name in now:
+            del self.waiting[name]
+        return [Task(_FIGURE, _draw, (name, self.out.resolve())) for name in now]
+
+
+# What these import is heavy, and the main process does without it
+
+
+def _shared_forms() -> list[tuple[str, str]]:
+    from study.core.forms import shared
+
+    return shared()
+
+
+def _compile_shared(element: str, state: str) -> None:
+    from study.core.forms import compile_shared
+
+    compile_shared(element, state)
+
+
+def _needs() -> dict[str, list[str]]:
+    from figures.drawing import needs
+
+    return needs()
+
+
+def _draw(name: str, folder: Path) -> None:
+    from figures.drawing import draw, up_to_date
+
+    if not up_to_date(name, Results(folder)):
+        draw(name, folder)
+
+
+def _ended(outcome: object) -> Done | None:
+    if isinstance(outcome, Failed):  # before the case began
+        return Done(error=outcome.why)
+    if isinstance(outcome, Killed):
+        return None
+    assert isinstance(outcome, Done)
+    return outcome

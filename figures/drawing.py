@@ -1,0 +1,222 @@
+"""Draws a figure from stored results, and knows whether that is still to be done."""
+
+import base64
+import hashlib
+import io
+import json
+import pkgutil
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import matplotlib
+import matplotlib.pyplot as plt
+from matplotlib.lines import Line2D
+from PIL import Image
+
+import figures
+from figures.style import MANY, style
+from study.core.sources import closure
+from study.core.store import Results, Stored, StudyError, write_json, write_whole
+
+FRAME = {"__main__", "drawing", "style", "symbols"}
+FRAME |= {"beam", "column", "contact", "convergence"}
+
+RASTER = 300  # dots per inch of what is an image within a drawing
+COLOURS = 128  # of such an image: lines and flat faces need few
+
+Entry = dict[str, Any]
+
+
+class Drawn(NamedTuple):
+    """What became of a figure.
+
+    Attributes:
+        entry: Its entry of the index; None if it was not drawn.
+        missing: Keys of results that it needs and that are not there.
+        error: Why it could not be drawn; empty if it could.
+    """
+
+    entry: Entry | None
+    missing: list[str]
+    error: str
+
+
+def scripts() -> list[str]:
+    """Return the names of all figure scripts, fig2 before fig10."""
+    names = {module.name for module in pkgutil.iter_modules(figures.__path__)}
+    return sorted(names - FRAME, key=natural)
+
+
+def needs() -> dict[str, list[str]]:
+    """Return the keys of the results that each figure needs."""
+    return {name: list(import_module(f"figures.{name}").NEEDS) for name in scripts()}
+
+
+def draw(name: str, folder: Path) -> Drawn:
+    """Draw one figure into `<folder>/figures`, with a note of what it was drawn from."""
+    return _attempt(name, _Reading(folder))
+
+
+def up_to_date(name: str, results: Results) -> Entry | None:
+    """Return the entry of a figure that would be drawn again as it is; else None."""
+    try:
+        note = json.loads(_note(results.folder, name).read_bytes())
+        entry, digest = note["entry"], note["digest"]
+        files = [picture(results.folder, name, kind) for kind in ("png", "svg")]
+        same = digest == _digest(name, results.folder, note["keys"], note["sections"])
+        return entry if same and all(path.is_file() for path in files) else None
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def picture(folder: Path, name: str, kind: str) -> Path:
+    """Return the path of a drawing."""
+    return folder / "figures" / f"{name}.{kind}"
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Return what to sort names by for fig2 to come before fig10."""
+    parts = re.findall(r"\d+|\D+", name)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
+class _Reading(Results):
+    """Results, with a record of what was asked of them."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.keys: set[str] = set()
+        self.sections: set[str] = set()
+
+    def __contains__(self, key: str) -> bool:
+        self.keys.add(key)
+        return super().__contains__(key)
+
+    def __getitem__(self, key: str) -> Stored:
+        self.keys.add(key)
+        return super().__getitem__(key)
+
+    def cases(self, section: str) -> list[str]:
+        self.sections.add(section)
+        return super().cases(section)
+
+
+def _attempt(name: str, results: _Reading) -> Drawn:
+    try:
+        script = import_module(f"figures.{name}")
+        missing = [key for key in script.NEEDS if key not in results]
+        if missing:
+            return Drawn(None, missing, "")
+        size = _draw(script, name, results)
+        entry = {
+            "name": name,
+            "title": (script.__doc__ or name).strip().splitlines()[0].rstrip("."),
+            "section": script.SECTION,
+            "caption": script.caption(results),
+            "alt": script.alt(results),
+            "width": size[0],
+            "height": size[1],
+        }
+        keys, sections = sorted(results.keys), sorted(results.sections)
+        digest = _digest(name, results.folder, keys, sections)
+        note = {"entry": entry, "digest": digest, "keys": keys, "sections": sections}
+        write_json(_note(results.folder, name), note)
+    except StudyError as error:
+        return Drawn(None, [], str(error))
+    except Exception as error:  # one bad script must not take the others' figures away
+        return Drawn(None, [], f"{type(error).__name__}: {error}")
+    return Drawn(entry, [], "")
+
+
+def _draw(script: ModuleType, name: str, results: Results) -> tuple[int, int]:
+    """Draw the pictures; return width and height in CSS pixels."""
+    with style():
+        figure = script.draw(results)
+        try:
+            width, height = (round(96 * inches) for inches in figure.get_size_inches())
+            stream = io.BytesIO()
+            figure.savefig(stream, format="png")
+            write_whole(picture(results.folder, name, "png"), stream.getvalue())
+            for line in figure.findobj(Line2D):
+                if line.get_linestyle() == "None" and len(line.get_xdata()) > MANY:
+                    line.set_rasterized(True)
+            figure.set_layout_engine("none")  # it stays as it is, and need not be found again
+            text = io.StringIO()
+            figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
+            write_whole(picture(results.folder, name, "svg"), _lean(text.getvalue()).encode())
+        finally:
+            plt.close(figure)
+    return width, height
+
+
+def _lean(svg: str) -> str:
+    """Return a drawing that is smaller, quicker to lay out, and looks the same.
+
+    A hundredth of a point is enough for places; the page has dozens of drawings.
+    """
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r' transform="rotate\(-0 [^"]*\)"', "", svg)
+    svg = re.sub(r"\bfont: ([^;\"]+)", _longhand, svg)
+    svg = re.sub(r'="(?!data:)[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
+    svg = re.sub(r"data:image/png;base64,([^\"]+)", _smaller, svg)
+    return re.sub(r"\n\s+", "\n", svg)
+
+
+def _longhand(font: re.Match[str]) -> str:
+    """Return a font by its single properties: WeasyPrint passes over the shorthand."""
+    before, size, families = re.fullmatch(r"(.*?)([\d.]+px) (.*)", font[1]).groups()  # type: ignore[union-attr]
+    words = before.split()
+    styles = [word for word in words if word in ("italic", "oblique")]
+    weights = [word for word in words if word == "bold" or word.isdigit()]
+    families = ", ".join(dict.fromkeys([*families.split(", "), "sans-serif"]))
+    properties = [("font-size", [size]), ("font-family", [families])]
+    properties += [("font-style", styles), ("font-weight", weights)]
+    return "; ".join(f"{name}: {value[0]}" for name, value in properties if value)
+
+
+def _smaller(image: re.Match[str]) -> str:
+    """Return an image within a drawing with a table of its colours."""
+    full = Image.open(io.BytesIO(base64.b64decode(image[1])))
+    stream = io.BytesIO()
+    full.quantize(COLOURS, Image.Quantize.FASTOCTREE).save(stream, format="png", optimize=True)
+    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
+
+
+def _digest(name: str, folder: Path, keys: list[str], sections: list[str]) -> str:
+    """Digest of all that a figure depends on: results, sources, Matplotlib."""
+    digest = hashlib.sha256(_sources())
+    paths = [Path(part, f"{name}.py") for part in figures.__path__]
+    paths += [folder / f"{key}.json" for key in keys]
+    for path in paths:
+        digest.update(path.name.encode() + (path.read_bytes() if path.is_file() else b"missing"))
+    for section in sections:
+        digest.update(" ".join(Results(folder).cases(section)).encode())
+    return digest.hexdigest()
+
+
+@cache
+def _sources() -> bytes:
+    """Digest of what all figures share."""
+    here = Path(__file__).parent
+    paths = {here / f"{name}.py" for name in FRAME} | set(_of_the_study(here))
+    digest = hashlib.sha256(matplotlib.__version__.encode())
+    for path in sorted(paths):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.digest()
+
+
+def _of_the_study(here: Path) -> Iterator[Path]:
+    """Yield the sources of the study's modules that figures import."""
+    for script in here.glob("*.py"):
+        for module in re.findall(r"^from (study\.\S+) import", script.read_text(), re.M):
+            yield from closure(module).values()
+    yield from closure("study.judge.measures").values()
+
+
+def _note(folder: Path, name: str) -> Path:
+    return folder / "figures" / f"{name}.json"
