@@ -419,7 +419,7 @@ def test_reader_that_leaves_is_no_crash():
     done = subprocess.run(
         command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False
     )
-    assert done.stdout.startswith("3  ")
+    assert done.stdout.startswith("I  ")
     assert done.stderr == ""
 
 
