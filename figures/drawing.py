@@ -62,6 +62,12 @@ def draw(name: str, folder: Path) -> Drawn:
     return _attempt(name, _Reading(folder))
 
 
+def update(name: str, folder: Path) -> None:
+    """Draw a figure from a folder of results, unless it is up to date."""
+    if not up_to_date(name, Results(folder)):
+        draw(name, folder)
+
+
 def up_to_date(name: str, results: Results) -> Entry | None:
     """Return the entry of a figure that would be drawn again as it is; else None."""
     try:

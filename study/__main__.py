@@ -35,6 +35,14 @@ exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 f
 """
 
 
+BESIDE = runner.Beside(
+    shared="study.forms:shared",
+    prepare="study.forms:compile_shared",
+    needs="figures.drawing:needs",
+    draw="figures.drawing:update",
+)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     parser = argparse.ArgumentParser(
@@ -94,7 +102,7 @@ def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
     cases = [case for section in wanted for case in section.cases]
     for section in wanted:
         runner.discard_others(section, out)
-    failed = runner.run(cases, out, jobs, force, figures=not sections)
+    failed = runner.run(cases, out, jobs, force, None if sections else BESIDE)
     return max(conclude(out, complete=not sections, jobs=jobs), int(bool(failed)))
 
 

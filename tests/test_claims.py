@@ -2,11 +2,23 @@
 
 import json
 
+import jsonschema
 import pytest
 
 from study.core.store import Result, Results, StudyError, save
-from study.judge.claims import judge, load_claims, summary, table, write
-from tests.toystudy import MEASURED, claim
+from study.judge.claims import SCHEMA, judge, load_claims, summary, table, write
+from tests.toystudy import MEASURED, claim, finding
+
+CONSTRUCTED = '"consistent by construction"'
+NOT_TESTABLE = {
+    "grade": '"not testable"',
+    "missing": '"A second force."',
+    **dict.fromkeys(
+        ("measure", "args", "relation", "value", "tol", "tol_why", "tol_set", "pinned", "why"),
+    ),
+    "unit": None,
+    "swap": None,
+}
 
 
 @pytest.fixture
@@ -20,7 +32,7 @@ def load(tmp_path):
     def read(*texts):
         path = tmp_path / "claims.toml"
         path.write_text("\n".join(texts))
-        return load_claims(path, MEASURED)
+        return load_claims([path], MEASURED)
 
     return read
 
@@ -104,11 +116,46 @@ def test_claim_without_result_is_not_judged(load, results):
         ({"measure": '"__name__"'}, "the-claim: measure"),
         ({"args": '{ key = "1/b" }'}, "the-claim: args do not suit value: .*'name'"),
         ({"args": "3"}, "the-claim: args is no table"),
+        ({"kind": '"finding"'}, "the-claim: kind is 'finding'"),
+        ({"kind": None}, "the-claim: kind is missing"),
+        ({"quote": None}, "the-claim: quote is missing"),
+        ({"grade": None}, "the-claim: grade is missing"),
+        ({"grade": '"good"'}, "the-claim: grade is 'good'"),
+        ({"grade_why": None}, "the-claim: grade_why is missing"),
+        ({"tol_set": None}, "the-claim: tol_set is missing"),
+        ({"tol_set": '"later"'}, "the-claim: tol_set is 'later'"),
+        ({"swap": None}, "the-claim: swap is missing"),
+        ({"swap": '{ element = ["a", "b"] }'}, "the-claim: swap.gives is missing"),
+        ({"swap": '{ element = ["a"], gives = 1 }'}, "the-claim: swap.element cannot be used"),
+        ({"swap": "{ gives = 1 }"}, "the-claim: swap cannot be used"),
+        ({"swap": '{ law = ["a", "b"], gives = 1, colour = 2 }'}, "the-claim: swap.colour"),
+        ({"grade": CONSTRUCTED}, "the-claim: basis is missing"),
+        ({"grade": CONSTRUCTED, "basis": '"fit"'}, "the-claim: chosen is missing"),
+        ({"grade": CONSTRUCTED, "basis": '"identity"', "missing": '"x"'}, "the-claim: missing"),
+        ({"grade": '"contradicted"', "swap": None}, "the-claim: pinned is 'holds'"),
+        ({"grade": '"not testable"'}, "the-claim: missing is missing"),
+        ({"grade": '"not testable"', "missing": '"x"'}, "the-claim: (args|measure) is not a key"),
+        ({"reading_of": '"another"'}, "the-claim: reading_of names no other claim"),
+        ({"reading_of": '"the-claim"'}, "the-claim: reading_of names no other claim"),
     ],
 )
 def test_mistake_is_named_by_claim_and_key(load, changes, message):
     with pytest.raises(StudyError, match=message):
         load(claim(**changes))
+
+
+@pytest.mark.parametrize("kind", ["finding", "pin"])
+def test_grades_are_the_paper_s_alone(load, kind):
+    (one,) = load(finding(kind))
+    assert (one.kind, one.grade) == (kind, None)
+    with pytest.raises(StudyError, match=f"{kind} the-claim: grade is not a key of it"):
+        load(finding(kind, grade='"reproduced"'))
+
+
+def test_what_is_not_testable_has_no_measure_and_never_differs(load, results):
+    (one,) = judge(load(claim(**NOT_TESTABLE)), results)
+    assert (one.verdict, one.measured, one.differs) == ("not testable", None, False)
+    assert "not testable" in table([one])
 
 
 def test_id_used_twice_is_named(load):
@@ -140,8 +187,14 @@ def test_verdicts_are_written_for_the_report(load, results):
     first, second = results.claims()
     assert first == {
         "id": "the-claim",
+        "kind": "paper",
         "source": "Sec. 1, Eq. 3",
+        "quote": "a force of 5",
         "statement": "The force is 5 N.",
+        "reading_of": None,
+        "grade": "reproduced",
+        "grade_why": "A computed force.",
+        "missing": None,
         "measured": 5.0,
         "relation": "=",
         "value": 5.0,
@@ -152,6 +205,7 @@ def test_verdicts_are_written_for_the_report(load, results):
         "why": "Twice 2.5.",
         "unit": "N",
         "tol_why": "Round-off.",
+        "tol_set": "after",
     }
     assert second["measured"] is None
     assert json.loads((results.folder / "claims.json").read_text()) == [first, second]
@@ -163,10 +217,16 @@ def test_summary_counts_and_table_names(load, results):
             claim(),
             claim(id='"wrong"', value=4.0),
             claim(id='"absent"', args='{ key = "7/no", name = "y" }'),
+            claim(id='"open"', **NOT_TESTABLE),
+            finding(id='"own"'),
+            finding("pin", id='"number"'),
         ),
         results,
     )
-    assert summary(found) == ("3 claims: 1 holds, 1 fails, 1 not judged; 1 other than pinned")
+    assert summary(found) == (
+        "4 statements of the paper: 3 reproduced, 1 not testable; 1 findings: 1 hold, 0 fail; "
+        "1 pins: 1 hold, 0 fail; 1 not judged; 1 other than pinned"
+    )
     lines = table([one for one in found if one.differs]).splitlines()
     assert [line.split()[0] for line in lines] == ["wrong", "absent"]
     assert "= 4 ± 1e-12" in lines[0]
@@ -174,5 +234,9 @@ def test_summary_counts_and_table_names(load, results):
     assert table([]) == ""
 
 
+def test_the_schema_is_one():
+    jsonschema.Draft202012Validator.check_schema(json.loads(SCHEMA.read_bytes()))
+
+
 def test_the_paper_s_own_claims_are_well_formed():
-    assert load_claims()
+    assert {claim.kind for claim in load_claims()} == {"paper", "implied", "finding", "pin"}

@@ -32,7 +32,8 @@ def test_texts_show_cases_and_figures(text):
 
 @pytest.mark.parametrize("claim", load_claims(), ids=lambda claim: claim.id)
 def test_claims_measure_cases(claim):
-    named = [value for value in claim.args.values() if isinstance(value, str) and "/" in value]
+    args = claim.judgement.args if claim.judgement else {}
+    named = [value for value in args.values() if isinstance(value, str) and "/" in value]
     assert set(named) <= KEYS
-    if {"section", "cases"} <= set(claim.args):
-        assert any(re.fullmatch(claim.args["cases"], name) for name in CASES[claim.args["section"]])
+    if {"section", "cases"} <= set(args):
+        assert any(re.fullmatch(args["cases"], name) for name in CASES[args["section"]])

@@ -100,7 +100,7 @@ def test_verdicts_come_first_in_words_and_differing_ones_are_marked(out):
     html = render(Results(out)).html
     assert html.index("Summary of verdicts") < html.index("Contents") < html.index("First toy")
     counts = html.partition('<dl class="counts">')[2].partition("</dl>")[0]
-    assert [int(part.partition("<")[0]) for part in counts.split("<dd>")[1:]] == [1, 1, 1, 1]
+    assert [int(part.partition("<")[0]) for part in counts.split("<dd>")[1:]] == [3, 0, 0, 0, 1, 1]
     assert '"verdict holds">holds<' in row(html, "the-claim")
     assert "pinned: " not in row(html, "the-claim")
     assert '"verdict fails">fails<' in row(html, "wrong")

@@ -107,23 +107,38 @@ ITEMS = [
 
 
 def claim(**changes):
-    """Return a claim as TOML; a change to None leaves the key out."""
+    """Return a statement of the paper as TOML; a change to None leaves the key out."""
+    graded = {"grade": '"reproduced"', "swap": '{ element = ["1/b", "1/a"], gives = 2.0 }'}
+    if changes.get("pinned") == '"fails"':
+        graded = {"grade": '"contradicted"'}
     entry = {
         "id": '"the-claim"',
+        "kind": '"paper"',
         "source": '"Sec. 1, Eq. 3"',
+        "quote": '"a force of 5"',
         "statement": '"The force is 5 N."',
+        **graded,
+        "grade_why": '"A computed force."',
         "measure": '"value"',
         "args": '{ key = "1/b", name = "y" }',
         "relation": '"="',
         "value": "5.0",
         "tol": "1e-12",
         "tol_why": '"Round-off."',
+        "tol_set": '"after"',
         "unit": '"N"',
         "pinned": '"holds"',
         "why": '"Twice 2.5."',
     } | changes
     lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
     return "\n".join(["[[claim]]", *lines, ""])
+
+
+def finding(kind="finding", **changes):
+    """Return a finding of the study, or a pin, as TOML."""
+    paper = dict.fromkeys(("kind", "quote", "grade", "grade_why", "swap"))
+    entry = {"source": '"This study, section 1"', **paper, **changes}
+    return claim(**entry).replace("[[claim]]", f"[[{kind}]]")
 
 
 def module(name, text, **values):
@@ -153,7 +168,7 @@ def install(folder, monkeypatch):
     monkeypatch.setitem(SECTIONS, "2", "toy.two")
     path = folder / "claims.toml"
     path.write_text(claim())
-    monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, path, MEASURED))
+    monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, [path], MEASURED))
     monkeypatch.setitem(
         sys.modules, "study.paper.items", module("study.paper.items", "", ITEMS=ITEMS)
     )

@@ -15,6 +15,7 @@ from study.core.sources import closure, code_digest, package_sources, source
 from study.core.store import Result, StudyError
 
 SECTIONS = {
+    "I": "study.paper.i_introduction",
     "3": "study.paper.s3_weight_functions",
     "5": "study.paper.s5_condensation",
     "7.1": "study.paper.s7_1_two_triangles",

@@ -1,6 +1,7 @@
 """Tasks in worker processes: one that fails or is killed costs no other, nor does it wait."""
 
 import heapq
+import importlib
 import multiprocessing
 import os
 import pickle
@@ -22,13 +23,13 @@ class Task:
 
     Attributes:
         name: What it is for.
-        function: The function.
+        function: The function; or "module:name" of one that this process need not import.
         arguments: What it is called with.
         cost: Expected seconds: the longest starts first.
     """
 
     name: str
-    function: Callable[..., Any]
+    function: Callable[..., Any] | str
     arguments: tuple[Any, ...] = ()
     cost: float = 0.0
 
@@ -173,6 +174,9 @@ def _done(channel: Channel) -> object:
     data = channel.recv_bytes()
     try:
         function, arguments = pickle.loads(data)
+        if isinstance(function, str):
+            module, _, name = function.partition(":")
+            function = getattr(importlib.import_module(module), name)
         return function(*arguments)
     except Exception as error:
         return Failed(one_line(error))

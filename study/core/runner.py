@@ -34,6 +34,24 @@ class Done:
     error: str = ""
 
 
+@dataclass(frozen=True)
+class Beside:
+    """What several processes do beside the cases, by functions as "module:name".
+
+    Attributes:
+        shared: Gives arguments for `prepare`, for each thing that many cases share.
+        prepare: Makes one of them ready, before the cases.
+        needs: Gives the keys of results that each drawing needs, by its name.
+        draw: Makes one, given its name and the folder of results, as soon as they are there. It
+            tells nothing: who draws all of them afterwards finds these done, or the fault again.
+    """
+
+    shared: str
+    prepare: str
+    needs: str
+    draw: str
+
+
 def state(case: Case, results: Results) -> Validity:
     """Tell whether a case has a stored result, and whether it still holds."""
     if case.key not in results:
@@ -52,18 +70,19 @@ def discard_others(section: Section, out: Path) -> None:
         discard(out, section.id, stored)
 
 
-def run(cases: list[Case], out: Path, jobs: int, force: bool, figures: bool = False) -> list[str]:
+def run(
+    cases: list[Case], out: Path, jobs: int, force: bool, beside: Beside | None = None
+) -> list[str]:
     """Compute the cases whose stored results do not hold; report on stderr as they finish.
 
-    The longest come first. Several processes compile the forms that many cases share before.
+    The longest come first.
 
     Args:
         cases: All that are wanted.
         out: Folder of the results.
         jobs: Number of processes; if it is 1, the cases run in this one.
         force: Compute also what is stored and holds.
-        figures: Whether several processes draw each figure as soon as its results are there. They
-            tell nothing: who draws all figures afterwards finds these done, or the fault again.
+        beside: What several processes do besides.
 
     Returns:
         Keys of the cases that did not finish. An old result of theirs is kept if it holds, and
@@ -88,8 +107,8 @@ def run(cases: list[Case], out: Path, jobs: int, force: bool, figures: bool = Fa
     if jobs == 1:
         ended = _serial(todo, out)
     else:
-        ahead = _Figures(out, {case.key for case in cases} - {case.key for case, _ in todo})
-        ended = _parallel(todo, out, jobs, seconds, ahead if figures else None)
+        ready = {case.key for case in cases} - {case.key for case, _ in todo}
+        ended = _parallel(todo, out, jobs, seconds, beside, ready)
     with closing(ended):  # and with it the processes, if this one is interrupted
         for case, done in ended:
             if done is None:
@@ -158,81 +177,54 @@ def _parallel(
     out: Path,
     jobs: int,
     seconds: dict[str, float],
-    figures: "_Figures | None",
+    beside: Beside | None,
+    ready: set[str],
 ) -> Generator[tuple[Case, Done | None]]:
     """Yield the cases as they end, with None for one whose worker process was killed."""
     if not todo:
         return
     pool = Pool(jobs)
-    if len(todo) > jobs:
-        pool.submit(Task(_FORMS, _shared_forms, (), math.inf))
-    if figures:
-        pool.submit(Task(_NEEDS, _needs, (), 1.0))
+    drawings = _Drawings(ready)
+    if beside:
+        if len(todo) > jobs:
+            pool.submit(Task(_SHARED, beside.shared, (), math.inf))
+        pool.submit(Task(_NEEDS, beside.needs, (), 1.0))
     cases = {case.key: case for case, _ in todo}
     for case, mark in todo:
         pool.submit(Task(case.key, compute, (case, mark, out), seconds.get(case.key, 0.0)))
     for task, outcome in pool:
         if task.name in cases:
             done = _ended(outcome)
-            if figures and done and not done.error:
-                figures.ready.add(task.name)
+            if done and not done.error:
+                ready.add(task.name)
             yield cases[task.name], done
-        elif task.name == _FORMS and isinstance(outcome, list):
+        elif beside and task.name == _SHARED and isinstance(outcome, list):
             for arguments in outcome:
-                pool.submit(Task("form", _compile_shared, arguments, math.inf))
-        elif task.name == _NEEDS and figures and isinstance(outcome, dict):
-            figures.waiting = outcome
-        if figures:
-            for drawing in figures.tasks():
-                pool.submit(drawing)
+                pool.submit(Task("prepare", beside.prepare, arguments, math.inf))
+        elif task.name == _NEEDS and isinstance(outcome, dict):
+            drawings.waiting = outcome
+        for name in drawings.possible():
+            assert beside is not None
+            pool.submit(Task("draw", beside.draw, (name, out.resolve())))
 
 
 # None of these names is the key of a case, which has a slash
-_FORMS, _NEEDS, _FIGURE = "forms", "needs", "figure"
+_SHARED, _NEEDS = "shared", "needs"
 
 
-class _Figures:
-    """Which figures still wait for results."""
+class _Drawings:
+    """Which drawings still wait for results."""
 
-    def __init__(self, out: Path, ready: set[str]) -> None:
-        self.out = out
+    def __init__(self, ready: set[str]) -> None:
         self.ready = ready
         self.waiting: dict[str, list[str]] = {}
 
-    def tasks(self) -> list[Task]:
-        """Return tasks to draw the figures whose results are all there, each once."""
+    def possible(self) -> list[str]:
+        """Return those whose results are all there, each once."""
         now = [name for name, keys in self.waiting.items() if self.ready.issuperset(keys)]
         for name in now:
             del self.waiting[name]
-        return [Task(_FIGURE, _draw, (name, self.out.resolve())) for name in now]
-
-
-# What these import is heavy, and the main process does without it
-
-
-def _shared_forms() -> list[tuple[str, str]]:
-    from study.core.forms import shared
-
-    return shared()
-
-
-def _compile_shared(element: str, state: str) -> None:
-    from study.core.forms import compile_shared
-
-    compile_shared(element, state)
-
-
-def _needs() -> dict[str, list[str]]:
-    from figures.drawing import needs
-
-    return needs()
-
-
-def _draw(name: str, folder: Path) -> None:
-    from figures.drawing import draw, up_to_date
-
-    if not up_to_date(name, Results(folder)):
-        draw(name, folder)
+        return now
 
 
 def _ended(outcome: object) -> Done | None:

@@ -1,18 +1,24 @@
-"""The paper's checkable statements, and whether the stored results bear them out."""
+"""Statements of the paper and findings of this study, and whether the results bear them out."""
 
 import inspect
+import json
 import math
+import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
+import jsonschema
+
 from study.core.store import MissingResult, Results, StudyError, write_json
 
-CLAIMS = Path(__file__).with_name("claims.toml")
+HERE = Path(__file__).parent
+FILES = tuple(HERE / name for name in ("paper_claims.toml", "findings.toml", "pins.toml"))
+SCHEMA = HERE / "claims.schema.json"
 
 RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
     "=": lambda measured, value, tol: abs(measured - value) <= tol,
@@ -21,58 +27,87 @@ RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
     ">": lambda measured, value, tol: measured > value - tol,
     ">=": lambda measured, value, tol: measured >= value - tol,
 }
-PINNED = ("holds", "fails")
+GRADES = ("reproduced", "consistent by construction", "contradicted", "not testable")
+PAPER = ("paper", "implied")
 
-TEXTS = ("id", "source", "statement", "measure", "relation", "tol_why", "pinned", "why")
-NUMBERS = ("value", "tol")
-FOUND = ("found", "found_tol")
-OPTIONAL = ("args", "unit")
-
-Outcome = Literal["holds", "fails", "not judged"]
+Outcome = Literal["holds", "fails", "not judged", "not testable"]
 
 
 @dataclass(frozen=True)
-class Claim:
-    """A statement, and how it is judged: `measured relation value`, within `tol`.
+class Judgement:
+    """How a statement is judged: `measured relation value`, within `tol`.
 
     Attributes:
-        id: Its name.
-        source: Where the paper says it.
-        statement: What it says.
-        relation: One of `RELATIONS`.
-        value: What the measure is compared with.
-        tol: Absolute tolerance, in favour of the claim.
-        tol_why: Where the tolerance comes from.
-        pinned: The verdict that is expected.
-        why: The reason of that verdict.
         measure: Name of a function of `study.judge.measures`.
         function: The function itself.
         args: Its keyword arguments.
+        relation: One of `RELATIONS`.
+        value: What the measure is compared with.
+        tol: Absolute tolerance, in favour of the statement.
+        tol_why: Where the tolerance comes from.
+        pinned: The verdict that is expected.
+        why: The reason of that verdict.
+        tol_set: Whether value and tolerance were set "before" or "after" the first value was
+            seen; None of findings for which it is not recorded.
         unit: Unit of measure, value and tolerances.
-        found: What is measured where the statement fails: a finding, pinned like the verdict.
+        found: What is measured where the statement fails: pinned like the verdict.
         found_tol: How far from it still counts as the same.
     """
 
-    id: str
-    source: str
-    statement: str
+    measure: str
+    function: Callable[..., float] = field(repr=False, compare=False)
+    args: dict[str, Any]
     relation: str
     value: float
     tol: float
     tol_why: str
     pinned: str
     why: str
-    measure: str
-    function: Callable[..., float] = field(repr=False, compare=False)
-    args: dict[str, Any] = field(default_factory=dict)
+    tol_set: str | None = None
     unit: str = ""
     found: float | None = None
     found_tol: float = 0.0
 
 
 @dataclass(frozen=True)
+class Claim:
+    """A statement.
+
+    Attributes:
+        id: Its name.
+        kind: "paper", "implied" (read into the paper), "finding" of this study, or "pin": a number
+            that is only recorded.
+        source: Where the paper says it.
+        statement: What it says.
+        judgement: How it is judged; None if it is not testable.
+        quote: The paper's words; as all below, of statements of the paper only.
+        grade: One of `GRADES`.
+        grade_why: Its reason.
+        reading_of: The claim of which this is another reading.
+        basis: Why it cannot but hold, if it is consistent by construction.
+        chosen: The constant of the study that was put in or fitted.
+        swap: Another element or law, and what it gives.
+        missing: What a test would need.
+    """
+
+    id: str
+    kind: str
+    source: str
+    statement: str
+    judgement: Judgement | None
+    quote: str | None = None
+    grade: str | None = None
+    grade_why: str | None = None
+    reading_of: str | None = None
+    basis: str | None = None
+    chosen: str | None = None
+    swap: dict[str, Any] | None = None
+    missing: str | None = None
+
+
+@dataclass(frozen=True)
 class Verdict:
-    """A claim with what was measured; None if a result is missing."""
+    """A claim with what was measured; None if a result is missing or nothing can be measured."""
 
     claim: Claim
     measured: float | None
@@ -81,43 +116,46 @@ class Verdict:
     @property
     def differs(self) -> bool:
         """Whether verdict or finding are not the pinned ones."""
-        return self.verdict != self.claim.pinned or self._found_another()
+        how = self.claim.judgement
+        return how is not None and (self.verdict != how.pinned or self._found_another(how))
 
     @property
     def expected(self) -> str:
         """The pinned verdict, with the pinned finding where the statement fails."""
-        found = self.claim.found
-        if found is None:
-            return self.claim.pinned
-        return f"{self.claim.pinned} with {found:.6g} ± {self.claim.found_tol:.3g}"
+        how = self.claim.judgement
+        if how is None:
+            return "not testable"
+        if how.found is None:
+            return how.pinned
+        return f"{how.pinned} with {how.found:.6g} ± {how.found_tol:.3g}"
 
-    def _found_another(self) -> bool:
-        found = self.claim.found
-        if found is None or self.measured is None:
+    def _found_another(self, how: Judgement) -> bool:
+        if how.found is None or self.measured is None:
             return False
-        return abs(self.measured - found) > self.claim.found_tol
+        return abs(self.measured - how.found) > how.found_tol
 
 
-def load_claims(path: Path = CLAIMS, measures: ModuleType | None = None) -> list[Claim]:
+def load_claims(paths: Sequence[Path] = FILES, measures: ModuleType | None = None) -> list[Claim]:
     """Read and check the claims.
 
     Args:
-        path: The file.
+        paths: Files with tables [[claim]], [[finding]] and [[pin]].
         measures: Module of the measures; `study.judge.measures` if not given.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise StudyError(f"{path} cannot be read: {error}") from None
-    tables = content.pop("claim", [])
-    if content or not isinstance(tables, list):
-        raise StudyError(f"{path} may have nothing but tables [[claim]]")
     if measures is None:
         measures = import_module("study.judge.measures")
-    claims = [_claim(table, place, measures) for place, table in enumerate(tables, start=1)]
+    claims = [
+        _claim(kind, table, place, measures)
+        for path in paths
+        for kind, tables in _tables(path).items()
+        for place, table in enumerate(tables, start=1)
+    ]
     ids = [claim.id for claim in claims]
     for twice in (name for name in ids if ids.count(name) > 1):
         raise StudyError(f"claim {twice}: its id occurs more than once")
+    for claim in claims:
+        if claim.reading_of is not None and claim.reading_of not in {*ids} - {claim.id}:
+            raise StudyError(f"claim {claim.id}: reading_of names no other claim")
     return claims
 
 
@@ -128,26 +166,7 @@ def judge(claims: list[Claim], results: Results) -> list[Verdict]:
 
 def write(out: Path, verdicts: list[Verdict]) -> None:
     """Write `<out>/claims.json`."""
-    rows = [
-        {
-            "id": claim.id,
-            "source": claim.source,
-            "statement": claim.statement,
-            "measured": verdict.measured,
-            "relation": claim.relation,
-            "value": claim.value,
-            "tol": claim.tol,
-            "verdict": verdict.verdict,
-            "pinned": verdict.expected,
-            "differs": verdict.differs,
-            "why": claim.why,
-            "unit": claim.unit,
-            "tol_why": claim.tol_why,
-        }
-        for verdict in verdicts
-        for claim in [verdict.claim]
-    ]
-    write_json(Path(out) / "claims.json", rows)
+    write_json(Path(out) / "claims.json", [_row(verdict) for verdict in verdicts])
 
 
 def table(verdicts: list[Verdict]) -> str:
@@ -156,10 +175,11 @@ def table(verdicts: list[Verdict]) -> str:
         (
             verdict.claim.id,
             "" if verdict.measured is None else f"{verdict.measured:.6g}",
-            f"{verdict.claim.relation} {verdict.claim.value:.6g} ± {verdict.claim.tol:.3g}",
+            "" if how is None else f"{how.relation} {how.value:.6g} ± {how.tol:.3g}",
             f"{verdict.verdict}, pinned: {verdict.expected}",
         )
         for verdict in verdicts
+        for how in [verdict.claim.judgement]
     ]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
@@ -167,67 +187,148 @@ def table(verdicts: list[Verdict]) -> str:
 
 
 def summary(verdicts: list[Verdict]) -> str:
-    """Return the verdicts' counts in one line."""
-    outcomes: list[str] = [verdict.verdict for verdict in verdicts]
-    counts = [f"{outcomes.count(name)} {name}" for name in dict.fromkeys((*PINNED, *outcomes))]
-    differing = sum(verdict.differs for verdict in verdicts if verdict.verdict != "not judged")
-    return f"{len(verdicts)} claims: {', '.join(counts)}; {differing} other than pinned"
+    """Return the counts by kind, and by grade or verdict, in one line."""
+    paper = [one for one in verdicts if one.claim.kind in PAPER]
+    grades = [one.claim.grade for one in paper]
+    counts = [f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades]
+    parts = [f"{len(paper)} statements of the paper: {', '.join(counts)}"] if paper else []
+    for kind in ("finding", "pin"):
+        own = [one.verdict for one in verdicts if one.claim.kind == kind]
+        if own:
+            parts.append(
+                f"{len(own)} {kind}s: {own.count('holds')} hold, {own.count('fails')} fail"
+            )
+    absent = sum(one.verdict == "not judged" for one in verdicts)
+    parts += [f"{absent} not judged"] if absent else []
+    differing = sum(one.differs for one in verdicts if one.verdict != "not judged")
+    return "; ".join([*parts, f"{differing} other than pinned"])
 
 
-def _claim(table: dict[str, Any], place: int, measures: ModuleType) -> Claim:
+def _row(verdict: Verdict) -> dict[str, Any]:
+    claim, how = verdict.claim, verdict.claim.judgement
+    return {
+        "id": claim.id,
+        "kind": claim.kind,
+        "source": claim.source,
+        "quote": claim.quote,
+        "statement": claim.statement,
+        "reading_of": claim.reading_of,
+        "grade": claim.grade,
+        "grade_why": claim.grade_why,
+        "missing": claim.missing,
+        "measured": verdict.measured,
+        "relation": how and how.relation,
+        "value": how and how.value,
+        "tol": how and how.tol,
+        "verdict": verdict.verdict,
+        "pinned": verdict.expected,
+        "differs": verdict.differs,
+        "why": how and how.why,
+        "unit": how.unit if how else "",
+        "tol_why": how and how.tol_why,
+        "tol_set": how and how.tol_set,
+    }
+
+
+def _tables(path: Path) -> dict[str, list[dict[str, Any]]]:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StudyError(f"{path} cannot be read: {error}") from None
+    validator = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_bytes()))
+    for mistake in sorted(validator.iter_errors(content), key=_order):
+        if len(mistake.absolute_path) < 2:
+            kinds = "[[claim]], [[finding]] and [[pin]]"
+            raise StudyError(f"{path} may have nothing but tables {kinds}")
+        kind, place, *keys = mistake.absolute_path
+        entry = content[kind][place]
+        name = entry.get("id", f"number {place + 1}") if isinstance(entry, dict) else place + 1
+        raise StudyError(f"{kind} {name}: {_described(mistake, keys)}")
+    return content
+
+
+def _order(mistake: jsonschema.ValidationError) -> tuple[Any, ...]:
+    """By place; of one entry, keys that nothing has asked for last: others' mistakes make them."""
+    return (
+        [str(part).zfill(6) for part in list(mistake.absolute_path)[:2]],
+        mistake.validator == "unevaluatedProperties",
+        [str(part) for part in mistake.absolute_path],
+    )
+
+
+def _described(mistake: jsonschema.ValidationError, keys: Sequence[Any]) -> str:
+    key = ".".join(map(str, keys))
+    within = f"{key}." if key else ""
+    if mistake.validator == "required":
+        absent = next(name for name in mistake.validator_value if name not in mistake.instance)
+        return f"{within}{absent} is missing"
+    if mistake.validator in ("unevaluatedProperties", "additionalProperties"):
+        (surplus, *_) = re.findall(r"'([^']*)'", mistake.message)
+        return f"{within}{surplus} is not a key of it"
+    if mistake.validator == "type":
+        words = {"string": "text", "object": "table", "array": "list"}
+        return f"{key} is no {words.get(mistake.validator_value, mistake.validator_value)}"
+    if mistake.validator == "enum":
+        names = ", ".join(mistake.validator_value)
+        return f"{key} is {mistake.instance!r}, not one of {names}"
+    if mistake.validator == "not":
+        return f"{key} {mistake.schema['$comment']}"
+    if mistake.validator == "pattern":
+        return f"{key} is no text"
+    if mistake.validator == "minimum":
+        return f"{key} cannot be {mistake.instance}"
+    return f"{key} cannot be used: {mistake.message}"
+
+
+def _claim(kind: str, table: dict[str, Any], place: int, measures: ModuleType) -> Claim:
+    """What the schema cannot say: numbers are finite, the measure is there and takes its args."""
     name = table.get("id", f"number {place}")
 
     def wrong(key: str, what: str) -> StudyError:
-        return StudyError(f"claim {name}: {key} {what}")
+        return StudyError(f"{kind} {name}: {key} {what}")
 
-    for key in table:
-        if key not in (*TEXTS, *NUMBERS, *FOUND, *OPTIONAL):
-            raise wrong(key, "is not a key of claims")
-    findings = FOUND if table.get("pinned") == "fails" else ()
-    for key in (*TEXTS, *NUMBERS, *findings):
-        if key not in table:
-            raise wrong(key, "is missing")
-    for key in (*TEXTS, "unit"):
-        if not isinstance(table.get(key, ""), str) or (key in TEXTS and not table[key].strip()):
-            raise wrong(key, "is no text")
-    for key in (*NUMBERS, *findings):
-        number = table[key]
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            raise wrong(key, "is no number")
-        if not math.isfinite(number) or (key in ("tol", "found_tol") and number < 0):
+    for key, number in _numbers(table):
+        if not math.isfinite(number):
             raise wrong(key, f"cannot be {number}")
-    if table["relation"] not in RELATIONS:
-        raise wrong("relation", f"is {table['relation']!r}, not one of {' '.join(RELATIONS)}")
-    if table["pinned"] not in PINNED:
-        raise wrong("pinned", f"is {table['pinned']!r}, not one of {', '.join(PINNED)}")
-    for key in set(FOUND) & set(table) - set(findings):
-        raise wrong(key, "belongs to statements that fail")
-    if not isinstance(table.get("args", {}), dict):
-        raise wrong("args", "is no table")
+    rest = {key: table[key] for key in Claim.__dataclass_fields__ if key in table}
+    rest.setdefault("kind", kind)
+    if "measure" not in table:
+        return Claim(**rest, judgement=None)
     function = getattr(measures, table["measure"], None)
     home = getattr(function, "__module__", "")
     own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
     if function is None or not own or table["measure"].startswith("_"):
         raise wrong("measure", f"{table['measure']!r} is not in {measures.__name__}")
+    args = table.get("args", {})
     try:
-        inspect.signature(function).bind(None, **table.get("args", {}))
+        inspect.signature(function).bind(None, **args)
     except TypeError as error:
         raise wrong("args", f"do not suit {table['measure']}: {error}") from None
-    numbers = {key: float(table[key]) for key in (*NUMBERS, *findings)}
-    return Claim(**{**table, **numbers}, function=function)
+    how = {key: table[key] for key in Judgement.__dataclass_fields__ if key in table}
+    how |= {key: float(number) for key, number in _numbers(table)}
+    return Claim(**rest, judgement=Judgement(**{**how, "args": args}, function=function))
+
+
+def _numbers(table: dict[str, Any]) -> Iterator[tuple[str, float]]:
+    for key in ("value", "tol", "found", "found_tol"):
+        if key in table:
+            yield key, table[key]
 
 
 def _judged(claim: Claim, results: Results) -> Verdict:
+    how = claim.judgement
+    if how is None:
+        return Verdict(claim, None, "not testable")
     try:
-        measured = float(claim.function(results, **claim.args))
+        measured = float(how.function(results, **how.args))
     except MissingResult:
         return Verdict(claim, None, "not judged")
     except StudyError:
         raise
     except Exception as error:  # measures are short formulas; which claim's it is, is what helps
         what = f"{type(error).__name__}: {error}"
-        raise StudyError(f"claim {claim.id}: {claim.measure} failed with {what}") from error
+        raise StudyError(f"claim {claim.id}: {how.measure} failed with {what}") from error
     if not math.isfinite(measured):
-        raise StudyError(f"claim {claim.id}: {claim.measure} gave {measured}")
-    holds = RELATIONS[claim.relation](measured, claim.value, claim.tol)
+        raise StudyError(f"claim {claim.id}: {how.measure} gave {measured}")
+    holds = RELATIONS[how.relation](measured, how.value, how.tol)
     return Verdict(claim, measured, "holds" if holds else "fails")

@@ -81,7 +81,10 @@ def statics(element: str) -> Result:
 
 
 def identity() -> Result:
-    """K of the condensed pairs against T times that of condensed pairs of standard triangles."""
+    """K of the condensed pairs against T times that of condensed pairs of standard triangles.
+
+    And the unsymmetry of both.
+    """
     condensed = []
     for element in ("pw-T6", "galerkin-T6"):
         body = _distorted_body(element)
@@ -93,6 +96,8 @@ def identity() -> Result:
     K, K_galerkin = condensed
     scalars = {"difference": relative_difference(K, T @ K_galerkin)}
     scalars["difference_without_T"] = relative_difference(K, K_galerkin)
+    scalars["unsymmetry_pw"] = relative_difference(K, K.T)
+    scalars["unsymmetry_galerkin"] = relative_difference(K_galerkin, K_galerkin.T)
     return Result(scalars, dimensionless(scalars), dofs=len(K))
 
 

@@ -22,11 +22,12 @@ from study.core.store import (
     StudyError,
     write_whole,
 )
+from study.judge import claims as judged
 from study.report import numbers
 from study.vocabulary import ELEMENTS, PLANE_ELEMENTS
 
 HERE = Path(__file__).parent
-_GENERAL = re.compile(r"Abstract|Sections? (1|8)\b")  # the paper's frame, part of no section here
+_GENERAL = re.compile(r"Abstract|Section 8\b")  # the paper's frame, part of no section here
 
 
 class Rendered(NamedTuple):
@@ -71,7 +72,12 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
     values = {
         "claims": page.claims,
         "general": page.general(),
-        "exceptions": [c for c in page.claims if c["verdict"] != "holds" or c["differs"]],
+        "exceptions": [
+            c
+            for c in page.claims
+            if c["differs"] or (c["kind"] in judged.PAPER and c["verdict"] != "holds")
+        ],
+        "grades": judged.GRADES,
         "counts": _counts(page.claims),
         "sections": sections,
         "others": page.others(list(stored)),
@@ -187,12 +193,25 @@ class _Page:
         return [
             claim
             for claim in self.claims
-            if _GENERAL.match(claim["source"]) or claim["id"] not in self.listed
+            if claim["kind"] != "pin"
+            and (_GENERAL.match(claim["source"]) or claim["id"] not in self.listed)
         ]
 
     def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
-        """Return a table of claims, with or without the reasons of verdicts and tolerances."""
-        return self._part("claims.html", rows=rows, reasons=reasons)
+        """Return tables of the paper's claims and of findings, with or without their reasons.
+
+        Pins are left out unless they differ.
+        """
+        paper = _with_readings([row for row in rows if row["kind"] in judged.PAPER])
+        findings = [row for row in rows if row["kind"] == "finding"]
+        pins = [row for row in rows if row["kind"] == "pin" and row["differs"]]
+        titles = ("Statements of the paper", "Findings of this study", "Recorded numbers")
+        parts = zip(titles, (paper, findings, pins), strict=True)
+        return Markup().join(
+            self._part("claims.html", title=title, rows=some, reasons=reasons)
+            for title, some in parts
+            if some
+        )
 
     def _rest(self, names: list[str]) -> Markup:
         return Markup().join(self.figure(name) for name in names if name not in self.placed)
@@ -232,21 +251,24 @@ def _names(source: str, section: str) -> bool:
     return re.search(rf"(?<![\w.]){alone}(?!\.?\w)", source) is not None
 
 
-def _counts(claims: list[dict[str, Any]]) -> dict[str, int]:
-    verdicts = [claim["verdict"] for claim in claims]
-    counts = {name: verdicts.count(name) for name in ("holds", "fails", "not judged")}
-    for kind in ("own", "implied", "printed"):
-        mine = [claim["verdict"] for claim in claims if _kind(claim["source"]) == kind]
+def _with_readings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return claims in their order, other readings of a claim right after it."""
+    ids = [row["id"] for row in rows]
+    first = [row for row in rows if row["reading_of"] not in ids]
+    return [
+        one for row in first for one in (row, *(r for r in rows if r["reading_of"] == row["id"]))
+    ]
+
+
+def _counts(rows: list[dict[str, Any]]) -> dict[str, int]:
+    """Return numbers of claims by grade, of findings and pins, and of what is not as expected."""
+    counts = {grade: sum(row["grade"] == grade for row in rows) for grade in judged.GRADES}
+    for kind in (*judged.PAPER, "finding", "pin"):
+        mine = [row["verdict"] for row in rows if row["kind"] == kind]
         counts |= {kind: len(mine), f"{kind}_holds": mine.count("holds")}
-    differing = [c for c in claims if c["differs"] and c["verdict"] != "not judged"]
-    return {**counts, "differing": len(differing)}
-
-
-def _kind(source: str) -> str:
-    """Tell whether a statement is printed in the paper, read into it, or this study's own."""
-    if source.startswith("This study"):
-        return "own"
-    return "implied" if "implied" in source else "printed"
+    absent = sum(row["verdict"] == "not judged" for row in rows)
+    differing = sum(row["differs"] for row in rows if row["verdict"] != "not judged")
+    return {**counts, "not judged": absent, "differing": differing}
 
 
 def _provenance(cases: list[Stored]) -> dict[str, Any]:

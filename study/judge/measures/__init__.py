@@ -85,6 +85,12 @@ from study.judge.measures.known_solutions import (
     zone_end,
     zone_shift,
 )
+from study.judge.measures.paper_statements import (
+    corner_share_in_examples,
+    factor_entries_ratio,
+    shear_off_fine,
+    unevenness_of_standard,
+)
 from study.judge.measures.peers import (
     peer_critical_stress,
     peer_worst,

@@ -1,0 +1,65 @@
+"""Results that are computed when a measure asks for them, with another element if need be."""
+
+from dataclasses import replace
+from functools import cache
+
+from study.core.cases import SECTIONS, load_section
+from study.core.store import Results, Stored, save
+
+
+@cache
+def cases():
+    return {case.key: case for section in SECTIONS for case in load_section(section).cases}
+
+
+class Lazy:
+    """A stored result whose case is computed when its numbers are read."""
+
+    def __init__(self, results, key):
+        self.key = key
+        self.section, _, self.case = key.partition("/")
+        self._results = results
+        self.parameters = cases()[key].stored_parameters | results.parameters
+
+    has = Stored.has
+
+    def __getattr__(self, name):
+        return getattr(self._results[self.key], name)
+
+
+class ComputedResults(Results):
+    """Results of the study's cases, each computed once and kept in a folder.
+
+    Args:
+        folder: where.
+        parameters: of the cases, instead of their own.
+    """
+
+    def __init__(self, folder, parameters=None):
+        super().__init__(folder)
+        self.parameters = parameters or {}
+
+    def __getitem__(self, key):
+        if key not in self and key in cases():
+            case = cases()[key]
+            case = replace(case, parameters=case.parameters | self.parameters)
+            result = case.run(**case.parameters)
+            save(self.folder, case.section, case.name, result, case.stored_parameters, {})
+        return super().__getitem__(key)
+
+    def section(self, section):
+        return [Lazy(self, key) for key in cases() if key.startswith(f"{section}/")]
+
+
+class SwappedResults(ComputedResults):
+    """The same, where a piece of each key is replaced: one element stands in for another."""
+
+    def __init__(self, folder, old, new):
+        super().__init__(folder)
+        self.old, self.new = old, new
+
+    def __getitem__(self, key):
+        section, _, case = key.partition("/")
+        taken = ComputedResults(self.folder)[key.replace(self.old, self.new)]
+        parameters = cases()[key].stored_parameters if key in cases() else taken.parameters
+        return replace(taken, section=section, case=case, parameters=parameters)
