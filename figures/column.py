@@ -107,7 +107,7 @@ class Along:
                 for e in family
             )
             text += f" Mid-side over corner force: {saw}."
-        return f"{text} Strips: contact zones of pw-T6 and pw-Q8. {SYNTHETIC}"
+        return f"{text} Strips: contact zones of the new T6 and the new Q8. {SYNTHETIC}"
 
     def alt(self, results: Results) -> str:
         """The figure in words."""

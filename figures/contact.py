@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from figures.style import FULL, LOOK, MANY
 from study.core.store import Results
 from study.judge import measures
-from study.vocabulary import SLIP
+from study.vocabulary import ELEMENTS, SLIP
 
 # Contact status as the library numbers it
 ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
@@ -153,13 +153,13 @@ class BlockStresses:
     def caption(self, results: Results) -> str:
         """What the figure shows."""
         saw = ", ".join(
-            f"{element} {results.scalar(key, 'sawtooth'):.3f}"
+            f"{ELEMENTS[element].name} {results.scalar(key, 'sawtooth'):.3f}"
             for element, key in zip(self.elements, self.needs, strict=True)
         )
         return (
             f"Stresses along the contact area, {self.cells}: nodal force over tributary length, as "
             "a node-to-surface code reports it. Mid-side over corner force of the normal forces: "
-            f"{saw}. Strips: zones of {self.elements[1]}. {RECONSTRUCTED}"
+            f"{saw}. Strips: zones of the {ELEMENTS[self.elements[1]].name}. {RECONSTRUCTED}"
         )
 
     def alt(self, results: Results) -> str:

@@ -34,7 +34,7 @@ def caption(results: Results) -> str:
     return (
         "Normal and shear stress below the punch after the tangential force: nodal force over "
         "tributary length, in the paper's units (E = 1000). Oden and Pires' own curves are lost "
-        f"with the paper's figure. Strips: zones of pw-Q8. {RECONSTRUCTED}"
+        f"with the paper's figure. Strips: zones of the new Q8. {RECONSTRUCTED}"
     )
 
 
@@ -43,5 +43,5 @@ def alt(results: Results) -> str:
     return (
         "Bell-shaped pressure and antisymmetric shear over x. The standard quadrilateral's curves "
         "form a sawtooth around the fine mesh's. The piecewise-linear ones follow it in "
-        "pressure; in shear those of triangles and condensed pairs zigzag, too, pw-Q9's less."
+        "pressure; in shear those of triangles and condensed pairs zigzag, too, the new Q9's less."
     )

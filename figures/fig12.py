@@ -37,7 +37,7 @@ def caption(results: Results) -> str:
     return (
         f"Stresses below the plate ({angle}): nodal force over tributary length; the singular "
         "values at both edges are cut off. Unit length and thickness assumed 1 m. Strips: zones of "
-        f"pw-Q8. {RECONSTRUCTED}"
+        f"the new Q8. {RECONSTRUCTED}"
     )
 
 
