@@ -9,9 +9,11 @@ import pytest
 from figures.__main__ import scripts
 from study import report
 from study.core.cases import SECTIONS, load_section
+from study.core.store import Stored
 from study.judge.claims import load_claims
 
-CASES = {name: [case.name for case in load_section(name).cases] for name in SECTIONS}
+LOADED = {name: load_section(name).cases for name in SECTIONS}
+CASES = {name: [case.name for case in cases] for name, cases in LOADED.items()}
 KEYS = {f"{section}/{case}" for section, cases in CASES.items() for case in cases}
 TEXTS = sorted((Path(report.__file__).parent / "sections").glob("*.html"))
 LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?')
@@ -36,4 +38,10 @@ def test_claims_measure_cases(claim):
     named = [value for value in args.values() if isinstance(value, str) and "/" in value]
     assert set(named) <= KEYS
     if {"section", "cases"} <= set(args):
-        assert any(re.fullmatch(args["cases"], name) for name in CASES[args["section"]])
+        assert any(_selects(args["cases"], case) for case in LOADED[args["section"]])
+
+
+def _selects(cases, case):
+    if isinstance(cases, str):
+        return re.fullmatch(cases, case.name)
+    return Stored(case.section, case.name, case.stored_parameters, {}, {}, {}, {}).has(**cases)
