@@ -38,7 +38,11 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
     The form (and by it mesh and spaces) lives as long as the matrix.
+
+    Raises:
+        ValueError: if it is not bilinear.
     """
+    _check_rank(form, 2, "a matrix")
     compiled = fem.form(form)
     matrix = _assemble_matrix(compiled)
     matrix.assemble()
@@ -47,7 +51,12 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
 
 
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
-    """Vector of a linear form, contributions of all processes added."""
+    """Vector of a linear form, contributions of all processes added.
+
+    Raises:
+        ValueError: if it is not linear.
+    """
+    _check_rank(form, 1, "a vector")
     compiled = fem.form(form)
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
@@ -225,7 +234,7 @@ def solve(
     """
     reduction = reduction.under(K, f)
     load = reduction.load(K, f)
-    if not np.isfinite(load.norm(PETSc.NormType.INFINITY)):
+    if not is_finite(load):
         raise ValueError("the load vector or a prescribed value is not finite")
     matrix = reduction.matrix(K)
     prepared = factorise(matrix, solver=solver)
@@ -273,6 +282,21 @@ def factorise(
             "body is far too slender; add Dirichlet conditions"
         ) from None
     return prepared
+
+
+def is_finite(vector: PETSc.Vec) -> bool:
+    """Whether all entries on all processes are finite: a norm's maximum may pass over NaN."""
+    own = int(np.isfinite(vector.array_r).all())
+    return bool(vector.comm.tompi4py().allreduce(own, MPI.MIN))
+
+
+def _check_rank(form: ufl.Form, arguments: int, of: str) -> None:
+    found = len(form.arguments())
+    if found != arguments:
+        kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
+        raise ValueError(
+            f"{of} needs a {kinds[arguments]} form; this one is {kinds.get(found, found)}"
+        )
 
 
 def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:

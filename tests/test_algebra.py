@@ -5,6 +5,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_square
 
@@ -176,3 +177,16 @@ def test_matrices_and_vectors_outlive_their_mesh():
     gc.collect()
     solutions = [solve(*system).norm() for system in systems]
     assert solutions == pytest.approx([solutions[0]] * 5, rel=1e-12)
+
+
+def test_forms_of_another_rank_are_refused_before_they_are_assembled(problem):
+    """DOLFINx would write a bilinear form's entries beyond a vector's end."""
+    body, _, _ = problem
+    U = body.spaces.trial
+    v, function = ufl.TestFunction(U), fem.Function(U)
+    with pytest.raises(ValueError, match="a vector needs a linear form; this one is bilinear"):
+        assemble_vector(body.stiffness())
+    with pytest.raises(ValueError, match="a matrix needs a bilinear form; this one is linear"):
+        assemble_matrix(ufl.inner(function, v) * ufl.dx)
+    with pytest.raises(ValueError, match="a vector needs a linear form; this one is a number"):
+        assemble_vector(ufl.inner(function, function) * ufl.dx)

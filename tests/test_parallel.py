@@ -50,3 +50,17 @@ def test_error_on_one_process_ends_all():
         "KeyError: 'no friction known'",
         "ValueError: a surface or friction function failed on another process",
     ]
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+@pytest.mark.parametrize("processes", [2, 3])
+def test_all_processes_notice_nan_on_one(processes):
+    python = [sys.executable, "-m", "mpi4py", "-m"]
+    command = ["mpirun", "-n", str(processes), *python, "tests.nan_on_one"]
+    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    said = sorted(done.stdout.splitlines())
+    assert said == sorted(
+        ["ValueError: the load vector or a prescribed value is not finite"] * processes
+        + ["ValueError: the load of increment 0 is not finite"] * processes
+    )

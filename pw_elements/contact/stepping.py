@@ -22,7 +22,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, is_finite
 from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
@@ -176,7 +176,7 @@ class ContactProblem:
         guess: ContactState | None,
     ) -> None:
         dim = self._interface.position.shape[1]
-        if not np.isfinite(load.norm(PETSc.NormType.INFINITY)):
+        if not is_finite(load):
             raise ValueError("the load is not finite")
         if motions and len(motions) != self._interface.pairs:
             raise ValueError(f"{len(motions)} motions for {self._interface.pairs} contact pairs")
@@ -281,7 +281,7 @@ def _check_increments(
     if not loads:
         raise ValueError("there is no load increment")
     for k, load in enumerate(loads):
-        if not np.isfinite(load.norm(PETSc.NormType.INFINITY)):
+        if not is_finite(load):
             raise ValueError(f"the load of increment {k} is not finite")
     for k, pair in enumerate(pairs):
         if pair.motions and len(pair.motions) != len(loads):
