@@ -65,7 +65,7 @@ class Along:
         fine = surface(results.curves(FINE), self.surface)
         for (force, stress), family in zip(axes.T, FAMILIES, strict=True):
             fine_stress = fine[self.quantity] / 1e3
-            label = "new triangle, mesh halved"
+            label = "new T6, mesh halved"
             stress.plot(MM * fine["x"], fine_stress, color="black", lw=0.9, label=label)
             for element in family:
                 curves = surface(results.curves(f"7.5/{element}"), self.surface)

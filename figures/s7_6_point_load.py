@@ -8,8 +8,8 @@ from study.core.store import Results
 
 SECTION = "7.6"
 SERIES = {
-    "galerkin-T6-J": {**LOOK["galerkin-T6"], "linestyle": "--", "label": "standard, form J"},
-    "galerkin-T6": {**LOOK["galerkin-T6"], "label": "standard, form G"},
+    "galerkin-T6-J": {**LOOK["galerkin-T6"], "linestyle": "--", "label": "standard T6, form J"},
+    "galerkin-T6": {**LOOK["galerkin-T6"], "label": "standard T6, form G"},
     "pw-T6": {**LOOK["pw-T6"], "label": "new T6, form G"},
 }
 HEIGHTS = (4, 8, 16, 32)
@@ -32,7 +32,9 @@ def draw(results: Results) -> Figure:
             exact = results.scalar("7.6/exact", f"{form}_{mode}") / 1e9
             ax.axhline(exact, color="black", linewidth=0.8, linestyle=style)
             x, side = (2, "left") if mode == 1 else (HEIGHTS[-1], "right")  # clear of the curves
-            ax.annotate(f"uniform load, {form}", (x, exact), fontsize=7, va="bottom", ha=side)
+            above = {"xytext": (0, 2), "textcoords": "offset points", "va": "bottom"}
+            ax.annotate(f"uniform load, {form}", (x, exact), fontsize=7, ha=side, **above)
+        ax.margins(y=0.08)
         ax.set(title=f"mode {mode}", xlabel="squares over the height")
         ax.set_xticks([2, *HEIGHTS], [str(n) for n in (2, *HEIGHTS)])
         ax.set_xticks([], minor=True)

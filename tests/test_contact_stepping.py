@@ -1,5 +1,6 @@
 """Histories that stop and go on: `ContactProblem.step`, and states in files."""
 
+import io
 import json
 import shutil
 import subprocess
@@ -172,6 +173,14 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
     with pytest.raises(OSError, match=r"state\.npz"):
         problem.load(path)
     path.write_text("nothing")
+    with pytest.raises(ValueError, match=r"state\.npz holds no contact state"):
+        problem.load(path)
+    problem.save(problem.undeformed, path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])  # a copy that was broken off
+    with pytest.raises(ValueError, match=r"state\.npz holds no contact state"):
+        problem.load(path)
+    np.savez(path, state=np.load(io.BytesIO(whole))["state"])  # without its arrays
     with pytest.raises(ValueError, match=r"state\.npz holds no contact state"):
         problem.load(path)
     another = ContactProblem(other.K, other.free, other.pair(0.3), other.space)

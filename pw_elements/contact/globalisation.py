@@ -137,9 +137,7 @@ class LastHold:
             self.lost.append(lost)
             gripping = (new.status == SLIP) & ~loosened & (contact.friction > 0)
             for touching in (gripping, gripping | self._landing(new, contact.gap)):
-                held = mixed(
-                    touching, sticking(touching, contact.friction, new.direction.shape[1]), new
-                )
+                held = _gripping(touching, new, contact)
                 if not self._free_motions(held, contact.frame):
                     return held
         raise lost
@@ -162,8 +160,7 @@ class LastHold:
         slowest = self._comm.allreduce(speed.min(initial=np.inf), MPI.MIN)
         if not np.isfinite(slowest):
             return None
-        standing = braking & (speed <= slowest * (1 + 1e-9))
-        return mixed(standing, sticking(standing, contact.friction, new.direction.shape[1]), new)
+        return _gripping(braking & (speed <= slowest * (1 + 1e-9)), new, contact)
 
     def _landing(self, active: ActiveSet, gap: Array) -> Mask:
         """The nearest point of each pair that is open everywhere."""
@@ -220,6 +217,11 @@ def mixed(keep: Mask, old: ActiveSet, new: ActiveSet) -> ActiveSet:
         np.where(keep[:, None], old.direction, new.direction),
         np.where(keep, old.turning, new.turning),
     )
+
+
+def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:
+    """An active set in which some points stick, or slip if they are smooth."""
+    return mixed(where, sticking(where, contact.friction, active.direction.shape[1]), active)
 
 
 def same(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from pw_elements.contact.nodes import BodyNodes, owned_nodes
+from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.pairs import MatchingNodes
 
 Array = npt.NDArray[np.float64]
@@ -20,10 +20,19 @@ def opposite_nodes(
     number: int,
     matching: MatchingNodes,
     node: npt.NDArray[np.int32],
+    theirs: npt.NDArray[np.int32],
     friction: Array,
     body: BodyNodes,
 ) -> Indices:
-    """Global number (m,) of the node that each of a pair's nodes faces.
+    """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
+
+    Args:
+        number: of the pair, for messages.
+        matching: the opposite side, as the user states it.
+        node: (m,), the pair's own nodes.
+        theirs: nodes of the opposite side that this process owns.
+        friction: (m,).
+        body: whose nodes they are.
 
     Raises:
         ValueError: if there is none or the same for two, if an offset has another dimension, or
@@ -33,7 +42,6 @@ def opposite_nodes(
     offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)
     if offset.shape != (dim,):
         raise ValueError(f"contact pair {number}: its offset {offset.tolist()} is not {dim}-D")
-    theirs = owned_nodes(f"contact pair {number}, opposite side", matching.nodes, body.space)
     first = body.space.dofmap.index_map.local_range[0]
     known, place, held = (
         np.concatenate(comm.allgather(values))

@@ -55,8 +55,9 @@ def nodal_interface(
     for k, (pair, node, mu) in enumerate(zip(pairs, found, parts, strict=True)):
         opposite = None
         if isinstance(pair.surface, MatchingNodes):
-            opposite = opposite_nodes(k, pair.surface, node, mu, body)
-            faced.append(owned_nodes(f"contact pair {k}", pair.surface.nodes, space))
+            whose = f"contact pair {k}, opposite side"
+            faced.append(owned_nodes(whose, pair.surface.nodes, space))
+            opposite = opposite_nodes(k, pair.surface, node, faced[-1], mu, body)
         points.append(_points(body, node, mu, opposite))
     interface = Interface(points, shapes, body.rows)
     _check_nodes(body, np.concatenate([*found, *faced]))

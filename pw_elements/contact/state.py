@@ -98,10 +98,11 @@ class ContactState:
         displacement: full vector (n,) in the trial space's numbering.
         pairs: one state per contact pair.
         iterations: linear systems solved.
-        unique: False if determinants of tangents factorised so far have different signs.
-            Then the friction is so large that several states can be in equilibrium with the
-            same loads; another start or smaller increments may lead to another one. None if the
-            linear solver knows no determinants.
+        unique: False if determinants of tangents have different signs: of all that the problem
+            has factorised so far, and of those on the way to a state that was read. Then the
+            friction is so large that several states can be in equilibrium with the same loads;
+            another start or smaller increments may lead to another one. None if the linear
+            solver knows no determinants.
         residuals: of all conditions.
         report: what solved the linear systems of this increment.
         increment: number of increments from the undeformed body, where it is 0.

@@ -4,6 +4,7 @@ import io
 import json
 import os
 from pathlib import Path
+from zipfile import BadZipFile
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -82,12 +83,12 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         numbers = json.loads(str(arrays["state"]))
         if numbers["format"] != _FORMAT:
             raise ValueError(f"its format is {numbers['format']!r}")
-    except (ValueError, KeyError, OSError) as failed:
+        pairs = [
+            PairState(**{name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__})
+            for k in range(numbers["pairs"])
+        ]
+    except (ValueError, KeyError, OSError, BadZipFile) as failed:
         raise ValueError(f"{path} holds no contact state: {failed}") from None
-    pairs = [
-        PairState(**{name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__})
-        for k in range(numbers["pairs"])
-    ]
     return ContactState(
         _displacement(path, arrays, space),
         tuple(pairs),
