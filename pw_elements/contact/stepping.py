@@ -23,7 +23,6 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
-from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface
@@ -37,6 +36,7 @@ from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.mesh_checks import check_mesh
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
