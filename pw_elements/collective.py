@@ -51,7 +51,7 @@ def collective(comm: MPI.Comm) -> Iterator[None]:
 def answer(
     comm: MPI.Comm, whose: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
-    """What a user's function returns; local, and to be called under the guard.
+    """What a user's function returns; local, for use under the guard.
 
     Raises:
         ValueError: in place of whatever the function raises, which is its cause.
