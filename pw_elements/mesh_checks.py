@@ -14,6 +14,7 @@ merely touch, a crack that was not meant, and whether cells follow the shape tha
 """
 
 import logging
+from collections import defaultdict
 from weakref import WeakKeyDictionary
 from zlib import crc32
 
@@ -102,7 +103,7 @@ class _Cells:
         self.element = mesh.ufl_domain().ufl_coordinate_element().basix_element
         nodes = cell_nodes(mesh)[: topology.index_map(dim).size_local]
         corner = [dofs[0] for dofs in self.element.entity_dofs[0]]
-        self.vertices = nodes[:, corner]
+        self.vertices = nodes[:, corner].astype(np.int64)
         self._x = np.ascontiguousarray(mesh.geometry.x[:, :dim].T)[:, nodes.T]
         self.middle = self._x[:, corner].mean(axis=1).T
 
@@ -158,7 +159,9 @@ class _Cells:
             self._refuse(crowded, "lie on the same side of a facet as their neighbour")
 
     def _refuse_duplicates(self, suspects: Flags) -> None:
-        numbers = self.mesh.geometry.index_map().local_to_global(self.vertices[suspects].ravel())
+        numbers = self.mesh.geometry.index_map().local_to_global(
+            self.vertices[suspects].ravel().astype(np.int32)
+        )
         numbers = np.sort(numbers.reshape(-1, self.vertices.shape[1]), axis=1)
         every = np.concatenate(self.mesh.comm.allgather(numbers))
         unique, times = np.unique(every, axis=0, return_counts=True)
@@ -202,7 +205,11 @@ class _Surface:
         side, self._cell = np.nonzero(cells.exterior)
         of_side = np.array(basix.topology(cells.element.cell_type)[cells.dim - 1])
         local = np.take_along_axis(cells.vertices[self._cell], of_side[side], axis=1)
-        numbers = mesh.geometry.index_map().local_to_global(local.ravel()).reshape(local.shape)
+        numbers = (
+            mesh.geometry.index_map()
+            .local_to_global(local.ravel().astype(np.int32))
+            .reshape(local.shape)
+        )
         self.corner = self._gathered(mesh.geometry.x[local, : cells.dim])
         self.vertex = self._gathered(numbers)
         self.area = self._gathered(cells.area[:, side, self._cell].T)
@@ -222,13 +229,23 @@ class _Surface:
         facet, near = _near(cKDTree(x), self._middle, self._radius * (1 + _SAME))
         inside = self._contains(facet, x[near])
         corner = (self.vertex[facet] == vertex[near][:, None]).any(axis=1)
+        suspects = np.unique(facet[inside & ~corner])
+        if not len(suspects):
+            return
+        at = defaultdict(set)  # facets at each vertex
+        for f, vertices in enumerate(self.vertex.tolist()):
+            for v in vertices:
+                at[v].add(f)
         torn = []
-        for f in np.unique(facet[inside & ~corner]):
-            on = vertex[near[inside & (facet == f)]]
-            beside = np.isin(self.vertex, on).all(axis=1)
-            beside[f] = False
-            shared = np.isin(self.vertex[f], self.vertex[beside]).all()
-            if shared and not np.isin(self.vertex[beside], self.vertex[f]).all():
+        for f in suspects:
+            on, own = (
+                set(vertex[near[inside & (facet == f)]].tolist()),
+                set(self.vertex[f].tolist()),
+            )
+            around = set().union(*(at[v] for v in on)) - {f}
+            beside = [g for g in around if on.issuperset(self.vertex[g].tolist())]
+            shared = set(self.vertex[beside].ravel().tolist())
+            if own < shared:
                 torn.append(f)
         if torn:
             raise DegenerateMesh(

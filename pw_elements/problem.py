@@ -5,7 +5,7 @@ form (attribute "form"), so that what comes from different meshes or weight func
 apart; those that were made by hand know none and are judged by their sizes.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -24,10 +24,17 @@ from pw_elements.linear_solver import LinearSolver
 class Reduced(Protocol):
     """What a problem asks of its `Reduction`."""
 
-    left: PETSc.Mat
-    right: PETSc.Mat
-    offset: PETSc.Vec
-    space: fem.FunctionSpace | None
+    @property
+    def left(self) -> PETSc.Mat: ...
+
+    @property
+    def right(self) -> PETSc.Mat: ...
+
+    @property
+    def offset(self) -> PETSc.Vec: ...
+
+    @property
+    def space(self) -> fem.FunctionSpace | None: ...
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         everything = [*self._vectors.values(), *self.matrices.values()]
-        with collective(communicator(self.space, self.reduction, *everything)):
+        with collective(arguments.processes(self.space, self.reduction, *everything)):
             self._check_types()
             self._check_sizes()
             self._check_meshes()
@@ -83,7 +90,7 @@ class Problem:
         for name, vector in self._vectors.items():
             arguments.petsc_vector(name, vector)
         if self.space is not None:
-            arguments.space("the space", self.space)
+            arguments.space(self.space)
         if self.reduction is not None:
             check_reduction(self.reduction)
         check_solver(self.solver)
@@ -98,13 +105,13 @@ class Problem:
         if self.reduction is not None:
             right = self.reduction.right
             parts.append(("the reduction", right.comm, right.getSizes()[0]))
-        if self.space is not None:
-            parts.append(("the space", self.space.mesh.comm, arguments.space_sizes(self.space)))
         for name, theirs, found in parts:
             other = theirs if isinstance(theirs, MPI.Comm) else theirs.tompi4py()
             if MPI.Comm.Compare(other, comm) not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {first}")
-            arguments.fitting(name, found, first, sizes, comm)
+            arguments.same_sizes(name, found, first, sizes)
+        if self.space is not None:
+            arguments.same_sizes(first, sizes, "the space", self.space)
 
     def _check_meshes(self) -> None:
         known: dict[str, Any] = {}
@@ -113,7 +120,7 @@ class Problem:
                 known[name] = spaces[0].mesh
         for name, space in (
             ("the space", self.space),
-            ("the reduction", self.reduction and self.reduction.space),
+            ("the reduction", None if self.reduction is None else self.reduction.space),
         ):
             if space is not None:
                 known[name] = space.mesh._cpp_object
@@ -167,18 +174,6 @@ def check_solver(solver: object) -> None:
         )
 
 
-def communicator(*things: object) -> MPI.Comm:
-    """That of the first of some spaces, reductions, matrices and vectors that has one."""
-    for thing in things:
-        if isinstance(thing, fem.FunctionSpace):
-            return thing.mesh.comm
-        if isinstance(thing, Reduced) and isinstance(thing.offset, PETSc.Vec):
-            thing = thing.offset
-        if isinstance(thing, PETSc.Object) and thing.handle:
-            return thing.comm.tompi4py()
-    return MPI.COMM_SELF
-
-
 def form_spaces(thing: PETSc.Mat | PETSc.Vec) -> list[Any]:
     """Spaces of the form that a matrix (test, trial) or vector (test) was assembled from."""
     form = thing.getAttr("form")
@@ -200,25 +195,3 @@ def refuse_negative(matrices: Mapping[str, PETSc.Mat]) -> None:
                 f"the diagonal of {name} adds up to {trace:.3g}: a body's is positive; look at the "
                 "sign of its form and its material"
             )
-
-
-def owned_numbers(name: str, given: Iterable[int], space: fem.FunctionSpace) -> np.ndarray:
-    """Local numbers (m,) of nodes, ghosts left out; local.
-
-    Raises:
-        TypeError: unless they are whole numbers (and no mask).
-        ValueError: for numbers that are no node's.
-    """
-    index_map = space.dofmap.index_map
-    nodes = np.asarray(given)
-    if nodes.size == 0:
-        return np.empty(0, dtype=np.int32)
-    if nodes.ndim != 1 or nodes.dtype.kind not in "iu":
-        raise TypeError(f"{name} have to be an array of local numbers (m,)")
-    known = index_map.size_local + index_map.num_ghosts
-    if nodes.min() < 0 or nodes.max() >= known:
-        raise ValueError(
-            f"{name}: {nodes.min() if nodes.min() < 0 else nodes.max()} is none of the "
-            f"{known} local numbers of the space's nodes, counted from 0"
-        )
-    return np.unique(nodes[nodes < index_map.size_local]).astype(np.int32)

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, is_finite
+from pw_elements.algebra import Reduction
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface
@@ -37,6 +37,7 @@ from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
 from pw_elements.mesh_checks import check_mesh
+from pw_elements.problem import Problem, is_finite
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
@@ -78,6 +79,7 @@ class ContactProblem:
     ) -> None:
         if max_iterations < 1:
             raise ValueError(f"max_iterations = {max_iterations}: one at least")
+        Problem({"the stiffness": K}, reduction=reduction, space=space, solver=solver)
         check_mesh(space.mesh)
         pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
         self._K, self._reduction, self._space = K, reduction, space
