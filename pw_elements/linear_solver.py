@@ -16,6 +16,10 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from pw_elements.arguments import matrix as check_matrix
+from pw_elements.arguments import of_type, processes
+from pw_elements.collective import collective
+
 # A known solution comes back with a relative error of condition number x round-off: above
 # this, fewer than four digits of any answer would be meant.
 _LOST = 1e-4
@@ -121,13 +125,33 @@ class Direct:
             reports at the end of the program those that it does not know. What MUMPS alone tells
             is missing with others: zero pivots (a singular matrix is recognised all the same) and
             the determinant, so that contact does not examine uniqueness.
+
+    Raises:
+        TypeError, ValueError: for what are no options.
     """
 
     options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        of_type("options", self.options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+        for name, value in self.options.items():
+            if not isinstance(name, str) or not name.strip("- "):
+                raise ValueError(f"option {name!r}: its name has to be a string")
+            kinds = (str, int, float, np.number)
+            of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
-        """Binds the solver to a square matrix (n, n)."""
-        return Factors(matrix, symmetric, self.options)
+        """Binds the solver to a square matrix (n, n).
+
+        Raises:
+            TypeError, ValueError: if it is no such matrix, or PETSc refuses the options.
+        """
+        with collective(processes(matrix)):
+            check_matrix("the matrix", matrix)
+        try:
+            return Factors(matrix, symmetric, self.options)
+        except PETSc.Error as error:
+            raise _refused(self.options, error) from error
 
 
 class Factors:
@@ -139,7 +163,7 @@ class Factors:
         symmetric: bool = False,
         options: Mapping[str, str | int | float | bool] | None = None,
     ) -> None:
-        self._matrix = matrix
+        self._matrix, self._options = matrix, options or {}
         self._orientations: set[int] = set()
         self._factorisations = self._iterations = 0
         self._worthwhile = -1.0
@@ -189,7 +213,10 @@ class Factors:
         self.ksp.setType(self._kind)
         self._preconditioner.setReusePreconditioner(False)
         self._worthwhile = -1.0
-        self.ksp.setUp()
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            raise _refused(self._options, error) from error
         self._factorisations += 1
         self._check()
         if self._mumps:
@@ -246,6 +273,11 @@ class Factors:
                 "the system matrix is singular or too badly conditioned, a known solution came "
                 f"back with the relative error {error:.1e}"
             )
+
+
+def _refused(options: Mapping[str, str | int | float | bool], error: PETSc.Error) -> ValueError:
+    said = str(error).strip().splitlines()[-1]
+    return ValueError(f"PETSc cannot factorise with the options {dict(options)}: {said}")
 
 
 def _set_options(ksp: PETSc.KSP, options: Mapping[str, str | int | float | bool]) -> None:

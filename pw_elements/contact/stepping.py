@@ -23,7 +23,6 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
@@ -43,6 +42,7 @@ from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.mesh_checks import check_mesh
 
 
 class ContactProblem:
@@ -79,7 +79,7 @@ class ContactProblem:
         solver: LinearSolver | None = None,
         max_iterations: int = 50,
     ) -> None:
-        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations))
+        self.pairs = tuple(checked_problem(K, reduction, pairs, space, solver, max_iterations))
         check_mesh(space.mesh)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
@@ -116,8 +116,8 @@ class ContactProblem:
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
         """
         interface = self._interface
-        motions = checked_step(self._space, self.undeformed, state, load, motions, guess)
-        prescribed, forces = _translations(motions, interface.position.shape[1])
+        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
+        prescribed, forces = _translations(moved, interface.position.shape[1])
         free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
         system, rigid = self._bound(free)
         before = system.report
@@ -207,7 +207,7 @@ def solve_contact(
             increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations)
-    increments = checked_increments(loads, problem.pairs, start, space)
+    increments = checked_increments(K, loads, problem.pairs, start, space)
     states = [problem.undeformed]
     for k, (load, motions, guess) in enumerate(increments):
         try:
