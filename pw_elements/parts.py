@@ -82,7 +82,7 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
 
     Args:
         space: the space.
-        whose: nodes, by name.
+        whose: what the nodes belong to, by name.
         where: marker of their positions as columns (3, n), local numbers, or a mask of all.
 
     Raises:
@@ -91,7 +91,7 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
     with collective(comm):
         if not callable(where):
-            return numbered(comm, whose, where, len(x))
+            return numbered(comm, f"the nodes of {whose}", where, len(x))
         holds = marked(comm, f"the marker of {whose}", where, x.T)
     return np.flatnonzero(holds).astype(np.int32)
 

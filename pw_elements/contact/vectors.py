@@ -14,11 +14,11 @@ def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
     Raises:
         ValueError: if it has no finite length.
     """
-    vector = np.asarray(direction, dtype=float)
-    length = np.linalg.norm(vector)
+    along = np.asarray(direction, dtype=float)
+    length = np.linalg.norm(along)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
-    return vector / length
+    return along / length
 
 
 def normalised(vectors: Points) -> Points:
