@@ -294,5 +294,4 @@ class SignedDistance:
             return field("the gradient of a signed distance", given, x.shape, layout)
         steps = self.step * np.eye(x.shape[1])
         differences = [self._values(x + h) - self._values(x - h) for h in steps]
-        slope: Points = np.array(differences).T / (2 * self.step)
-        return slope
+        return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
