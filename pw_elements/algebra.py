@@ -116,7 +116,11 @@ class Reduction:
     def dirichlet(
         cls, space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
     ) -> "Reduction":
-        """Drops the prescribed degrees of freedom; `conditions` are set on the trial space.
+        """Drops the prescribed degrees of freedom.
+
+        Args:
+            space: trial space.
+            conditions: made on it; a single one needs no list.
 
         Raises:
             TypeError: for what is no space, or are no conditions.
@@ -133,7 +137,7 @@ class Reduction:
         cls,
         K: PETSc.Mat,
         space: fem.FunctionSpace,
-        nodes: npt.NDArray[np.int32],
+        nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
     ) -> "Reduction":
         """Condenses inner nodes statically, and drops prescribed degrees of freedom.
@@ -141,9 +145,9 @@ class Reduction:
         Args:
             K: stiffness (n, n), free; it may be unsymmetric.
             space: trial space.
-            nodes: local numbers of the inner nodes (ghosts are passed over), no two of which
-                share a cell: K_ii is inverted node by node.
-            conditions: Dirichlet conditions on the other nodes.
+            nodes: local numbers of the inner nodes, or a mask of these (ghosts are passed over),
+                no two of which share a cell: K_ii is inverted node by node.
+            conditions: Dirichlet conditions on the other nodes; a single one needs no list.
 
         Raises:
             TypeError: for what is no matrix or space, or are no conditions.
@@ -157,13 +161,13 @@ class Reduction:
         free, offset = _prescribed(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
+        inner = np.zeros(len(free), dtype=bool)
         with collective(comm):
             known = index_map.size_local + index_map.num_ghosts
-            numbers = numbered(comm, "the inner nodes", nodes, known)
-        inner = np.zeros(len(free), dtype=bool)
-        inner.reshape(-1, block)[numbers[numbers < index_map.size_local]] = True
-        if comm.allreduce(int(np.any(inner & ~free)), MPI.MAX):
-            raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
+            chosen = numbered(comm, "the nodes to be condensed", nodes, known)
+            inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
+            if np.any(inner & ~free):
+                raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
         _check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
         Q = _inner_flexibility(K, inner, block)
         kept = _selection(free & ~inner, offset)
@@ -492,15 +496,17 @@ def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -
     own = row // block == column // block
     blocks = np.zeros(((last - first) // block, block, block))
     blocks[(row[own] - first) // block, row[own] % block, column[own] % block] = value[own]
-    size = np.abs(blocks).max(initial=0.0)
-    coupling = np.abs(value[~own]).max(initial=0.0)
-    if comm.allreduce(coupling, MPI.MAX) > _ROUND_OFF * comm.allreduce(size, MPI.MAX):
-        raise ValueError(
-            "the stiffness couples nodes that are to be condensed: no two of them may share a cell"
-        )
-    singular = bool(len(blocks)) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF)
-    if comm.allreduce(int(singular), MPI.MAX):
-        raise SingularSystem("a node that is to be condensed has no stiffness")
+    size = comm.allreduce(np.abs(blocks).max(initial=0.0), MPI.MAX)
+    with collective(comm):
+        if not np.isfinite(value).all():
+            raise ValueError("the stiffness of a node that is to be condensed is not finite")
+        if np.abs(value[~own]).max(initial=0.0) > _ROUND_OFF * size:
+            raise ValueError(
+                "the stiffness couples nodes that are to be condensed: no two of them may share a "
+                "cell"
+            )
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF):
+            raise SingularSystem("a node that is to be condensed has no stiffness")
     inverse = np.linalg.inv(blocks)
 
     width = np.where(inner, block, 0)

@@ -25,16 +25,24 @@ class Reduced(Protocol):
     """What a problem asks of its `Reduction`."""
 
     @property
-    def left(self) -> PETSc.Mat: ...
+    def left(self) -> PETSc.Mat:
+        """L, (n, n_r)."""
+        ...
 
     @property
-    def right(self) -> PETSc.Mat: ...
+    def right(self) -> PETSc.Mat:
+        """R, (n, n_r)."""
+        ...
 
     @property
-    def offset(self) -> PETSc.Vec: ...
+    def offset(self) -> PETSc.Vec:
+        """a_0, (n,)."""
+        ...
 
     @property
-    def space(self) -> fem.FunctionSpace | None: ...
+    def space(self) -> fem.FunctionSpace | None:
+        """Trial space, if it is known."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,9 @@ class Problem:
             self._check_types()
             self._check_sizes()
             self._check_meshes()
-            self._check_weights()
+            stiffness, K = next(iter(self.matrices.items()))
+            for name, load in self.loads.items():
+                check_load(name, load, stiffness, K)
         for name, matrix in self.matrices.items():
             # sums of squares keep NaN, on whichever process it is; largest values may lose it
             if not np.isfinite(matrix.norm(PETSc.NormType.FROBENIUS)):
@@ -114,16 +124,14 @@ class Problem:
             arguments.same_sizes(first, sizes, "the space", self.space)
 
     def _check_meshes(self) -> None:
-        known: dict[str, Any] = {}
-        for name, thing in {**self.matrices, **self._vectors}.items():
-            if spaces := form_spaces(thing):
-                known[name] = spaces[0].mesh
-        for name, space in (
-            ("the space", self.space),
-            ("the reduction", None if self.reduction is None else self.reduction.space),
-        ):
-            if space is not None:
-                known[name] = space.mesh._cpp_object
+        known: dict[str, object] = {
+            name: form_mesh(thing) for name, thing in {**self.matrices, **self._vectors}.items()
+        }
+        if self.space is not None:
+            known["the space"] = self.space.mesh._cpp_object
+        if self.reduction is not None and self.reduction.space is not None:
+            known["the reduction"] = self.reduction.space.mesh._cpp_object
+        known = {name: mesh for name, mesh in known.items() if mesh is not None}
         for name, mesh in known.items():
             first = next(iter(known))
             if mesh is not known[first]:
@@ -132,25 +140,25 @@ class Problem:
                     "even where there are as many"
                 )
 
-    def _check_weights(self) -> None:
-        name, K = next(iter(self.matrices.items()))
-        spaces = form_spaces(K)
-        if len(spaces) != 2:
-            return
-        test, trial = (space.element for space in spaces)
-        for load, vector in self.loads.items():
-            theirs = form_spaces(vector)
-            if theirs and theirs[0].element != test:
-                raise ValueError(
-                    f"{load} was made with other weight functions than {name}, "
-                    + (
-                        "a standard one: nodal forces differ by some per cent; take the test "
-                        "function of `Spaces.galerkin` in both"
-                        if test == trial
-                        else "whose test and trial functions differ: take the test function of "
-                        "one `Spaces.petrov_galerkin` in both"
-                    )
-                )
+
+def check_load(name: str, load: PETSc.Vec, stiffness: str, K: PETSc.Mat) -> None:
+    """Raises unless a load is a vector (n,) made with the weight functions of K (n, n); local."""
+    arguments.petsc_vector(name, load)
+    arguments.same_sizes(name, load.getSizes(), stiffness, K.getSizes()[0])
+    matrix, vector = K.getAttr("form"), load.getAttr("form")
+    if matrix is None or vector is None:
+        return
+    (test, trial), (other,) = matrix.function_spaces, vector.function_spaces
+    if other.mesh is not test.mesh:
+        raise ValueError(f"{name} belongs to another mesh than {stiffness}")
+    if other.element != test.element:
+        standard = test.element == trial.element
+        raise ValueError(
+            f"{name} was made with other weight functions than {stiffness}: nodal forces differ by "
+            "some per cent; take the test space of "
+            + ("Spaces.galerkin" if standard else "one Spaces.petrov_galerkin")
+            + " in both"
+        )
 
 
 def check_reduction(reduction: object) -> None:
@@ -174,10 +182,10 @@ def check_solver(solver: object) -> None:
         )
 
 
-def form_spaces(thing: PETSc.Mat | PETSc.Vec) -> list[Any]:
-    """Spaces of the form that a matrix (test, trial) or vector (test) was assembled from."""
+def form_mesh(thing: PETSc.Mat | PETSc.Vec) -> object:
+    """Mesh of the form that a matrix or vector was assembled from, None if it is not known."""
     form = thing.getAttr("form")
-    return [] if form is None else list(form.function_spaces)
+    return None if form is None else form.function_spaces[0].mesh
 
 
 def is_finite(vector: PETSc.Vec) -> bool:

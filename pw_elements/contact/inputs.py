@@ -14,9 +14,10 @@ from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.state import ContactState
 from pw_elements.linear_solver import LinearSolver
-from pw_elements.problem import Problem
+from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.values import whole
 
+_STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
 
@@ -26,8 +27,8 @@ def checked_problem(
     reduction: Reduction,
     pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
-    solver: LinearSolver | None,
     max_iterations: int,
+    solver: LinearSolver | None,
 ) -> list[ContactPair]:
     """The pairs of a problem, one or several.
 
@@ -41,7 +42,7 @@ def checked_problem(
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
         stated = _each(pairs, ContactPair, "a contact pair")
-    Problem({"the stiffness": K}, reduction=reduction, space=space, solver=solver)
+    Problem({_STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
         shape, offset = pair.surface, None
@@ -93,9 +94,11 @@ def checked_step(
         for k, motion in enumerate(moved):
             if motion is not None:
                 _check_motions([motion], space, k)
+        check_load("the load", load, _STIFFNESS, K)
     same = {"state": state.pairs, "motions": moved, "state to start from": guess and guess.pairs}
     agree(comm, {f"the {name}": value for name, value in same.items()})
-    Problem({"the stiffness": K}, loads={"the load": load}, space=space)
+    if not is_finite(load):
+        raise ValueError("the load is not finite")
     return moved
 
 
@@ -117,6 +120,8 @@ def checked_increments(
         given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
         if not given:
             raise ValueError("there is no load increment")
+        for k, load in enumerate(given):
+            check_load(f"the load of increment {k}", load, _STIFFNESS, K)
         for k, pair in enumerate(pairs):
             moved = _each(pair.motions, Motion, "a motion")
             if moved and len(moved) != len(given):
@@ -131,8 +136,9 @@ def checked_increments(
         for state in guesses:
             _check_guess(state, len(pairs))
     agree(comm, {"the number of loads": len(given), "the number of states": len(guesses)})
-    named = {f"the load of increment {k}": load for k, load in enumerate(given)}
-    Problem({"the stiffness": K}, loads=named, space=space)
+    for k, load in enumerate(given):
+        if not is_finite(load):
+            raise ValueError(f"the load of increment {k} is not finite")
     steps = map(list, zip(*motions, strict=True))
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 

@@ -66,7 +66,8 @@ class ContactProblem:
         max_iterations: linear systems per increment.
 
     Raises:
-        ValueError: for input that states no contact problem (see `nodal.nodal_interface`).
+        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+            `nodal.nodal_interface`.
         DegenerateMesh: for cells without volume or turned inside out.
     """
 
@@ -79,7 +80,7 @@ class ContactProblem:
         solver: LinearSolver | None = None,
         max_iterations: int = 50,
     ) -> None:
-        self.pairs = tuple(checked_problem(K, reduction, pairs, space, solver, max_iterations))
+        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
@@ -199,9 +200,9 @@ def solve_contact(
         solver: of the linear systems; `Direct()` unless given.
 
     Raises:
-        ValueError: for input that states no contact problem (see `nodal.nodal_interface`),
-            loads that are not finite, motions or starts that are not one per increment, or no
-            iterations.
+        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+            `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
+            per increment, or no iterations.
         DegenerateMesh: for cells without volume or turned inside out.
         FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
             increment, counted from 0, and have the states before it as `states`.
