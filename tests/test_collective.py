@@ -48,7 +48,7 @@ SAID = {
     "condition": "a condition is None: `prescribe` makes one",
     "node to be condensed": "the nodes to be condensed have the numbers 1000000 to 1000000: local "
     f"numbers are counted from 0, {HERE}",
-    "load of solve": "the load vector or a prescribed value is not finite",
+    "load of solve": "the load is not finite",
     "image": f"the image of the mesh {FAILED}",
     "image of curved cells": f"the image of the mesh {FAILED}",
     "divisions differ": f"divisions: {DIFFERS}",
