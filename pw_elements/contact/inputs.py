@@ -51,7 +51,7 @@ def checked_problem(
         ValueError: for pairs of another kind, no iterations, or what differs between processes.
     """
     of_space(space)
-    Problem({STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
+    Problem({STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
     comm = space.mesh.comm
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
