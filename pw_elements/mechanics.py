@@ -395,7 +395,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)
     M.mult(ones, mass)
-    bad = ~(mass.array_r > _ROUND_OFF * diagonal.array_r)  # NaN is bad, too
+    bad = mass.array_r <= _ROUND_OFF * diagonal.array_r
     nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
     count = space.mesh.comm.allreduce(len(nodes), MPI.SUM)
     if count > 0:

@@ -33,7 +33,7 @@ def _composite(mesh: Mesh) -> Spaces:
 
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
-_SPACES = {
+_SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "galerkin-T6": Spaces.galerkin,
     "pw-T6": Spaces.petrov_galerkin,
     "pwsym-T6": Spaces.petrov_galerkin,

@@ -117,8 +117,8 @@ class ContactProblem:
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
         """
         interface = self._interface
-        motions = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
-        prescribed, forces = _translations(motions, interface.position.shape[1])
+        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
+        prescribed, forces = _translations(moved, interface.position.shape[1])
         free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
         system, rigid = self._bound(free)
         before = system.report
