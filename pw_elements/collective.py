@@ -67,8 +67,8 @@ def answer(
 def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
     """Checks that all processes were given the same arguments.
 
-    Numbers, strings, arrays, and sequences and dataclasses of these are compared to the last bit;
-    of anything else (functions, vectors, meshes) only the type.
+    Numbers, strings, arrays, and sequences and the library's dataclasses of these are compared to
+    the last bit; of anything else (functions, vectors, a user's surface) only the type.
 
     Args:
         comm: of the processes.
@@ -91,7 +91,7 @@ def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
 
 def _digest(value: object) -> bytes:
     """16 bytes for a plain value."""
-    if is_dataclass(value) and not isinstance(value, type):
+    if type(value).__module__.startswith("pw_elements.") and is_dataclass(value):
         content = b"".join(map(_digest, [type(value).__qualname__, *vars(value).values()]))
     elif isinstance(value, str):
         content = value.encode()

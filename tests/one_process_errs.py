@@ -7,6 +7,7 @@ Prints, as JSON, the process that errs, and what each process said in each scena
 import faulthandler
 import json
 import sys
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -115,6 +116,14 @@ def motions_differ():
     return problem.step(problem.undeformed, LOAD, [Motion((0, 0.1 if BAD else 0.2))])
 
 
+def step_from(**values):
+    """A step from a state that has other values on one process."""
+    problem = ContactProblem(K, BLOCK.free, BLOCK.pair(0.3), U)
+    (pair,) = problem.undeformed.pairs
+    wrong = {name: getattr(pair, name) + (value if BAD else 0.0) for name, value in values.items()}
+    return problem.step(replace(problem.undeformed, pairs=(replace(pair, **wrong),)), LOAD)
+
+
 def save_nowhere():
     problem = ContactProblem(K, BLOCK.free, BLOCK.pair(0.3), U)
     problem.save(problem.undeformed, "/nowhere/state.npz")
@@ -181,6 +190,8 @@ SCENARIOS = {
     "motions of a step": two_motions,
     "motions of a step differ": motions_differ,
     "state of a step": other_state,
+    "state of a step differs": lambda: step_from(slip=1e-15),
+    "state of a step with NaN": lambda: step_from(displacement=np.nan),
     "file": save_nowhere,
 }
 

@@ -77,6 +77,8 @@ SAID = {
     "motions of a step": "2 motions for 1 contact pairs",
     "motions of a step differ": f"the motions: {DIFFERS}",
     "state of a step": "the state belongs to other contact nodes than this problem's",
+    "state of a step differs": f"the state: {DIFFERS}",
+    "state of a step with NaN": "the state has forces or displacements that are not finite",
     "file": r"\[Errno 2\] No such file or directory: '/nowhere/.*'",
 }
 

@@ -1,5 +1,7 @@
 """What users give by mistake is named: markers, facets, numbers, one for several, swapped ones."""
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -147,6 +149,12 @@ def nan_mass():
     return mass
 
 
+def nan_state():
+    state = ContactProblem(K, BLOCK.free, ContactPair(BOTTOM, FLOOR, 0.3), U).undeformed
+    (pair,) = state.pairs
+    return replace(state, pairs=(replace(pair, force_normal=np.full_like(pair.gap, np.nan)),))
+
+
 LEFT = [prescribe(U, 0, at(0, 0.0), value) for value in (0.0, 1.0)]
 
 # numbers, whatever their type, sizes and values
@@ -174,8 +182,6 @@ REFUSED = {
     "points": (lambda: Polyline([(0, 0), (1, np.nan)]), "a point of a polyline"),
     "rounding": (lambda: Polyline([(0, 0), (1, 0)], np.nan), "radius = nan"),
     "step": (lambda: SignedDistance(lambda x: x[:, 1], step=0.0), "step = 0.0"),
-    "signed distance": (lambda: SignedDistance(1.0), "function = 1.0"),
-    "gradient": (lambda: SignedDistance(lambda x: x[:, 1], 1.0), "gradient = 1.0"),
     "friction": (lambda: ContactPair(BOTTOM, FLOOR, -0.1), "friction = -0.1"),
     "friction in an array": (lambda: ContactPair(BOTTOM, FLOOR, np.array(np.nan)), "friction = "),
     "friction by name": (lambda: ContactPair(BOTTOM, FLOOR, "0.3"), "friction = '0.3'"),
@@ -186,6 +192,8 @@ REFUSED = {
     "one translation": (lambda: Motion(0.1), "translation 0.1 of a motion"),
     "force of a motion": (lambda: Motion((0, None), (0, "1")), "component 1 of a motion's force"),
     "max_iterations": (lambda: contact(max_iterations=2.5), "max_iterations = 2.5"),
+    "state": (lambda: steps(state=nan_state()), "the state has forces .* not finite"),
+    "guess": (lambda: steps(guess=nan_state()), "the state to start from has forces .* not fin"),
     "stiffness": (lambda: contact(matrix=nan_matrix()), "stiffness has entries that are not fin"),
     "nodes of a pair": (
         lambda: contact(ContactPair(np.array([0.0]), FLOOR)),
@@ -206,6 +214,8 @@ REFUSED = {
 
 # things of another kind, exchanged ones, one for several
 OF_ANOTHER_KIND = {
+    "signed distance": (lambda: SignedDistance(1.0), "function = 1.0"),
+    "gradient": (lambda: SignedDistance(lambda x: x[:, 1], 1.0), "gradient = 1.0"),
     "exchanged pair": (lambda: ContactPair(FLOOR, BOTTOM), "a surface is given in place of nodes"),
     "exchanged nodes": (lambda: MatchingNodes(FLOOR, BOTTOM), "a surface is given in place of n"),
     "class of a surface": (lambda: ContactPair(BOTTOM, Plane), "is the class Plane: it has to"),

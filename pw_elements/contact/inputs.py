@@ -48,9 +48,15 @@ def checked_problem(
         shape, offset = pair.surface, None
         if isinstance(shape, MatchingNodes):  # whose nodes have local numbers
             shape, offset = shape.shape, shape.offset
-        same = {"surface": shape, "offset": offset, "friction": pair.friction}
-        same["motions"] = pair.motions
-        agree(comm, {f"the {name} of contact pair {k}": value for name, value in same.items()})
+        agree(
+            comm,
+            {
+                f"the surface of contact pair {k}": shape,
+                f"the offset of contact pair {k}": offset,
+                f"the friction of contact pair {k}": pair.friction,
+                f"the motions of contact pair {k}": pair.motions,
+            },
+        )
     return stated
 
 
@@ -95,8 +101,8 @@ def checked_step(
             if motion is not None:
                 _check_motions([motion], space, k)
         check_load("the load", load, _STIFFNESS, K)
-    same = {"state": state.pairs, "motions": moved, "state to start from": guess and guess.pairs}
-    agree(comm, {f"the {name}": value for name, value in same.items()})
+    start = None if guess is None else [pair.status for pair in guess.pairs]
+    agree(comm, {"the state": state.pairs, "the motions": moved, "the state to start from": start})
     if not is_finite(load):
         raise ValueError("the load is not finite")
     return moved

@@ -105,10 +105,9 @@ def _check_dimension(number: int, surface: Surface, dim: int) -> None:
     if isinstance(surface, Polyline):
         vectors["first point"] = surface.points[0]
     for name, vector in vectors.items():
-        if vector is not None and len(vector) != dim:
+        if vector is not None and (size := np.size(vector)) != dim:
             raise ValueError(
-                f"contact pair {number}: the {name} of its surface has {len(vector)} components "
-                f"in {dim}-D"
+                f"contact pair {number}: the {name} of its surface has {size} components in {dim}-D"
             )
 
 

@@ -1,8 +1,9 @@
 """Rigid surfaces: the gap to them and the direction in which they push.
 
-A surface is anything with the two methods of `Surface`. Points are arrays (n, dim); in
-axisymmetry the coordinates are (r, z). The normal points from the rigid surface into the
-body, and the gap is counted along it: negative inside the rigid.
+A surface is anything with the two methods of `Surface`. Points are rows (n, dim), other than in
+markers and friction functions, which take DOLFINx's columns (3, n); in axisymmetry the coordinates
+are (r, z). The normal points from the rigid surface into the body, and the gap is counted along
+it: negative inside the rigid.
 """
 
 from collections.abc import Callable, Sequence
@@ -256,7 +257,8 @@ class SignedDistance:
         step: of the differences, a small part of the smallest radius of the surface.
 
     Raises:
-        ValueError: for what is no function, or a step that is not positive.
+        TypeError: for what is no function.
+        ValueError: for a step that is not positive.
     """
 
     function: Callable[[Points], npt.NDArray[np.float64]]
@@ -267,7 +269,7 @@ class SignedDistance:
         for name in ("function", "gradient"):
             given = getattr(self, name)
             if not (callable(given) or (name == "gradient" and given is None)):
-                raise ValueError(f"{name} = {given!r}: has to be a function of points (n, dim)")
+                raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
         positive("step", self.step)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
