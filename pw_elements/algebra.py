@@ -259,12 +259,12 @@ class Reduction:
         warnings.warn("Reduction.shape is now called expand_mode", DeprecationWarning, stacklevel=2)
         return self.expand_mode(reduced)
 
-    def _check_system(self, K: PETSc.Mat, f: PETSc.Vec | None = None) -> None:
+    def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
         sizes = self.offset.getSizes()
         with collective(self.offset.comm.tompi4py()):
             arguments.matrix("the matrix", K)
             arguments.same_sizes("the matrix", K.getSizes()[0], "the reduction", sizes)
-            if f is not None:
+            for f in loads:
                 arguments.petsc_vector("the load", f)
                 arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
 
@@ -318,7 +318,7 @@ def solve(
         SingularSystem: if the reduced system has no unique solution.
         TypeError, ValueError: for things that do not make one problem, see `problem.Problem`.
     """
-    Problem({"the stiffness": K}, loads={"the load": f}, reduction=reduction, solver=solver)
+    Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
     reduction = reduction.under(K, f)
     load, matrix = reduction.load(K, f), reduction.matrix(K)
     prepared = factorise(matrix, solver=solver)
@@ -395,7 +395,9 @@ def _compiled(form: ufl.Form, arguments_: int, of: str) -> fem.Form:
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
         arguments.space(space, "the space of a form's argument")
-    if any(space.mesh is not spaces[0].mesh for space in spaces) or len(form.ufl_domains()) != 1:
+    functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
+    meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
+    if any(mesh is not meshes[0] for mesh in meshes) or len(form.ufl_domains()) != 1:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
     try:
         return fem.form(form)

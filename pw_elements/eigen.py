@@ -220,7 +220,7 @@ def _check(
     symmetrised: bool,
     solver: LinearSolver | None,
 ) -> None:
-    Problem(matrices, reduction=reduction, solver=solver)
+    Problem(matrices, reductions=(reduction,), solver=solver)
     with collective(processes(reduction)):
         whole("count", count, 1)
         flag("symmetrised", symmetrised)

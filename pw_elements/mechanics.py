@@ -391,6 +391,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of
             the space.
     """
+    arguments.space(space)
     Problem({"the mass matrix": M}, space=space)
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)

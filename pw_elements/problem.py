@@ -5,9 +5,9 @@ form (attribute "form"), so that what comes from different meshes or weight func
 apart; those that were made by hand know none and are judged by their sizes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -53,7 +53,7 @@ class Problem:
         matrices: by their names in messages; the first one is the stiffness.
         vectors: by their names.
         loads: vectors which have to be made with the weight functions of the first matrix.
-        reduction: supports; None where there are none.
+        reductions: supports, one or none.
         space: trial space; None where it is not given.
         solver: of linear systems; None for the default.
 
@@ -67,13 +67,13 @@ class Problem:
     matrices: Mapping[str, PETSc.Mat]
     vectors: Mapping[str, PETSc.Vec] = field(default_factory=dict)
     loads: Mapping[str, PETSc.Vec] = field(default_factory=dict)
-    reduction: Reduced | None = None
+    reductions: Sequence[Reduced] = ()
     space: fem.FunctionSpace | None = None
     solver: LinearSolver | None = None
 
     def __post_init__(self) -> None:
         everything = [*self._vectors.values(), *self.matrices.values()]
-        with collective(arguments.processes(self.space, self.reduction, *everything)):
+        with collective(arguments.processes(self.space, *self.reductions, *everything)):
             self._check_types()
             self._check_sizes()
             self._check_meshes()
@@ -87,8 +87,9 @@ class Problem:
         for name, vector in self._vectors.items():
             if not is_finite(vector):
                 raise ValueError(f"{name} is not finite")
-        if self.reduction is not None and not is_finite(self.reduction.offset):
-            raise ValueError("a prescribed value is not finite")
+        for reduction in self.reductions:
+            if not is_finite(reduction.offset):
+                raise ValueError("a prescribed value is not finite")
 
     @property
     def _vectors(self) -> dict[str, PETSc.Vec]:
@@ -101,23 +102,20 @@ class Problem:
             arguments.petsc_vector(name, vector)
         if self.space is not None:
             arguments.space(self.space)
-        if self.reduction is not None:
-            check_reduction(self.reduction)
+        for reduction in self.reductions:
+            check_reduction(reduction)
         check_solver(self.solver)
 
     def _check_sizes(self) -> None:
         (first, K), *others = self.matrices.items()
         comm, sizes = K.comm.tompi4py(), K.getSizes()[0]
-        parts: list[tuple[str, Any, tuple[int, int]]] = [
+        parts = [
             *((name, M.comm, M.getSizes()[0]) for name, M in others),
             *((name, v.comm, v.getSizes()) for name, v in self._vectors.items()),
+            *(("the reduction", r.offset.comm, r.offset.getSizes()) for r in self.reductions),
         ]
-        if self.reduction is not None:
-            right = self.reduction.right
-            parts.append(("the reduction", right.comm, right.getSizes()[0]))
         for name, theirs, found in parts:
-            other = theirs if isinstance(theirs, MPI.Comm) else theirs.tompi4py()
-            if MPI.Comm.Compare(other, comm) not in (MPI.IDENT, MPI.CONGRUENT):
+            if MPI.Comm.Compare(theirs.tompi4py(), comm) not in (MPI.IDENT, MPI.CONGRUENT):
                 raise ValueError(f"{name} lives on other processes than {first}")
             arguments.same_sizes(name, found, first, sizes)
         if self.space is not None:
@@ -129,8 +127,9 @@ class Problem:
         }
         if self.space is not None:
             known["the space"] = self.space.mesh._cpp_object
-        if self.reduction is not None and self.reduction.space is not None:
-            known["the reduction"] = self.reduction.space.mesh._cpp_object
+        for reduction in self.reductions:
+            if reduction.space is not None:
+                known["the reduction"] = reduction.space.mesh._cpp_object
         known = {name: mesh for name, mesh in known.items() if mesh is not None}
         for name, mesh in known.items():
             first = next(iter(known))

@@ -167,15 +167,23 @@ class SurfaceNodes:
         return cls(position, own, tributary[tree.query(position)[1]], edges, rim)
 
     def pressure(self, force: Array) -> Array:
-        """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight."""
-        self._check(force)
+        """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight.
+
+        Raises:
+            ValueError: if they are not one for each node.
+        """
+        force = self._checked(force)
         weightless = self.own_area < 1e-9 * self.tributary_area
         area = np.where(weightless, np.nan, self.own_area)
         return (force.T / area).T
 
     def tributary_pressure(self, force: Array) -> Array:
-        """Measure 3 of forces (m,) or (m, components)."""
-        self._check(force)
+        """Measure 3 of forces (m,) or (m, components).
+
+        Raises:
+            ValueError: if they are not one for each node.
+        """
+        force = self._checked(force)
         return (force.T / self.tributary_area).T
 
     def sawtooth(self, force: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
@@ -187,6 +195,9 @@ class SurfaceNodes:
         Args:
             force: (m,), raw normal nodal forces, measure 1.
             closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
+
+        Raises:
+            ValueError: if they are not one for each node.
         """
         middle, mean = self._inner(force, closed)
         with np.errstate(divide="ignore"):  # corners of 10-node tetrahedra
@@ -196,6 +207,9 @@ class SurfaceNodes:
         """Median size of mid-side value less the mean of both corners', over the median value.
 
         A second difference: zero for values (m,) (forces or pressures) that vary linearly.
+
+        Raises:
+            ValueError: if they are not one for each node.
         """
         middle, mean = self._inner(values, closed)
         if not len(middle):
@@ -204,18 +218,30 @@ class SurfaceNodes:
 
     def _inner(self, values: Array, closed: npt.NDArray[np.bool_] | None) -> tuple[Array, Array]:
         """Mid-side values, and means of both corners', of edges that count."""
-        self._check(values)
-        counts = ~self.rim if closed is None else closed & ~self.rim
+        values = self._checked(values, scalar=True)
+        counts = ~self.rim
+        if closed is not None:
+            closed = np.asarray(closed)
+            if closed.shape != self.rim.shape or closed.dtype != bool:
+                raise ValueError(f"closed: it has to be True or False for {len(self.rim)} nodes")
+            counts = counts & closed
         edges = self.edges[counts[self.edges].all(axis=1)]
         return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
 
-    def _check(self, values: Array) -> None:
-        """Raises ValueError if there is not one value for each node."""
-        if len(values) != len(self.position):
+    def _checked(self, values: Array, scalar: bool = False) -> Array:
+        """Raises ValueError if there is not one value, or one vector, for each node."""
+        given, count = np.asarray(values), len(self.position)
+        if given.dtype.kind not in "iuf" or given.ndim not in ((1,) if scalar else (1, 2)):
             raise ValueError(
-                f"{len(values)} values for the {len(self.position)} nodes of the surface: the "
+                f"values are {given.dtype} of the shape {given.shape}: they have to be numbers "
+                f"({count},)" + ("" if scalar else f" or ({count}, components)")
+            )
+        if len(given) != count:
+            raise ValueError(
+                f"{len(given)} values for the {count} nodes of the surface: the "
                 "marker of a contact pair has to end at vertices to have the surface's nodes"
             )
+        return given
 
 
 def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.intp]:
@@ -223,7 +249,17 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
 
     Round-off of mid-side positions depends on the partition; the order does not. Nodes that
     coincide are in the order of a second position `beside`, if it is given.
+
+    Raises:
+        ValueError: if positions are not rows (m, dim) of numbers, or not as many beside.
     """
+    for given in (position,) if beside is None else (position, beside):
+        rows = np.asarray(given)
+        if rows.ndim != 2 or rows.dtype.kind not in "iuf" or len(rows) != len(position):
+            raise ValueError(
+                f"positions are {rows.dtype} of the shape {rows.shape}: they have to be rows "
+                "(m, dim) of numbers"
+            )
     size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
     keys = position if beside is None else np.hstack([position, beside])
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])

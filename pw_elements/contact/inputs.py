@@ -42,7 +42,7 @@ def checked_problem(
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
         stated = _each(pairs, ContactPair, "a contact pair")
-    Problem({_STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
+    Problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
         shape, offset = pair.surface, None

@@ -188,6 +188,8 @@ class Polyline:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.points, Sequence | np.ndarray):
+            raise ValueError(f"points = {self.points!r}: a polyline needs a sequence of them")
         points = np.array([vector("a point of a polyline", point) for point in self.points])
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ValueError("a polyline needs two points (x, y) at least")
