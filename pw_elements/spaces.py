@@ -99,9 +99,32 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
 
 
-def as_function(space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f") -> fem.Function:
-    """A vector (n,) in a space's numbering as a function, its ghosts too; for forms and files."""
-    function = fem.Function(space, name=name)
+def as_function(
+    space: fem.FunctionSpace,
+    values: PETSc.Vec,
+    name: str = "f",
+    out: fem.Function | None = None,
+) -> fem.Function:
+    """A vector (n,) in a space's numbering as a function, its ghosts too; for forms and files.
+
+        u = as_function(U, solve(K, f, held), "displacement")
+        as_function(U, solve(K, 2 * f, held), out=u)  # forms and writers that have u see it
+
+    Args:
+        space: in whose numbering the vector is.
+        values: vector (n,).
+        name: of a new function.
+        out: a function of the space to fill, in place of a new one; it keeps its name.
+
+    Raises:
+        ValueError: for a vector of another length, or a function of another space.
+    """
+    size = space.dofmap.index_map.size_global * space.dofmap.index_map_bs
+    if values.getSize() != size:
+        raise ValueError(f"a vector of length {values.getSize()}: the space has {size} unknowns")
+    if out is not None and out.function_space != space:
+        raise ValueError("the function to fill belongs to another space")
+    function = fem.Function(space, name=name) if out is None else out
     function.x.array[: values.getLocalSize()] = values.array_r
     function.x.scatter_forward()
     return function

@@ -267,9 +267,9 @@ def _surfaces(state: ContactState) -> np.ndarray:
 
 def _reference(state: ContactState, interface: Interface) -> Reference:
     """What an increment from a state has to know of it, on this process."""
-    forces = [p.force_normal[:, None] * p.normal + p.force_tangential for p in state.pairs]
     moved = interface.local([pair.displacement for pair in state.pairs])
-    return Reference(moved, interface.local(forces), _surfaces(state))
+    forces = interface.local([pair.force_vector for pair in state.pairs])
+    return Reference(moved, forces, _surfaces(state))
 
 
 def _check_increments(
