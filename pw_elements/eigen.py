@@ -3,7 +3,9 @@
 Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buckling.
 """
 
+import logging
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 from petsc4py import PETSc
 from slepc4py import SLEPc
@@ -14,6 +16,9 @@ import numpy.typing as npt
 from pw_elements._compat import renamed
 from pw_elements.algebra import Reduction, factorise, symmetric_part
 from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
+from pw_elements.progress import doing
+
+log = logging.getLogger(__name__)
 
 _TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
@@ -229,11 +234,18 @@ def _largest(
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
     eigensolver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
     eigensolver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
+    begun, comm = perf_counter(), A.comm.tompi4py()
     inverse = factorise(B, symmetric, solver)
     if symmetric:
         _refuse_indefinite(inverse, indefinite)
     eigensolver.getST().setKSP(inverse.ksp)
-    eigensolver.solve()
+    what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
+    with doing(comm, what):
+        eigensolver.solve()
+    if comm.rank == 0:
+        steps = eigensolver.getIterationNumber()
+        seconds = perf_counter() - begun
+        log.info("%s: %d iterations, %s, %.2f s", what, steps, inverse.report.method, seconds)
     if eigensolver.getConverged() < count:
         raise NoModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "

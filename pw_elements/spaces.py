@@ -130,6 +130,17 @@ def as_function(
     return function
 
 
+def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """The space of a vector space's components, its nodes numbered like the vectors'.
+
+    Raises:
+        NumberingError: if DOLFINx numbers the two spaces differently.
+    """
+    scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
+    _assert_one_numbering(space, scalars, blocks=False)
+    return scalars
+
+
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:
     cell = mesh.topology.cell_name()
     return fem.functionspace(mesh, quadratic_element(cell, _shape(mesh, components)))
@@ -141,11 +152,13 @@ def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:
     return (components,) if components else ()
 
 
-def _assert_one_numbering(trial: fem.FunctionSpace, test: fem.FunctionSpace) -> None:
+def _assert_one_numbering(
+    trial: fem.FunctionSpace, test: fem.FunctionSpace, blocks: bool = True
+) -> None:
     """No document of DOLFINx promises it, so it is looked at: here and nowhere else."""
     a, b = trial.dofmap, test.dofmap
     same = (
-        a.index_map_bs == b.index_map_bs
+        (a.index_map_bs == b.index_map_bs or not blocks)
         and a.index_map.size_local == b.index_map.size_local
         and np.array_equal(a.list, b.list)
         and np.array_equal(a.index_map.ghosts, b.index_map.ghosts)

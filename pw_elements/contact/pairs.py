@@ -93,3 +93,13 @@ class ContactPair:
     surface: Surface | MatchingNodes
     friction: float | Callable[[Array], Array] = 0.0
     motions: Sequence[Motion] = ()
+
+
+def translations_and_forces(
+    motions: Sequence[Motion | None], pairs: int, dim: int
+) -> tuple[Array, Array]:
+    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
+    rest = np.zeros(dim)
+    each = list(motions) or [None] * pairs
+    prescribed = [rest if m is None else m.prescribed() for m in each]
+    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in each])

@@ -138,6 +138,11 @@ class ContactState:
     free: Free
     orientations: frozenset[int]
 
+    @property
+    def translations(self) -> Array:
+        """Of all pairs' surfaces from their initial places, (pairs, dim)."""
+        return np.array([pair.translation for pair in self.pairs])
+
     def __getstate__(self) -> dict[str, Any]:
         vector = self.displacement
         kept = (vector.getSizes(), vector.comm.size, vector.array_r.copy())

@@ -16,6 +16,7 @@ the gaps, normals, friction and G, and it corrects the nodes' predicted motion b
 
 from collections.abc import Sequence
 from pathlib import Path
+from time import perf_counter
 
 from petsc4py import PETSc
 
@@ -26,10 +27,10 @@ from pw_elements.algebra import Reduction, is_finite
 from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
-from pw_elements.contact.interface import Interface
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
-from pw_elements.contact.pairs import ContactPair, Motion
+from pw_elements.contact.pairs import ContactPair, Motion, translations_and_forces
+from pw_elements.contact.progress import Callback, Watch
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
@@ -37,6 +38,7 @@ from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.progress import bar, doing
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
@@ -61,6 +63,8 @@ class ContactProblem:
         space: trial space of the displacements.
         solver: of the linear systems; `Direct()` unless given.
         max_iterations: linear systems per increment.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; what it raises ends the computation.
 
     Raises:
         ValueError: for input that states no contact problem (see `nodal.nodal_interface`).
@@ -75,6 +79,7 @@ class ContactProblem:
         space: fem.FunctionSpace,
         solver: LinearSolver | None = None,
         max_iterations: int = 50,
+        callback: Callback | None = None,
     ) -> None:
         if max_iterations < 1:
             raise ValueError(f"max_iterations = {max_iterations}: one at least")
@@ -83,6 +88,7 @@ class ContactProblem:
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
         self._interface = nodal_interface(pairs, space, reduction)
+        self._callback = callback
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
@@ -113,31 +119,46 @@ class ContactProblem:
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
         """
-        interface = self._interface
+        with doing(self._interface.comm, f"contact increment {state.increment}"):
+            return self._step(state, load, motions, guess)
+
+    def _step(
+        self,
+        state: ContactState,
+        load: PETSc.Vec,
+        motions: Sequence[Motion | None],
+        guess: ContactState | None,
+    ) -> ContactState:
+        begun, interface = perf_counter(), self._interface
         self._check(state, load, motions, guess)
-        prescribed, forces = _translations(motions, interface.pairs, interface.position.shape[1])
+        dim = interface.position.shape[1]
+        prescribed, forces = translations_and_forces(motions, interface.pairs, dim)
         free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
         system, rigid = self._bound(free)
         before = system.report
         totals = np.array([forces[at] for at in free])
-        past = _reference(state, interface)
+        past = Reference.of(state, interface)
         increment = Increment(system, self._K, load, prescribed, totals, past)
         hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
         policy = Policy(hold, interface.comm)
 
-        first = _surfaces(guess or state)
+        first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
         interface.check_supports(translations)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
+        watch = Watch(interface.comm, state.increment, self._callback)
+        told = watch.iterated if watch.wanted else None
         try:
-            now, iterations = newton(increment, active, place, policy, self._most)
+            now, iterations = newton(increment, active, place, policy, self._most, told)
         except ContactNotConverged:
             if policy.lost:  # and nothing that was tried instead held the body
                 raise policy.lost[-1] from None
             raise
         interface.check_supports(now.translations)
-        return contact_state(increment, now, iterations, state, system.report.since(before))
+        found = contact_state(increment, now, iterations, state, system.report.since(before))
+        watch.ended(found, increment.violation(now), perf_counter() - begun)
+        return found
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
@@ -207,6 +228,7 @@ def solve_contact(
     start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
     solver: LinearSolver | None = None,
+    callback: Callback | None = None,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
 
@@ -224,6 +246,8 @@ def solve_contact(
             touch, every other one from the previous one.
         max_iterations: linear systems per increment.
         solver: of the linear systems; `Direct()` unless given.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; what it raises ends the computation.
 
     Raises:
         ValueError: for input that states no contact problem (see `nodal.nodal_interface`),
@@ -236,40 +260,19 @@ def solve_contact(
     loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
     pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
     start = [start] if isinstance(start, ContactState) else list(start)
-    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations)
+    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback)
     _check_increments(loads, pairs, space.mesh.geometry.dim, start)
     states = [problem.undeformed]
     for k, load in enumerate(loads):
         motions = [pair.motions[k] if pair.motions else None for pair in pairs]
         try:
-            states.append(problem.step(states[-1], load, motions, start[k] if start else None))
+            with doing(space.mesh.comm, bar(k, len(loads))):
+                states.append(problem.step(states[-1], load, motions, start[k] if start else None))
         except ContactFailed as error:
             named = type(error)(f"increment {k}: {error}")
             named.states = states[1:]
             raise named from error
     return states[1:]
-
-
-def _translations(
-    motions: Sequence[Motion | None], pairs: int, dim: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
-    rest = np.zeros(dim)
-    each = list(motions) or [None] * pairs
-    prescribed = [rest if m is None else m.prescribed() for m in each]
-    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in each])
-
-
-def _surfaces(state: ContactState) -> np.ndarray:
-    """Translations (pairs, dim)."""
-    return np.array([pair.translation for pair in state.pairs])
-
-
-def _reference(state: ContactState, interface: Interface) -> Reference:
-    """What an increment from a state has to know of it, on this process."""
-    moved = interface.local([pair.displacement for pair in state.pairs])
-    forces = interface.local([pair.force_vector for pair in state.pairs])
-    return Reference(moved, forces, _surfaces(state))
 
 
 def _check_increments(
