@@ -39,9 +39,9 @@ class ContactFields:
 
     Pressures are forces over areas and need the body (thickness, circumference), see
     `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
-    is given. What is known is their values at nodes; the integral over the surface is the total
-    force if the test functions interpolate between them: with piecewise-linear weights that of
-    `as_function(test_space(p.function_space), p.x.petsc_vec)`, p being the pressure.
+    is given. What is known is their values at nodes: if these are interpolated by the test
+    functions, the integral over the surface is the total force. Where the weights are piecewise
+    linear, so is that interpolation, and the trial function's integral is near it only.
 
     Args:
         displacement: vector.
