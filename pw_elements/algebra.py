@@ -12,7 +12,7 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -26,11 +26,15 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 
+from pw_elements.collective import collective
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
+from pw_elements.parts import numbered
 from pw_elements.progress import doing
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
+# Largest difference of two values that one degree of freedom may be given, over these
+_CONTRADICTION = 1e-9
 # Entries of a matrix below this, over its largest, are zeros
 _ROUND_OFF = 1e-13
 
@@ -91,13 +95,17 @@ class Reduction:
 
     @classmethod
     def dirichlet(
-        cls, space: fem.FunctionSpace, conditions: Sequence[fem.DirichletBC]
+        cls, space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
     ) -> "Reduction":
-        """Drops the prescribed degrees of freedom; `conditions` are set on the trial space.
+        """Drops the prescribed degrees of freedom.
+
+        Args:
+            space: trial space.
+            conditions: made on it; a single one needs no list.
 
         Raises:
-            ValueError: if they leave nothing free, a prescribed value is not finite, or a
-                condition was made on another space.
+            ValueError: if they leave nothing free or contradict each other, a prescribed value is
+                not finite, or a condition was made on another space.
         """
         free, offset = _prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
@@ -109,30 +117,34 @@ class Reduction:
         cls,
         K: PETSc.Mat,
         space: fem.FunctionSpace,
-        nodes: npt.NDArray[np.int32],
-        conditions: Sequence[fem.DirichletBC] = (),
+        nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
     ) -> "Reduction":
         """Condenses inner nodes statically, and drops prescribed degrees of freedom.
 
         Args:
             K: stiffness (n, n), free; it may be unsymmetric.
             space: trial space.
-            nodes: local numbers of the inner nodes (ghosts are passed over), no two of which
-                share a cell: K_ii is inverted node by node.
-            conditions: Dirichlet conditions on the other nodes.
+            nodes: local numbers of the inner nodes, or a mask of these (ghosts are passed over),
+                no two of which share a cell: K_ii is inverted node by node.
+            conditions: Dirichlet conditions on the other nodes; a single one needs no list.
 
         Raises:
-            ValueError: if K couples inner nodes, a condition holds on one or was made on
-                another space, nothing is left free, or a prescribed value is not finite.
+            ValueError: if K couples inner nodes, a number is none of a node, a condition holds on
+                an inner one or was made on another space, nothing is left free, conditions
+                contradict each other, or a prescribed value is not finite.
             SingularSystem: if an inner node has no stiffness.
         """
         free, offset = _prescribed(space, conditions)
         block = space.dofmap.index_map_bs
         inner = np.zeros(len(free), dtype=bool)
-        inner.reshape(-1, block)[nodes[nodes < space.dofmap.index_map.size_local]] = True
-        comm = space.mesh.comm
-        if comm.allreduce(int(np.any(inner & ~free)), MPI.MAX):
-            raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
+        comm, index_map = space.mesh.comm, space.dofmap.index_map
+        with collective(comm):
+            known = index_map.size_local + index_map.num_ghosts
+            chosen = numbered(comm, "the nodes to be condensed", nodes, known)
+            inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
+            if np.any(inner & ~free):
+                raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
         _check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
         Q = _inner_flexibility(K, inner, block)
         kept = _selection(free & ~inner, offset)
@@ -321,25 +333,36 @@ def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> 
 
 
 def _prescribed(
-    space: fem.FunctionSpace, conditions: Sequence[fem.DirichletBC]
+    space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
     """Which owned degrees of freedom are free, and the prescribed values (zero where free).
 
     Raises:
-        ValueError: if a prescribed value is not finite, or a condition is another space's.
+        ValueError: if a prescribed value is not finite, conditions contradict each other, or one
+            is another space's.
     """
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     owned = index_map.size_local * block
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
-    for condition in conditions:
-        _check_space(condition, space)
-        dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
-        free[dofs[dofs < owned]] = False
-        condition.set(values)
     comm = space.mesh.comm
-    if not comm.allreduce(int(np.isfinite(values[:owned]).all()), MPI.MIN):
-        raise ValueError("a prescribed value is not a finite number")
+    with collective(comm):
+        for condition in conditions if isinstance(conditions, Iterable) else [conditions]:
+            _check_space(condition, space)
+            dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
+            dofs = dofs[dofs < owned]
+            before = values.copy()
+            condition.set(values)
+            again = dofs[~free[dofs]]
+            free[dofs] = False
+            if not np.isfinite(values[dofs]).all():
+                raise ValueError("a prescribed value is not a finite number")
+            size = np.abs([before[again], values[again]]).max(initial=0.0)
+            if np.abs(before[again] - values[again]).max(initial=0.0) > _CONTRADICTION * size:
+                raise ValueError(
+                    "two Dirichlet conditions prescribe different values of the same degree of "
+                    "freedom"
+                )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
     return free, offset
@@ -347,6 +370,11 @@ def _prescribed(
 
 def _check_space(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
     """Raises ValueError for a condition on another mesh, or on a space with other nodes."""
+    if not isinstance(condition, fem.DirichletBC):
+        raise ValueError(
+            f"conditions: {type(condition).__name__} in place of a DirichletBC, such as "
+            "`prescribe` and fem.dirichletbc make"
+        )
     theirs = condition.function_space
     other, own = theirs.dofmap.index_map, space.dofmap.index_map
     same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
@@ -378,15 +406,17 @@ def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -
     own = row // block == column // block
     blocks = np.zeros(((last - first) // block, block, block))
     blocks[(row[own] - first) // block, row[own] % block, column[own] % block] = value[own]
-    size = np.abs(blocks).max(initial=0.0)
-    coupling = np.abs(value[~own]).max(initial=0.0)
-    if comm.allreduce(coupling, MPI.MAX) > _ROUND_OFF * comm.allreduce(size, MPI.MAX):
-        raise ValueError(
-            "the stiffness couples nodes that are to be condensed: no two of them may share a cell"
-        )
-    singular = bool(len(blocks)) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF)
-    if comm.allreduce(int(singular), MPI.MAX):
-        raise SingularSystem("a node that is to be condensed has no stiffness")
+    size = comm.allreduce(np.abs(blocks).max(initial=0.0), MPI.MAX)
+    with collective(comm):
+        if not np.isfinite(value).all():
+            raise ValueError("the stiffness of a node that is to be condensed is not finite")
+        if np.abs(value[~own]).max(initial=0.0) > _ROUND_OFF * size:
+            raise ValueError(
+                "the stiffness couples nodes that are to be condensed: no two of them may share a "
+                "cell"
+            )
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF):
+            raise SingularSystem("a node that is to be condensed has no stiffness")
     inverse = np.linalg.inv(blocks)
 
     width = np.where(inner, block, 0)

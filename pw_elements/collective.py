@@ -62,7 +62,7 @@ def _sent(error: Exception | None) -> Exception | None:
 def answer(
     comm: MPI.Comm, whose: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
-    """What a user's function returns; local, and to be called under the guard.
+    """What a user's function returns; local, for use under the guard.
 
     Raises:
         ValueError: in place of whatever the function raises, which is its cause.
@@ -95,15 +95,15 @@ def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
         if len(set(each)) > 1:
             other = next(k for k, digest in enumerate(each) if digest != each[0])
             raise ValueError(
-                f"{name} differs between processes, between 0 and {other} for one: all of them "
-                "have to state the same problem"
+                f"{name}: this differs between processes 0 and {other}, but all of them have to "
+                "state the same problem"
             )
 
 
 def _digest(value: object) -> bytes:
     """16 bytes for a plain value."""
     if is_dataclass(value) and not isinstance(value, type):
-        content = b"".join(map(_digest, vars(value).values()))
+        content = b"".join(map(_digest, [type(value).__qualname__, *vars(value).values()]))
     elif isinstance(value, str):
         content = value.encode()
     elif isinstance(value, np.ndarray | np.number | int | float) and _real(value):

@@ -7,7 +7,7 @@ the place of the matrices B, of shape functions, and of Eq. (8), of weight funct
 Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, TypeAlias
@@ -19,16 +19,17 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem
-from dolfinx.mesh import Mesh, exterior_facet_indices, locate_entities_boundary, meshtags
+from dolfinx.mesh import Mesh, meshtags
 from ufl.core.expr import Expr
 
 from pw_elements._compat import renamed
+from pw_elements.collective import agree, collective
+from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.spaces import Spaces
+from pw_elements.values import is_number, number, vector, whole
 
 Scalar: TypeAlias = float | Expr
 Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
-Marker: TypeAlias = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
-Part: TypeAlias = Marker | npt.NDArray[np.int32]  # of the boundary: a marker, or facets
 
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
@@ -241,41 +242,22 @@ class Body:
         return value
 
 
-def exterior_facets(mesh: Mesh, where: Part) -> npt.NDArray[np.int32]:
-    """Local numbers of a part of the boundary's facets, of owned cells.
-
-    Args:
-        mesh: the mesh.
-        where: marker, which takes points (3, n) and has to hold at every vertex of a facet, or
-            local numbers of facets, as `MeshTags.find` gives them.
-
-    Raises:
-        ValueError: if a number is none of a facet.
-    """
-    dimension = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(dimension, mesh.topology.dim)
-    if callable(where):
-        marked = locate_entities_boundary(mesh, dimension, where)
-    else:
-        marked = np.asarray(where)
-        index_map = mesh.topology.index_map(dimension)
-        count = index_map.size_local + index_map.num_ghosts
-        if len(marked) and (marked.min() < 0 or marked.max() >= count):
-            raise ValueError(f"facets: there are {count} of them on this process, counted from 0")
-    return np.intersect1d(marked, exterior_facet_indices(mesh.topology)).astype(np.int32)
-
-
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
-    """Surface measure of a part of the boundary, see `exterior_facets`.
+    """Surface measure of a part of the boundary, see `parts.exterior_facets`.
 
     Args:
         mesh: the mesh.
-        where: marker, or facets.
+        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
+            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
         quadrature_degree: of the facet integrals.
 
     Raises:
-        ValueError: if no exterior facet is marked.
+        ValueError: if no exterior facet is marked, the marker fails or gives no truth values, or
+            a number is none of a facet.
     """
+    with collective(mesh.comm):
+        whole("quadrature_degree", quadrature_degree, 0)
+    agree(mesh.comm, {"quadrature_degree": quadrature_degree})
     dimension = mesh.topology.dim - 1
     facets = exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
@@ -295,14 +277,24 @@ def prescribe(
 ) -> fem.DirichletBC:
     """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
 
+    Args:
+        space: trial space.
+        component: counted from 0.
+        where: marker of the nodes' positions as columns (3, n).
+        value: of the component.
+
     Raises:
-        ValueError: if there is no such node, or no such component.
+        ValueError: if there is no such node or no such component, the marker fails or gives no
+            truth values, or the value is no finite number.
     """
-    components = space.dofmap.index_map_bs
-    if not 0 <= component < components:
-        raise ValueError(f"component {component}: the space has {components}, counted from 0")
-    dofs = _nodes(space, where) * space.dofmap.index_map_bs + component
-    return fem.dirichletbc(default_scalar_type(value), dofs, space.sub(component))
+    comm, components = space.mesh.comm, space.dofmap.index_map_bs
+    with collective(comm):
+        if not (is_number(component) and component in range(components)):
+            raise ValueError(f"component {component}: the space has {components}, counted from 0")
+        number("the prescribed value", value)
+    agree(comm, {"the component": component, "the prescribed value": value})
+    dofs = _nodes(space, where, "the prescribed nodes") * components + int(component)
+    return fem.dirichletbc(default_scalar_type(value), dofs, space.sub(int(component)))
 
 
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
@@ -310,22 +302,29 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
 
     It is the same for every test space with W_i(x_i) = 1.
 
+    Args:
+        space: trial space.
+        where: marker of the nodes' positions as columns (3, n).
+        force: (components,), on each of the nodes.
+
     Raises:
-        ValueError: if there is no such node, or the force has another number of components
-            than the space, or one that is not finite.
+        ValueError: if there is no such node, the marker fails or gives no truth values, or the
+            force has another number of components than the space, or one that is not finite.
     """
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    if len(force) != block or not np.all(np.isfinite(force)):
-        raise ValueError(f"nodal force {list(force)}: it needs {block} finite components")
-    nodes = _nodes(space, where)
+    comm = space.mesh.comm
+    with collective(comm):
+        vector("nodal force", force, block)
+    agree(comm, {"the nodal force": force})
+    nodes = _nodes(space, where, "the loaded nodes")
     nodes = nodes[nodes < index_map.size_local]
     first = index_map.local_range[0]
     load = PETSc.Vec().createMPI(
-        (index_map.size_local * block, index_map.size_global * block), comm=space.mesh.comm
+        (index_map.size_local * block, index_map.size_global * block), comm=comm
     )
     for component, value in enumerate(force):
         dofs = ((nodes + first) * block + component).astype(PETSc.IntType)
-        load.setValues(dofs, np.full(len(dofs), value))
+        load.setValues(dofs, np.full(len(dofs), value, dtype=float))
     load.assemble()
     return load
 
@@ -341,12 +340,16 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     grow whatever the time step (section V9 of the study).
 
     Raises:
-        ValueError: if a row sum is not positive; it names the nodes.
+        ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of
+            the space.
     """
+    size = space.dofmap.index_map.size_global * space.dofmap.index_map_bs
+    if M.getSize() != (size, size):
+        raise ValueError(f"the mass matrix is {M.getSize()}, but the space has {size} unknowns")
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)
     M.mult(ones, mass)
-    bad = mass.array_r <= _ROUND_OFF * diagonal.array_r
+    bad = ~(mass.array_r > _ROUND_OFF * diagonal.array_r)  # NaN is bad, too
     nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
     count = space.mesh.comm.allreduce(len(nodes), MPI.SUM)
     if count > 0:
@@ -363,10 +366,13 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return lumped
 
 
-def _nodes(space: fem.FunctionSpace, where: Marker) -> npt.NDArray[np.int32]:
+def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:
     """Local node numbers (ghosts too) at which the marker holds."""
-    nodes = fem.locate_dofs_geometrical(space, where)
-    if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
+    comm = space.mesh.comm
+    with collective(comm):
+        holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)
+    nodes = np.flatnonzero(holds).astype(np.int32)
+    if comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
     return nodes
 

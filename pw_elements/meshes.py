@@ -11,9 +11,13 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import CellType, DiagonalType, Mesh, create_mesh, create_rectangle
 
+from pw_elements.collective import agree, answer, collective
+from pw_elements.values import field, vector
+
+Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
-Map = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]
+Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
 
 def triangles(
@@ -28,10 +32,9 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    _check(lower, upper, divisions)
-    if pattern not in PATTERNS:
-        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
-    return create_rectangle(comm, [lower, upper], divisions, diagonal=DiagonalType[pattern])
+    _check(comm, lower, upper, divisions, pattern)
+    cells = [int(n) for n in divisions]
+    return create_rectangle(comm, [lower, upper], cells, diagonal=DiagonalType[pattern])
 
 
 def quadrilaterals(
@@ -45,8 +48,9 @@ def quadrilaterals(
     Raises:
         ValueError: for an empty rectangle or no divisions.
     """
-    _check(lower, upper, divisions)
-    return create_rectangle(comm, [lower, upper], divisions, CellType.quadrilateral)
+    _check(comm, lower, upper, divisions)
+    cells = [int(n) for n in divisions]
+    return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
 
 
 def on_lines(
@@ -66,10 +70,15 @@ def on_lines(
         pattern: how rectangles are cut in triangles.
 
     Raises:
-        ValueError: if lines do not increase, or the pattern is unknown.
+        ValueError: if lines do not increase, or the cell or the pattern is unknown.
     """
-    if not (np.all(np.diff(x_lines) > 0) and np.all(np.diff(y_lines) > 0)):
-        raise ValueError("mesh lines have to increase")
+    with collective(comm):
+        for name, lines in (("x_lines", x_lines), ("y_lines", y_lines)):
+            if not np.all(np.diff(vector(name, lines)) > 0):
+                raise ValueError("mesh lines have to increase")
+        if cell not in ("triangle", "quadrilateral"):
+            raise ValueError(f'cell {cell!r}: the cells are "triangle" and "quadrilateral"')
+    agree(comm, {"x_lines": x_lines, "y_lines": y_lines, "cell": cell})
     divisions = (len(x_lines) - 1, len(y_lines) - 1)
     corners = (0.0, 0.0), (float(divisions[0]), float(divisions[1]))
 
@@ -85,13 +94,29 @@ def on_lines(
 
 
 def mapped(mesh: Mesh, image: Map) -> Mesh:
-    """Moves the mesh's nodes, (n, 3) to (n, 3), in place; straight sides stay straight."""
-    mesh.geometry.x[:] = image(mesh.geometry.x)
+    """Moves the mesh's nodes in place; straight sides stay straight.
+
+    Args:
+        mesh: the mesh.
+        image: of points as rows, (n, 3) to (n, 3); or to (n, dim) of a mesh in dim dimensions.
+
+    Raises:
+        ValueError: if the image fails, has another shape, or is not finite; nothing has moved then.
+    """
+    mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, image, mesh.geometry.x)
     return mesh
 
 
 def curved(mesh: Mesh, image: Map) -> Mesh:
-    """New mesh of degree-2 geometry whose nodes, mid-side ones too, are images (n, 3)."""
+    """New mesh of degree-2 geometry whose nodes, mid-side ones too, are images.
+
+    Args:
+        mesh: of straight sides.
+        image: of points as rows, (n, 3) to (n, 3); or to (n, dim) of a mesh in dim dimensions.
+
+    Raises:
+        ValueError: if the image fails, has another shape, or is not finite.
+    """
     dimension = mesh.geometry.dim
     element = basix.ufl.element("Lagrange", mesh.topology.cell_name(), 2, shape=(dimension,))
     nodes = fem.functionspace(mesh, element)
@@ -101,14 +126,40 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
     order = np.argsort(mesh.topology.original_cell_index[:cells_owned])
     local = nodes.dofmap.list[order]
     cells = index_map.local_to_global(local.ravel().astype(np.int32)).reshape(local.shape)
-    x = image(nodes.tabulate_dof_coordinates()[: index_map.size_local])[:, :dimension]
+    x = _placed(mesh, image, nodes.tabulate_dof_coordinates()[: index_map.size_local])
     return create_mesh(mesh.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
 
 
+def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
+    """Images (n, dim) of points (n, 3)."""
+    dim = mesh.geometry.dim
+    with collective(mesh.comm):
+        given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
+        shape = (len(x), dim if given.shape[1:] == (dim,) else 3)
+        placed = field(
+            "the image of the mesh", given, shape, f"rows (n, 3) to (n, 3) or (n, {dim})"
+        )
+        if not np.isfinite(placed).all():
+            raise ValueError("the image of the mesh is not finite at a node")
+    return placed[:, :dim]
+
+
 def _check(
-    lower: tuple[float, float], upper: tuple[float, float], divisions: tuple[int, int]
+    comm: MPI.Comm,
+    lower: tuple[float, float],
+    upper: tuple[float, float],
+    divisions: tuple[int, int],
+    pattern: Pattern = "right",
 ) -> None:
-    if not all(a < b for a, b in zip(lower, upper, strict=True)):
-        raise ValueError(f"a rectangle from {lower} to {upper} has no area")
-    if min(divisions) < 1:
-        raise ValueError(f"divisions {divisions}: at least one in each direction")
+    with collective(comm):
+        if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
+            raise ValueError(f"a rectangle from {lower} to {upper} has no area")
+        numbers = vector("divisions", divisions, 2)
+        if numbers.min() < 1 or np.any(numbers % 1 != 0):
+            raise ValueError(f"divisions {divisions}: at least one in each direction")
+        if pattern not in PATTERNS:
+            raise ValueError(
+                f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}"
+            )
+    same = {"lower": lower, "upper": upper, "divisions": divisions, "pattern": pattern}
+    agree(comm, same)

@@ -25,8 +25,11 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
-from pw_elements.mechanics import Body, Marker, Part, boundary_measure, exterior_facets
+from pw_elements.collective import agree, collective
+from pw_elements.mechanics import Body, boundary_measure
+from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.spaces import Spaces
+from pw_elements.values import is_number
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -91,14 +94,32 @@ def forces_along(
     """Nodal forces at the nodes a marker holds on, sorted along a coordinate axis.
 
     Every process gets the whole line.
+
+    Args:
+        space: trial space.
+        forces: vector (n,) of nodal forces.
+        where: marker of the nodes' positions as columns (3, n).
+        axis: along which they are sorted, counted from 0.
+
+    Raises:
+        ValueError: if there is no such node or no such axis, the marker fails or gives no truth
+            values, or the vector is not one of the space.
     """
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    nodes = fem.locate_dofs_geometrical(space, where)
+    comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
+    with collective(comm):
+        if not (is_number(axis) and axis in range(3)):
+            raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
+        if forces.getLocalSize() != index_map.size_local * block:
+            raise ValueError("the forces are no vector of the space: their sizes differ")
+        nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
+    agree(comm, {"axis": axis})
     nodes = nodes[nodes < index_map.size_local]
-    comm = space.mesh.comm
-    position = comm.allgather(space.tabulate_dof_coordinates()[nodes])
+    position = comm.allgather(x[nodes])
     force = comm.allgather(forces.array_r.reshape(-1, block)[nodes])
     position, force = np.concatenate(position), np.concatenate(force)
+    if not len(position):
+        raise ValueError("the marker holds at no node of the space: check its coordinates")
     order = np.argsort(position[:, axis])
     return BoundaryForces(position[order], force[order])
 
@@ -130,12 +151,13 @@ class SurfaceNodes:
 
     @classmethod
     def of(cls, body: Body, where: Part) -> "SurfaceNodes":
-        """A part of the boundary: facets, or a marker that holds at every vertex of one.
+        """A part of the boundary, see `parts.exterior_facets`.
 
         Nodes of a `ContactPair` with the same marker are the same if it ends at vertices.
 
         Raises:
-            ValueError: if there are none.
+            ValueError: if there are none, the marker fails or gives no truth values, or a number
+                is none of a facet.
         """
         space = body.spaces.trial
         position, own, node = _areas(body, where)

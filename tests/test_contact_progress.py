@@ -91,6 +91,8 @@ def test_a_callback_that_raises_ends_the_computation():
     )
     with pytest.raises(ZeroDivisionError):
         problem.step(problem.undeformed, BLOCK.pressure)
+    with pytest.raises(ValueError, match="callback: list in place of a function"):
+        solved([])
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")

@@ -40,27 +40,3 @@ def test_same_numbers_on_one_two_and_three_processes(module):
         for name, value in serial.items():
             difference = np.abs(np.subtract(parallel[name], value)).max()
             assert difference <= 1e-10 * size(name, value), name
-
-
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-def test_error_on_one_process_ends_all():
-    command = ["mpirun", "-n", "2", sys.executable, "-m", "tests.failing_surface"]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=120)
-    assert sorted(run.stdout.splitlines()) == [
-        "KeyError: 'no friction known'",
-        "ValueError: a surface or friction function failed on another process",
-    ]
-
-
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-@pytest.mark.parametrize("processes", [2, 3])
-def test_all_processes_notice_nan_on_one(processes):
-    python = [sys.executable, "-m", "mpi4py", "-m"]
-    command = ["mpirun", "-n", str(processes), *python, "tests.nan_on_one"]
-    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    said = sorted(done.stdout.splitlines())
-    assert said == sorted(
-        ["ValueError: the load vector or a prescribed value is not finite"] * processes
-        + ["ValueError: the load of increment 0 is not finite"] * processes
-    )

@@ -17,9 +17,10 @@ no other force appears, so that the force can be read from it; and that G's unit
 stiffness over K's, by which the law's scale is found. Law, kinematics and loop see points only.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -28,9 +29,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from pw_elements.collective import answer, collective
 from pw_elements.contact.errors import listed
 from pw_elements.contact.surfaces import Surface
 from pw_elements.recovery import by_position
+from pw_elements.values import field
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -201,53 +204,28 @@ class Interface:
 
     def gaps(self, translations: Array | None) -> Array:
         """Gap (m,) of the undeformed body to the translated surfaces."""
-        return self._by_pair(lambda surface, x: surface.gap(x), translations, ())
+        return self._by_pair("gap", translations, ())
 
     def normals(self, translations: Array | None) -> Array:
         """Normals (m, dim) of the translated surfaces at the undeformed body."""
         dim = self.position.shape[1]
-        return self._by_pair(lambda surface, x: surface.normal(x), translations, (dim,))
+        return self._by_pair("normal", translations, (dim,))
 
     def _by_pair(
-        self,
-        ask: Callable[[Surface, Array], Array],
-        translations: Array | None,
-        shape: tuple[int, ...],
+        self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]
     ) -> Array:
         x = self.position - self.shifts(translations)
         values = np.empty((len(x), *shape))
+        layout = f"it takes points as rows (n, dim) and gives {'(n, dim)' if shape else '(n,)'}"
 
-        def fill() -> Array:
+        with collective(self.comm):
             for k, surface in enumerate(self.surfaces):
                 mine = self.pair == k
                 if mine.any():
-                    answer = np.asarray(ask(surface, x[mine]))
-                    if answer.shape != (mine.sum(), *shape):
-                        raise ValueError(
-                            f"the surface of contact pair {k} answers with the shape "
-                            f"{answer.shape} to {mine.sum()} points, which are rows (n, dim)"
-                        )
-                    values[mine] = answer
-            return values
-
-        return together(self.comm, fill)
-
-
-def together(comm: MPI.Comm, ask: Callable[[], Array]) -> Array:
-    """What the user's functions give; where they fail on one process, all of them stop.
-
-    Raises:
-        ValueError: on the other processes.
-    """
-    error: Exception | None = None
-    values: Array = np.empty(0)
-    try:
-        values = ask()
-    except Exception as raised:
-        error = raised
-    if comm.allreduce(int(error is not None), MPI.MAX):
-        raise error or ValueError("a surface or friction function failed on another process")
-    return values
+                    whose = f"the {what} of the surface of contact pair {k}"
+                    given = answer(self.comm, whose, getattr(surface, what), x[mine])
+                    values[mine] = field(whose, given, (int(mine.sum()), *shape), layout)
+        return values
 
 
 def _matrix(rows: sp.csr_matrix, columns: PETSc.Vec) -> PETSc.Mat:

@@ -10,11 +10,13 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.interface import Interface, Points, together
+from pw_elements.collective import answer, collective
+from pw_elements.contact.interface import Interface, Points
 from pw_elements.contact.matching import opposite_nodes
 from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
+from pw_elements.values import field
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -44,15 +46,13 @@ def nodal_interface(
         _check_dimension(k, shape, dim)
     body = BodyNodes.of(space, reduction)
     found = [owned_nodes(f"contact pair {k}", pair.nodes, space) for k, pair in enumerate(pairs)]
-    friction = together(
-        space.mesh.comm,
-        lambda: np.concatenate(
-            [_friction(pair, body.x[f]) for pair, f in zip(pairs, found, strict=True)]
-        ),
-    )
-    parts = np.split(friction, np.cumsum([len(f) for f in found])[:-1])
+    with collective(space.mesh.comm):
+        friction = [
+            _friction(space.mesh.comm, k, pair, body.x[node])
+            for k, (pair, node) in enumerate(zip(pairs, found, strict=True))
+        ]
     points, faced = [], []
-    for k, (pair, node, mu) in enumerate(zip(pairs, found, parts, strict=True)):
+    for k, (pair, node, mu) in enumerate(zip(pairs, found, friction, strict=True)):
         opposite = None
         if isinstance(pair.surface, MatchingNodes):
             whose = f"contact pair {k}, opposite side"
@@ -114,13 +114,12 @@ def _check_dimension(number: int, surface: Surface, dim: int) -> None:
             )
 
 
-def _friction(pair: ContactPair, x: Array) -> Array:
+def _friction(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array:
+    """Coulomb's mu (n,) at positions (n, dim); local, for use under the guard."""
+    if not callable(pair.friction):
+        return np.full(len(x), pair.friction, dtype=float)
     points = np.zeros((3, len(x)))
     points[: x.shape[1]] = x.T
-    mu = np.asarray(pair.friction(points) if callable(pair.friction) else pair.friction, float)
-    if mu.shape not in ((), (len(x),)):
-        raise ValueError(
-            f"the friction function gave values of the shape {mu.shape} for {len(x)} points: "
-            "it takes points as columns (3, n) and gives (n,)"
-        )
-    return np.broadcast_to(mu, (len(x),))
+    whose = f"the friction of contact pair {number}"
+    given = answer(comm, whose, pair.friction, points) if len(x) else points[0]
+    return field(whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)")

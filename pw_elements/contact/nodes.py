@@ -14,7 +14,7 @@ from dolfinx.mesh import exterior_facet_indices
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction, assemble_vector
 from pw_elements.contact.errors import listed
-from pw_elements.contact.pairs import Nodes
+from pw_elements.parts import Part, nodes_of
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -68,31 +68,14 @@ class BodyNodes:
             raise ValueError(f"contact nodes at {listed(places)} {what}")
 
 
-def owned_nodes(whose: str, nodes: Nodes, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+def owned_nodes(whose: str, nodes: Part, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
     """Local numbers of the nodes that this process owns.
 
     Raises:
-        ValueError: for numbers that are no node's.
+        ValueError: for numbers that are no node's, or a marker that fails.
     """
-    index_map = space.dofmap.index_map
-    if callable(nodes):
-        marked = fem.locate_dofs_geometrical(space, nodes)
-        return np.asarray(marked[marked < index_map.size_local], dtype=np.int32)
-    known = index_map.size_local + index_map.num_ghosts
-    given = np.asarray(nodes)
-    wrong = False
-    if given.dtype == bool:
-        wrong = len(given) != known
-        given = np.flatnonzero(given)
-    elif len(given):
-        wrong = given.min() < 0 or given.max() >= known
-    if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
-        raise ValueError(
-            f"{whose}: its nodes are no local numbers of the space's {known} nodes, "
-            "nor a mask of these"
-        )
-    given = np.unique(given).astype(np.int32)
-    return np.asarray(given[given < index_map.size_local])
+    given = nodes_of(space, whose, nodes)
+    return given[given < space.dofmap.index_map.size_local]
 
 
 def _on_boundary(space: fem.FunctionSpace) -> npt.NDArray[np.bool_]:

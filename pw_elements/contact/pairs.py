@@ -1,18 +1,17 @@
 """What the user states: contact pairs and the motions of their surfaces."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx.mesh import MeshTags
 
 from pw_elements.contact.surfaces import Surface
-from pw_elements.mechanics import Marker
+from pw_elements.parts import Part
+from pw_elements.values import is_number, number, vector
 
 Array = npt.NDArray[np.float64]
-# Marker of positions (3, n), or local numbers, or a mask of these
-Nodes: TypeAlias = Marker | npt.NDArray[np.int32] | npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -26,19 +25,24 @@ class Motion:
             the axis); without meaning in prescribed ones.
 
     Raises:
-        ValueError: for values that are not finite, or a force in a prescribed component.
+        ValueError: for values that are no finite numbers, or a force in a prescribed component.
     """
 
     translation: Sequence[float | None]
     force: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        force = np.zeros(len(self.translation)) if self.force is None else np.asarray(self.force)
+        if np.ndim(np.asarray(self.translation)) != 1:
+            raise ValueError(f"translation {self.translation!r} of a motion: it has to be a vector")
+        force = np.zeros(len(self.translation)) if self.force is None else self.force
+        if np.ndim(force) != 1:
+            raise ValueError(f"force {force!r} of a motion: it has to be a vector")
         if len(force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
         for component, (moved, pushed) in enumerate(zip(self.translation, force, strict=True)):
-            if not np.isfinite(pushed) or not (moved is None or np.isfinite(moved)):
-                raise ValueError(f"component {component} of a motion is not finite")
+            number(f"component {component} of a motion's force", pushed)
+            if moved is not None:
+                number(f"component {component} of a motion's translation", moved)
             if moved is not None and pushed:
                 raise ValueError(
                     f"component {component} of a motion has a translation and a force: "
@@ -47,11 +51,12 @@ class Motion:
 
     def prescribed(self) -> Array:
         """Translations (dim,), NaN where they are free."""
-        return np.array([np.nan if u is None else u for u in self.translation])
+        return np.array([np.nan if u is None else u for u in self.translation], dtype=float)
 
     def forces(self) -> Array:
         """Total forces (dim,)."""
-        return np.zeros(len(self.translation)) if self.force is None else np.array(self.force)
+        force = np.zeros(len(self.translation)) if self.force is None else self.force
+        return np.array(force, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -68,11 +73,24 @@ class MatchingNodes:
         shape: what a rigid surface in the opposite part's place would be: gap (n,) to it and
             normal (n, dim) towards the pair's own nodes, at their positions (n, dim).
         offset: (dim,), from the pair's nodes to the ones that they face; zero unless given.
+
+    Raises:
+        ValueError: for arguments that are none of these, exchanged ones, for example.
     """
 
-    nodes: Nodes
+    nodes: Part
     shape: Surface
     offset: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        _check_nodes(self.nodes, "MatchingNodes(nodes, shape)")
+        if not _is_surface(self.shape):
+            raise ValueError(
+                f"the shape of matching nodes is {_kind(self.shape)}: it has to be a surface, with "
+                "a gap and a normal"
+            )
+        if self.offset is not None:
+            vector("the offset of matching nodes", self.offset)
 
 
 @dataclass(frozen=True)
@@ -80,26 +98,63 @@ class ContactPair:
     """Nodes of the body that may touch a rigid surface, or the nodes of another part of it.
 
     Args:
-        nodes: marker of their positions (3, n), or their local numbers in the space, such as
-            `fem.locate_dofs_topological` gives for tagged facets, or a mask of these (ghosts are
-            passed over, so that every process may give all it knows).
+        nodes: marker of their positions as columns (3, n), or their local numbers in the space,
+            such as `fem.locate_dofs_topological` gives for tagged facets, or a mask of these
+            (ghosts are passed over, so that every process may give all it knows).
         surface: the rigid surface at its initial place, or what faces the nodes instead.
-        friction: Coulomb's mu, or a function of positions (3, n) that gives it per node. A
-            node between a smooth and a rough part is thereby assigned to one of them.
-        motions: one per increment of `solve_contact`; the surface rests where there are none.
+        friction: Coulomb's mu, or a function of positions as columns (3, n) that gives it per
+            node, (n,). A node between a smooth and a rough part is thereby assigned to one of them.
+        motions: one per increment of `solve_contact`; the surface rests where there are none. A
+            single one needs no list.
+
+    Raises:
+        ValueError: for arguments that are none of these, exchanged ones, for example, or a
+            negative friction.
     """
 
-    nodes: Nodes
+    nodes: Part
     surface: Surface | MatchingNodes
     friction: float | Callable[[Array], Array] = 0.0
-    motions: Sequence[Motion] = ()
+    motions: Motion | Sequence[Motion] = ()
+
+    def __post_init__(self) -> None:
+        _check_nodes(self.nodes, "ContactPair(nodes, surface)")
+        if not (isinstance(self.surface, MatchingNodes) or _is_surface(self.surface)):
+            raise ValueError(
+                f"the surface of a contact pair is {_kind(self.surface)}: it has to have a gap and "
+                "a normal, or to be MatchingNodes"
+            )
+        mu = self.friction
+        if not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
+            raise ValueError(
+                f"friction = {mu!r}: it has to be a number that is finite and not negative, or a "
+                "function of positions"
+            )
+        motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
+        for motion in motions:
+            if not isinstance(motion, Motion):
+                raise ValueError(f"the motions of a contact pair hold {_kind(motion)}, no Motion")
+        object.__setattr__(self, "motions", motions)
 
 
-def translations_and_forces(
-    motions: Sequence[Motion | None], pairs: int, dim: int
-) -> tuple[Array, Array]:
-    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
-    rest = np.zeros(dim)
-    each = list(motions) or [None] * pairs
-    prescribed = [rest if m is None else m.prescribed() for m in each]
-    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in each])
+def _is_surface(thing: object) -> bool:
+    both = all(callable(getattr(thing, name, None)) for name in ("gap", "normal"))
+    return both and not isinstance(thing, type)
+
+
+def _check_nodes(nodes: object, call: str) -> None:
+    if isinstance(nodes, MatchingNodes) or _is_surface(nodes):
+        raise ValueError(f"a surface is given in place of nodes: {call} has them first")
+    if isinstance(nodes, MeshTags):
+        raise ValueError(
+            "tags are given in place of nodes: take those of the tagged facets, "
+            "fem.locate_dofs_topological(space, tags.dim, tags.find(value))"
+        )
+    listed = isinstance(nodes, Sequence | np.ndarray) and not isinstance(nodes, str)
+    if isinstance(nodes, type) or not (callable(nodes) or listed):
+        raise ValueError(f"{_kind(nodes)} is given in place of nodes: a marker, numbers or a mask")
+
+
+def _kind(thing: object) -> str:
+    """What a thing is, in words."""
+    return f"the class {thing.__name__}" if isinstance(thing, type) else type(thing).__name__

@@ -23,14 +23,20 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, is_finite
+from pw_elements.algebra import Reduction
 from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
+from pw_elements.contact.inputs import (
+    check_belongs,
+    checked_increments,
+    checked_problem,
+    checked_step,
+)
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
-from pw_elements.contact.pairs import ContactPair, Motion, translations_and_forces
-from pw_elements.contact.progress import Callback, Watch
+from pw_elements.contact.pairs import ContactPair, Motion
+from pw_elements.contact.progress import Callback, Watch, checked_callback
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
@@ -39,9 +45,6 @@ from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
 from pw_elements.progress import bar, doing
-
-# Largest difference of the positions of nodes that are the same, over the largest coordinate
-_SAME = 1e-9
 
 
 class ContactProblem:
@@ -81,14 +84,12 @@ class ContactProblem:
         max_iterations: int = 50,
         callback: Callback | None = None,
     ) -> None:
-        if max_iterations < 1:
-            raise ValueError(f"max_iterations = {max_iterations}: one at least")
+        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations))
         check_mesh(space.mesh)
-        pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
-        self._interface = nodal_interface(pairs, space, reduction)
-        self._callback = callback
+        self._callback = checked_callback(space.mesh.comm, callback)
+        self._interface = nodal_interface(self.pairs, space, reduction)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
@@ -97,7 +98,7 @@ class ContactProblem:
         self,
         state: ContactState,
         load: PETSc.Vec,
-        motions: Sequence[Motion | None] = (),
+        motions: Motion | Sequence[Motion | None] | None = (),
         guess: ContactState | None = None,
     ) -> ContactState:
         """The state at the end of one increment.
@@ -106,19 +107,21 @@ class ContactProblem:
             state: at its start, of this problem or one like it; slip counts from there.
             load: load vector (n,) at its end, in all.
             motions: of each pair's surface from its initial place, None for one that rests
-                there; all rest unless given.
+                there; all rest unless given. A single pair's needs no list.
             guess: state from whose active set to start, of a coarser mesh, say: each node takes
                 the status of the nearest. It is no history.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes, or a
-                prescribed normal displacement of a node in contact.
+                the pairs, motions of another dimension, a state of other contact nodes, arguments
+                that differ between processes, a surface that fails, or a prescribed normal
+                displacement of a node in contact.
             FreeBody: if a rigid motion is held by nothing, or no longer once the nodes that
                 would pull have opened and those that cannot hold have slipped.
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
         """
+        motions = checked_step(self._space, self.undeformed, state, load, motions, guess)
         with doing(self._interface.comm, f"contact increment {state.increment}"):
             return self._step(state, load, motions, guess)
 
@@ -130,9 +133,7 @@ class ContactProblem:
         guess: ContactState | None,
     ) -> ContactState:
         begun, interface = perf_counter(), self._interface
-        self._check(state, load, motions, guess)
-        dim = interface.position.shape[1]
-        prescribed, forces = translations_and_forces(motions, interface.pairs, dim)
+        prescribed, forces = _translations(motions, interface.position.shape[1])
         free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
         system, rigid = self._bound(free)
         before = system.report
@@ -176,7 +177,7 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         state = read_state(Path(path), self._space)
-        self._check_state(state, "the file's state")
+        check_belongs(state, self.undeformed, "the file's state")
         return state
 
     def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
@@ -188,35 +189,6 @@ class ContactProblem:
             )
             self._rigid = RigidMotions(self._system, self._space)
         return self._system, self._rigid
-
-    def _check(
-        self,
-        state: ContactState,
-        load: PETSc.Vec,
-        motions: Sequence[Motion | None],
-        guess: ContactState | None,
-    ) -> None:
-        dim = self._interface.position.shape[1]
-        if not is_finite(load):
-            raise ValueError("the load is not finite")
-        if motions and len(motions) != self._interface.pairs:
-            raise ValueError(f"{len(motions)} motions for {self._interface.pairs} contact pairs")
-        for k, motion in enumerate(motions):
-            if motion is not None and len(motion.translation) != dim:
-                raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
-        if guess is not None and len(guess.pairs) != self._interface.pairs:
-            raise ValueError("the state to start from has another number of contact pairs")
-        self._check_state(state, "the state")
-
-    def _check_state(self, state: ContactState, what: str) -> None:
-        own = self.undeformed.pairs
-        alike = len(state.pairs) == len(own) and all(
-            pair.position.shape == mine.position.shape
-            and np.abs(pair.position - mine.position).max() <= _SAME * np.abs(mine.position).max()
-            for pair, mine in zip(state.pairs, own, strict=True)
-        )
-        if not alike:
-            raise ValueError(f"{what} belongs to other contact nodes than this problem's")
 
 
 def solve_contact(
@@ -257,17 +229,13 @@ def solve_contact(
         FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
             increment, counted from 0, and have the states before it as `states`.
     """
-    loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
-    pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
-    start = [start] if isinstance(start, ContactState) else list(start)
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback)
-    _check_increments(loads, pairs, space.mesh.geometry.dim, start)
+    increments = checked_increments(loads, problem.pairs, start, space)
     states = [problem.undeformed]
-    for k, load in enumerate(loads):
-        motions = [pair.motions[k] if pair.motions else None for pair in pairs]
+    for k, (load, motions, guess) in enumerate(increments):
         try:
-            with doing(space.mesh.comm, bar(k, len(loads))):
-                states.append(problem.step(states[-1], load, motions, start[k] if start else None))
+            with doing(space.mesh.comm, bar(k, len(increments))):
+                states.append(problem.step(states[-1], load, motions, guess))
         except ContactFailed as error:
             named = type(error)(f"increment {k}: {error}")
             named.states = states[1:]
@@ -275,25 +243,8 @@ def solve_contact(
     return states[1:]
 
 
-def _check_increments(
-    loads: Sequence[PETSc.Vec],
-    pairs: Sequence[ContactPair],
-    dim: int,
-    start: Sequence[ContactState],
-) -> None:
-    if not loads:
-        raise ValueError("there is no load increment")
-    for k, load in enumerate(loads):
-        if not is_finite(load):
-            raise ValueError(f"the load of increment {k} is not finite")
-    for k, pair in enumerate(pairs):
-        if pair.motions and len(pair.motions) != len(loads):
-            raise ValueError(
-                f"contact pair {k} has {len(pair.motions)} motions for {len(loads)} increments"
-            )
-        if any(len(motion.translation) != dim for motion in pair.motions):
-            raise ValueError(f"the motions of contact pair {k} are not {dim}-D")
-    if start and len(start) != len(loads):
-        raise ValueError(f"{len(start)} states to start from for {len(loads)} increments")
-    if any(len(state.pairs) != len(pairs) for state in start):
-        raise ValueError("a state to start from has another number of contact pairs")
+def _translations(motions: Sequence[Motion | None], dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
+    rest = np.zeros(dim)
+    prescribed = [rest if m is None else m.prescribed() for m in motions]
+    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in motions])

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
+from pw_elements.collective import collective
 from pw_elements.contact.nodes import midpoints_around
 from pw_elements.contact.state import ContactState, PairState, Residuals
 from pw_elements.linear_solver import SolverReport
@@ -35,7 +36,7 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
     block = space.dofmap.index_map_bs
     nodes = comm.gather(_places(space))
     moved = comm.gather(state.displacement.array_r.reshape(-1, block))
-    error = None
+    arrays = {}
     if comm.rank == 0:
         arrays = {"nodes": np.concatenate(nodes), "displacement": np.concatenate(moved)}
         for k, pair in enumerate(state.pairs):
@@ -51,13 +52,10 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
             "free": state.free,
             "orientations": sorted(state.orientations),
         }
-        try:
-            _write(path, arrays | {"state": np.array(json.dumps(numbers))})
-        except OSError as failed:
-            error = failed
-    error = comm.bcast(error)
-    if error is not None:
-        raise error
+        arrays["state"] = np.array(json.dumps(numbers))
+    with collective(comm):
+        if arrays:
+            _write(path, arrays)
 
 
 def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
@@ -68,15 +66,9 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         OSError: if the file cannot be read.
     """
     comm = space.mesh.comm
-    data, error = b"", None
-    if comm.rank == 0:
-        try:
-            data = path.read_bytes()
-        except OSError as failed:
-            error = failed
-    data, error = comm.bcast((data, error))
-    if error is not None:
-        raise error
+    with collective(comm):
+        data = path.read_bytes() if comm.rank == 0 else b""
+    data = comm.bcast(data)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.contact.vectors import Points, normalised, quarter_turned, unit
+from pw_elements.values import field, number, positive, vector
 
 
 class Surface(Protocol):
@@ -43,6 +44,7 @@ class Plane:
     direction: Sequence[float]
 
     def __post_init__(self) -> None:
+        vector("the point of a plane", self.point)
         unit(self.direction)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
@@ -77,7 +79,8 @@ class Parabola:
     radius: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.radius) and self.radius != 0):
+        vector("the apex of a parabola", self.apex)
+        if number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
@@ -110,8 +113,8 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        if not self.radius > 0:
-            raise ValueError(f"radius = {self.radius}: has to be positive")
+        vector("the centre of a sphere", self.centre)
+        positive("radius", self.radius)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) from the sphere."""
@@ -147,9 +150,9 @@ class FlatPunch:
     half_width: float
 
     def __post_init__(self) -> None:
+        vector("the centre of a punch", self.centre)
         unit(self.direction)
-        if not self.half_width > 0:
-            raise ValueError(f"half_width = {self.half_width}: has to be positive")
+        positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) from the face; infinite beside it."""
@@ -184,12 +187,12 @@ class Polyline:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        points = np.asarray(self.points, dtype=float)
+        points = np.array([vector("a point of a polyline", point) for point in self.points])
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ValueError("a polyline needs two points (x, y) at least")
         if not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
             raise ValueError("two successive points of the polyline are the same")
-        if not self.radius >= 0:
+        if number("radius", self.radius) < 0:
             raise ValueError(f"radius = {self.radius}: cannot be negative")
         if np.any(np.sum(np.diff(self._inset(), axis=0) * np.diff(points, axis=0), axis=1) <= 0):
             raise ValueError(f"radius = {self.radius}: leaves nothing of a segment")
@@ -247,13 +250,23 @@ class SignedDistance:
     Args:
         function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
             faces x.
-        gradient: (n, dim) to (n, dim); by central differences unless given.
+        gradient: of points as rows, (n, dim) to (n, dim); by central differences unless given.
         step: of the differences, a small part of the smallest radius of the surface.
+
+    Raises:
+        ValueError: for what is no function, or a step that is not positive.
     """
 
     function: Callable[[Points], npt.NDArray[np.float64]]
     gradient: Callable[[Points], Points] | None = None
     step: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name in ("function", "gradient"):
+            given = getattr(self, name)
+            if not (callable(given) or (name == "gradient" and given is None)):
+                raise ValueError(f"{name} = {given!r}: has to be a function of points (n, dim)")
+        positive("step", self.step)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
         """Distance (n,) at first order."""
@@ -270,18 +283,15 @@ class SignedDistance:
         return normal
 
     def _values(self, x: Points) -> npt.NDArray[np.float64]:
-        values = np.array(self.function(x), dtype=float)
-        if values.shape != (len(x),):
-            raise ValueError(
-                f"the function of a signed distance gave values of the shape {values.shape} for "
-                f"{len(x)} points: it takes points as rows (n, {x.shape[1]}) and gives (n,)"
-            )
-        return values
+        layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
+        return field("the function of a signed distance", self.function(x), (len(x),), layout)
 
     def _slope(self, x: Points) -> Points:
         """Gradient (n, dim)."""
         if self.gradient is not None:
-            return np.asarray(self.gradient(x), dtype=float)
+            layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
+            given = self.gradient(x)
+            return field("the gradient of a signed distance", given, x.shape, layout)
         steps = self.step * np.eye(x.shape[1])
-        differences = [self.function(x + h) - self.function(x - h) for h in steps]
-        return np.asarray(np.stack(differences, axis=1) / (2 * self.step), dtype=float)
+        differences = [self._values(x + h) - self._values(x - h) for h in steps]
+        return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)

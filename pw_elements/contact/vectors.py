@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.values import vector
+
 Points = npt.NDArray[np.float64]
 
 
@@ -12,13 +14,13 @@ def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
     """The unit vector (dim,) along a direction.
 
     Raises:
-        ValueError: if it has no finite length.
+        ValueError: if it is no vector of a finite length.
     """
-    vector = np.asarray(direction, dtype=float)
-    length = np.linalg.norm(vector)
+    along = vector("direction", direction)
+    length = np.linalg.norm(along)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
-    return vector / length
+    return along / length
 
 
 def normalised(vectors: Points) -> Points:
