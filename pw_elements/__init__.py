@@ -42,11 +42,13 @@ from pw_elements.mechanics import (
     nodal_load,
     prescribe,
 )
+from pw_elements.mesh_checks import DegenerateMesh
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
 __all__ = [
     "Body",
     "BucklingModes",
+    "DegenerateMesh",
     "Direct",
     "LinearSolver",
     "Material",

@@ -12,7 +12,7 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
 """
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -26,15 +26,18 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 
+from pw_elements import arguments
 from pw_elements.collective import collective
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
+from pw_elements.mesh_checks import listed
 from pw_elements.parts import numbered
+from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
-# Largest difference of two values that one degree of freedom may be given, over these
-_CONTRADICTION = 1e-9
+# Largest difference of values that are prescribed as the same, over the largest of them
+_SAME_VALUE = 1e-9
 # Entries of a matrix below this, over its largest, are zeros
 _ROUND_OFF = 1e-13
 
@@ -45,10 +48,10 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
     The form (and by it mesh and spaces) lives as long as the matrix.
 
     Raises:
-        ValueError: if it is not bilinear.
+        TypeError: if it is no UFL form.
+        ValueError: if it is not bilinear, or cannot be compiled.
     """
-    _check_rank(form, 2, "a matrix")
-    compiled = _compiled(form)
+    compiled = _compiled(form, 2, "a matrix")
     matrix = _assemble_matrix(compiled)
     matrix.assemble()
     matrix.setAttr("form", compiled)
@@ -59,10 +62,10 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Vector of a linear form, contributions of all processes added.
 
     Raises:
-        ValueError: if it is not linear.
+        TypeError: if it is no UFL form.
+        ValueError: if it is not linear, or cannot be compiled.
     """
-    _check_rank(form, 1, "a vector")
-    compiled = _compiled(form)
+    compiled = _compiled(form, 1, "a vector")
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
     vector.setAttr("form", compiled)
@@ -86,12 +89,29 @@ class Reduction:
         right: R, (n, n_r); kept unknowns have rows of the identity.
         offset: a_0, (n,): prescribed values.
         inner: Q, (n, n), of a condensation.
+        space: trial space whose degrees of freedom are reduced, if it is known.
+
+    Raises:
+        TypeError: for what is no matrix or vector.
+        ValueError: for sizes that do not go together.
     """
 
     left: PETSc.Mat
     right: PETSc.Mat
     offset: PETSc.Vec
     inner: PETSc.Mat | None = None
+    space: fem.FunctionSpace | None = None
+
+    def __post_init__(self) -> None:
+        with collective(arguments.processes(self.space, self.offset)):
+            for name, matrix in (("left", self.left), ("right", self.right)):
+                arguments.of_type(f"the {name} matrix", matrix, PETSc.Mat, "give a PETSc matrix")
+            arguments.petsc_vector("the offset", self.offset)
+            sizes = self.right.getSizes()
+            if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
+                raise ValueError(
+                    "left and right matrix of a reduction have one shape (n, n_r), its offset (n,)"
+                )
 
     @classmethod
     def dirichlet(
@@ -104,13 +124,14 @@ class Reduction:
             conditions: made on it; a single one needs no list.
 
         Raises:
+            TypeError: for what is no space, or are no conditions.
             ValueError: if they leave nothing free or contradict each other, a prescribed value is
                 not finite, or a condition was made on another space.
         """
         free, offset = _prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
         selection = _selection(free, offset)
-        return cls(selection, selection, offset)
+        return cls(selection, selection, offset, space=space)
 
     @classmethod
     def condensation(
@@ -130,15 +151,18 @@ class Reduction:
             conditions: Dirichlet conditions on the other nodes; a single one needs no list.
 
         Raises:
-            ValueError: if K couples inner nodes, a number is none of a node, a condition holds on
-                an inner one or was made on another space, nothing is left free, conditions
-                contradict each other, or a prescribed value is not finite.
+            TypeError: for what is no matrix or space, or are no conditions.
+            ValueError: if K is not of the space or not finite, couples inner nodes, a node is
+                none of the space's, a condition holds on one or was made on another space,
+                conditions contradict each other, nothing is left free, or a prescribed value is
+                not finite.
             SingularSystem: if an inner node has no stiffness.
         """
+        Problem({"the stiffness": K}, space=space)
         free, offset = _prescribed(space, conditions)
-        block = space.dofmap.index_map_bs
+        block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
+        comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
-        comm, index_map = space.mesh.comm, space.dofmap.index_map
         with collective(comm):
             known = index_map.size_local + index_map.num_ghosts
             chosen = numbered(comm, "the nodes to be condensed", nodes, known)
@@ -152,13 +176,18 @@ class Reduction:
         different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
         right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
-        return cls(left, right, offset, Q)
+        return cls(left, right, offset, Q, space)
 
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
-        """This reduction for a load f (n,) that acts on inner nodes, too."""
+        """This reduction for a load f (n,) that acts on inner nodes, too.
+
+        Raises:
+            TypeError, ValueError: if K and f do not go with the reduction.
+        """
+        self._check_system(K, f)
         if self.inner is None:
             return self
-        unbalanced = reactions(K, self.offset, f)
+        unbalanced = _unbalanced(K, self.offset, f)
         unbalanced.scale(-1.0)
         offset = self.offset.duplicate()
         self.inner.multAdd(unbalanced, self.offset, offset)
@@ -180,13 +209,23 @@ class Reduction:
         return self if left == "transposed" else replace(self, left=self.right)
 
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """L^T K R."""
+        """L^T K R.
+
+        Raises:
+            TypeError, ValueError: if K is no matrix that goes with the reduction.
+        """
+        self._check_system(K)
         reduced = self.left.transposeMatMult(K.matMult(self.right))
         reduced.setAttr("form", K.getAttr("form"))
         return reduced
 
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
-        """L^T (f - K a_0)."""
+        """L^T (f - K a_0).
+
+        Raises:
+            TypeError, ValueError: if K and f do not go with the reduction.
+        """
+        self._check_system(K, f)
         remainder = K.createVecLeft()
         K.mult(self.offset, remainder)
         remainder.aypx(-1.0, f)
@@ -195,13 +234,23 @@ class Reduction:
         return reduced
 
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """R a_r + a_0."""
+        """R a_r + a_0.
+
+        Raises:
+            TypeError, ValueError: if a_r is no vector (n_r,).
+        """
+        self._check_reduced(reduced)
         full = self.offset.duplicate()
         self.right.multAdd(reduced, self.offset, full)
         return full
 
     def expand_mode(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """R a_r: a mode, which vanishes where values are prescribed."""
+        """R a_r: a mode, which vanishes where values are prescribed.
+
+        Raises:
+            TypeError, ValueError: if a_r is no vector (n_r,).
+        """
+        self._check_reduced(reduced)
         full = self.offset.duplicate()
         self.right.mult(reduced, full)
         return full
@@ -211,8 +260,32 @@ class Reduction:
         warnings.warn("Reduction.shape is now called expand_mode", DeprecationWarning, stacklevel=2)
         return self.expand_mode(reduced)
 
+    def _check_system(self, K: PETSc.Mat, f: PETSc.Vec | None = None) -> None:
+        sizes = self.offset.getSizes()
+        with collective(self.offset.comm.tompi4py()):
+            arguments.matrix("the matrix", K)
+            arguments.same_sizes("the matrix", K.getSizes()[0], "the reduction", sizes)
+            if f is not None:
+                arguments.petsc_vector("the load", f)
+                arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
+
+    def _check_reduced(self, reduced: PETSc.Vec) -> None:
+        with collective(self.offset.comm.tompi4py()):
+            arguments.petsc_vector("the reduced vector", reduced)
+            expected = self.right.getSizes()[1]
+            arguments.same_sizes(
+                "the reduced vector", reduced.getSizes(), "the reduced system", expected
+            )
+
     def then(self, inner: "Reduction") -> "Reduction":
-        """This reduction followed by another one of the reduced system."""
+        """This reduction followed by another one of the reduced system.
+
+        Raises:
+            TypeError, ValueError: if that is no reduction of it.
+        """
+        with collective(self.offset.comm.tompi4py()):
+            check_reduction(inner)
+        self._check_reduced(inner.offset)
         Q = self.inner
         if inner.inner is not None:
             lifted = self.right.matMult(inner.inner)
@@ -225,6 +298,7 @@ class Reduction:
             self.right.matMult(inner.right),
             self.expand(inner.offset),
             Q,
+            self.space,
         )
 
 
@@ -243,13 +317,11 @@ def solve(
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
-        ValueError: if the load is not finite.
+        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`.
     """
+    Problem({"the stiffness": K}, loads={"the load": f}, reduction=reduction, solver=solver)
     reduction = reduction.under(K, f)
-    load = reduction.load(K, f)
-    if not is_finite(load):
-        raise ValueError("the load vector or a prescribed value is not finite")
-    matrix = reduction.matrix(K)
+    load, matrix = reduction.load(K, f), reduction.matrix(K)
     prepared = factorise(matrix, solver=solver)
     solution = load.duplicate()
     prepared.ksp.solve(load, solution)
@@ -261,7 +333,16 @@ def solve(
 
 
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
-    """Nodal forces r = K a - f (n,) that supports exert on the body."""
+    """Nodal forces r = K a - f (n,) that supports exert on the body.
+
+    Raises:
+        TypeError, ValueError: for things that do not go together, see `problem.Problem`.
+    """
+    Problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
+    return _unbalanced(K, a, f)
+
+
+def _unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     r = f.duplicate()
     K.mult(a, r)
     r.axpy(-1.0, f)
@@ -269,7 +350,13 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """(A + A^T) / 2: what a symmetric solver makes of an unsymmetric element's matrix."""
+    """(A + A^T) / 2: what a symmetric solver makes of an unsymmetric element's matrix.
+
+    Raises:
+        TypeError, ValueError: if it is no square matrix.
+    """
+    with collective(arguments.processes(matrix)):
+        arguments.matrix("the matrix", matrix)
     part = matrix.copy()
     part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     part.scale(0.5)
@@ -297,25 +384,25 @@ def factorise(
     return prepared
 
 
-def is_finite(vector: PETSc.Vec) -> bool:
-    """Whether all entries on all processes are finite: a norm's maximum may pass over NaN."""
-    own = int(np.isfinite(vector.array_r).all())
-    return bool(vector.comm.tompi4py().allreduce(own, MPI.MIN))
-
-
-def _compiled(form: ufl.Form) -> fem.Form:
-    """The form's code, which is made once and kept by DOLFINx in a cache folder."""
-    with doing(form.ufl_domain().ufl_cargo().comm, "compiling a form"):
-        return fem.form(form)
-
-
-def _check_rank(form: ufl.Form, arguments: int, of: str) -> None:
+def _compiled(form: ufl.Form, arguments_: int, of: str) -> fem.Form:
+    """A form of the right rank on one mesh, compiled."""
+    arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
+    kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     found = len(form.arguments())
-    if found != arguments:
-        kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
+    if found != arguments_:
         raise ValueError(
-            f"{of} needs a {kinds[arguments]} form; this one is {kinds.get(found, found)}"
+            f"{of} needs a {kinds[arguments_]} form; this one is {kinds.get(found, found)}"
         )
+    spaces = [argument.ufl_function_space() for argument in form.arguments()]
+    for space in spaces:
+        arguments.space(space, "the space of a form's argument")
+    if any(space.mesh is not spaces[0].mesh for space in spaces) or len(form.ufl_domains()) != 1:
+        raise ValueError("the form mixes meshes: its functions and measures have to share one")
+    try:
+        with doing(spaces[0].mesh.comm, "compiling a form"):
+            return fem.form(form)
+    except Exception as error:
+        raise ValueError(f"the form cannot be compiled: {error}") from error
 
 
 def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:
@@ -338,43 +425,48 @@ def _prescribed(
     """Which owned degrees of freedom are free, and the prescribed values (zero where free).
 
     Raises:
-        ValueError: if a prescribed value is not finite, conditions contradict each other, or one
-            is another space's.
+        TypeError: for what is no space, or are no conditions.
+        ValueError: if a prescribed value is not finite, two of them contradict each other, or a
+            condition is another space's.
     """
+    arguments.space(space)
+    each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    owned = index_map.size_local * block
+    owned, comm = index_map.size_local * block, space.mesh.comm
     values = np.zeros(owned + index_map.num_ghosts * block)
     free = np.ones(owned, dtype=bool)
-    comm = space.mesh.comm
+    difference = np.zeros(owned)
     with collective(comm):
-        for condition in conditions if isinstance(conditions, Iterable) else [conditions]:
-            _check_space(condition, space)
+        arguments.of_type("the conditions", each, Sequence, "give fem.DirichletBCs, `prescribe`'s")
+        for condition in each:
+            _check_condition(condition, space)
+            own = np.zeros(len(values))
+            condition.set(own)
             dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
             dofs = dofs[dofs < owned]
-            before = values.copy()
-            condition.set(values)
             again = dofs[~free[dofs]]
+            difference[again] = np.maximum(difference[again], np.abs(own - values)[again])
             free[dofs] = False
-            if not np.isfinite(values[dofs]).all():
-                raise ValueError("a prescribed value is not a finite number")
-            size = np.abs([before[again], values[again]]).max(initial=0.0)
-            if np.abs(before[again] - values[again]).max(initial=0.0) > _CONTRADICTION * size:
-                raise ValueError(
-                    "two Dirichlet conditions prescribe different values of the same degree of "
-                    "freedom"
-                )
+            values[dofs] = own[dofs]
+        if not np.isfinite(values[:owned]).all():
+            raise ValueError("a prescribed value is not a finite number")
+    size = comm.allreduce(np.abs(values).max(initial=0.0), MPI.MAX)
+    twice = np.flatnonzero(difference > _SAME_VALUE * size)
+    x = space.tabulate_dof_coordinates()[np.unique(twice // block), : space.mesh.geometry.dim]
+    places = np.concatenate(comm.allgather(x))
+    if len(places):
+        raise ValueError(
+            f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
+            "can have one value"
+        )
     offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
     offset.setArray(values[:owned])
     return free, offset
 
 
-def _check_space(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
-    """Raises ValueError for a condition on another mesh, or on a space with other nodes."""
-    if not isinstance(condition, fem.DirichletBC):
-        raise ValueError(
-            f"conditions: {type(condition).__name__} in place of a DirichletBC, such as "
-            "`prescribe` and fem.dirichletbc make"
-        )
+def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a condition on another mesh, or on a space with other nodes; local."""
+    arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
     theirs = condition.function_space
     other, own = theirs.dofmap.index_map, space.dofmap.index_map
     same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)

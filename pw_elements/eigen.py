@@ -15,8 +15,12 @@ import numpy.typing as npt
 
 from pw_elements._compat import renamed
 from pw_elements.algebra import Reduction, factorise, symmetric_part
+from pw_elements.arguments import flag, processes
+from pw_elements.collective import collective
 from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
+from pw_elements.problem import Problem, refuse_negative
 from pw_elements.progress import doing
+from pw_elements.values import number, whole
 
 log = logging.getLogger(__name__)
 
@@ -115,10 +119,15 @@ def vibration_modes(
         solver: of the systems with K - shift M; `Direct()` unless given.
 
     Raises:
+        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`; for
+            matrices whose diagonals add up to less than zero, and numbers out of range.
         SingularSystem: if the shift is an eigenvalue.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
+    _check({"the stiffness": K, "the mass": M}, reduction, count, symmetrised, solver)
+    if shift is not None:
+        shift = number("shift", shift)
     A, B = reduction.matrix(M), reduction.matrix(K)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
@@ -176,9 +185,14 @@ def buckling(
         solver: of the systems with K; `Direct()` unless given.
 
     Raises:
+        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`; for
+            a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
+    _check(
+        {"the stiffness": K, "the initial stress": K_sigma}, reduction, count, symmetrised, solver
+    )
     A, B = reduction.matrix(K_sigma), reduction.matrix(K)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
@@ -204,6 +218,20 @@ def buckling(
     )
 
 
+def _check(
+    matrices: dict[str, PETSc.Mat],
+    reduction: Reduction,
+    count: int,
+    symmetrised: bool,
+    solver: LinearSolver | None,
+) -> None:
+    Problem(matrices, reduction=reduction, solver=solver)
+    with collective(processes(reduction)):
+        whole("count", count, 1)
+        flag("symmetrised", symmetrised)
+    refuse_negative({name: M for name, M in matrices.items() if name != "the initial stress"})
+
+
 def _largest(
     A: PETSc.Mat,
     B: PETSc.Mat,
@@ -217,14 +245,11 @@ def _largest(
     The two d of a complex pair are the real and the imaginary part of one.
 
     Raises:
-        ValueError: if less than one is asked for, or the solver of a symmetric pair cannot tell
-            whether B is positive definite.
+        ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
         SingularSystem: if B is singular.
         NoModes: if not all values converged, or B, which is to be symmetric, is not positive
             definite; `indefinite` says what that means.
     """
-    if count < 1:
-        raise ValueError(f"{count} eigenvalues: ask for one at least")
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
     eigensolver = SLEPc.EPS().create(A.comm)
@@ -240,8 +265,11 @@ def _largest(
         _refuse_indefinite(inverse, indefinite)
     eigensolver.getST().setKSP(inverse.ksp)
     what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
-    with doing(comm, what):
-        eigensolver.solve()
+    try:
+        with doing(comm, what):
+            eigensolver.solve()
+    except PETSc.Error as error:
+        raise NoModes(f"the eigenvalue solver broke down: {error}") from error
     if comm.rank == 0:
         steps = eigensolver.getIterationNumber()
         seconds = perf_counter() - begun

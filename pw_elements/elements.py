@@ -16,6 +16,8 @@ import numpy.typing as npt
 from basix import CellType, ElementFamily, LagrangeVariant, MapType, PolysetType, SobolevSpace
 from basix.polynomials import tabulate_polynomial_set
 
+from pw_elements.arguments import extents
+
 _SIMPLICES = ("triangle", "tetrahedron")
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
@@ -36,7 +38,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     Raises:
         ValueError: for any other cell.
     """
-    celltype = _cell(cell)
+    celltype, shape = _cell(cell), extents("shape", shape)
     nodes, entities = _quadratic_nodes(celltype)
     x, M = _point_evaluations(nodes, entities)
     element = basix.ufl.custom_element(
@@ -61,7 +63,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)
-    return basix.ufl.element("Lagrange", cell, 2, shape=shape or None)
+    return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
 
 
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
@@ -70,6 +72,7 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     Basix's own serendipity element has integral moments for degrees of freedom; nodal
     forces need point evaluations. The space is that of all quadratics, x²y and xy².
     """
+    shape = extents("shape", shape)
     celltype = CellType.quadrilateral
     nodes, entities = _quadratic_nodes(celltype)
     entities = [*entities[:2], [[]]]
@@ -105,6 +108,7 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     E. A. Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47
     (2000), for small strains. Projecting on the reference triangle is right for straight sides.
     """
+    shape = extents("shape", shape)
     return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
 
+from pw_elements import arguments
+
 # Relative difference of lengths that makes a longest side of a triangle
 _LONGER = 1e-6
 # Sum of two angles, over pi, that still makes a corner of a quadrilateral
@@ -29,6 +31,7 @@ def mid_diagonal_nodes(space: fem.FunctionSpace) -> Indices:
     Raises:
         ValueError: if the space is not quadratic on triangles, or a triangle has no partner.
     """
+    arguments.space(space)
     element = space.element.basix_element
     if element.cell_type is not basix.CellType.triangle or element.dim != 6:
         raise ValueError("pairs of triangles make 8-node quadrilaterals from 6-node triangles only")
@@ -100,6 +103,7 @@ def centre_nodes(space: fem.FunctionSpace) -> Indices:
     Raises:
         ValueError: if the space is not quadratic on quadrilaterals.
     """
+    arguments.space(space)
     element = space.element.basix_element
     if element.cell_type is not basix.CellType.quadrilateral or element.dim != 9:
         raise ValueError("only 9-node quadrilaterals have centre nodes")

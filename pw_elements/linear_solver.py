@@ -18,6 +18,9 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from pw_elements.arguments import matrix as check_matrix
+from pw_elements.arguments import of_type, processes
+from pw_elements.collective import collective
 from pw_elements.progress import doing
 
 log = logging.getLogger(__name__)
@@ -127,13 +130,33 @@ class Direct:
             reports at the end of the program those that it does not know. What MUMPS alone tells
             is missing with others: zero pivots (a singular matrix is recognised all the same) and
             the determinant, so that contact does not examine uniqueness.
+
+    Raises:
+        TypeError, ValueError: for what are no options.
     """
 
     options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        of_type("options", self.options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+        for name, value in self.options.items():
+            if not isinstance(name, str) or not name.strip("- "):
+                raise ValueError(f"option {name!r}: its name has to be a string")
+            kinds = (str, int, float, np.number)
+            of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
-        """Binds the solver to a square matrix (n, n)."""
-        return Factors(matrix, symmetric, self.options)
+        """Binds the solver to a square matrix (n, n).
+
+        Raises:
+            TypeError, ValueError: if it is no such matrix, or PETSc refuses the options.
+        """
+        with collective(processes(matrix)):
+            check_matrix("the matrix", matrix)
+        try:
+            return Factors(matrix, symmetric, self.options)
+        except PETSc.Error as error:
+            raise _refused(self.options, error) from error
 
 
 class Factors:
@@ -145,7 +168,7 @@ class Factors:
         symmetric: bool = False,
         options: Mapping[str, str | int | float | bool] | None = None,
     ) -> None:
-        self._matrix = matrix
+        self._matrix, self._options = matrix, options or {}
         self._orientations: set[int] = set()
         self._factorisations = self._iterations = 0
         self._worthwhile = -1.0
@@ -198,7 +221,10 @@ class Factors:
         begun, comm = perf_counter(), self._matrix.comm.tompi4py()
         what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
         with doing(comm, what):
-            self.ksp.setUp()
+            try:
+                self.ksp.setUp()
+            except PETSc.Error as error:
+                raise _refused(self._options, error) from error
             self._factorisations += 1
             self._check()
         if comm.rank == 0:
@@ -257,6 +283,11 @@ class Factors:
                 "the system matrix is singular or too badly conditioned, a known solution came "
                 f"back with the relative error {error:.1e}"
             )
+
+
+def _refused(options: Mapping[str, str | int | float | bool], error: PETSc.Error) -> ValueError:
+    said = str(error).strip().splitlines()[-1]
+    return ValueError(f"PETSc cannot factorise with the options {dict(options)}: {said}")
 
 
 def _set_options(ksp: PETSc.KSP, options: Mapping[str, str | int | float | bool]) -> None:

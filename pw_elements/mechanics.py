@@ -22,9 +22,12 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, meshtags
 from ufl.core.expr import Expr
 
+from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.collective import agree, collective
+from pw_elements.mesh_checks import check_mesh
 from pw_elements.parts import Marker, Part, exterior_facets, marked
+from pw_elements.problem import Problem
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number, number, vector, whole
 
@@ -51,6 +54,9 @@ class StressState(Enum):
 class Material:
     """Isotropic elastic material; numbers, or UFL expressions where it varies in space.
 
+    Checked are numbers, `fem.Constant`s and nodal values of Lagrange functions; what another
+    expression is worth cannot be told.
+
     Raises:
         ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
     """
@@ -61,12 +67,15 @@ class Material:
 
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
-            value = getattr(self, name)
-            if _is_number(value) and not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} = {value}: has to be a positive number")
-        nu = self.poissons_ratio
-        if _is_number(nu) and not -1 < nu <= 0.5:
-            raise ValueError(f"poissons_ratio = {nu}: has to lie between -1 and 0.5")
+            _set(self, name, _positive(name, getattr(self, name)))
+        nu = arguments.coefficient("poissons_ratio", self.poissons_ratio)
+        arguments.require(
+            "poissons_ratio",
+            nu,
+            lambda values: (values > -1) & (values <= 0.5),
+            "has to lie between -1 and 0.5",
+        )
+        _set(self, "poissons_ratio", nu)
 
 
 @dataclass(frozen=True)
@@ -86,6 +95,7 @@ class Body:
         ValueError: where dimension and state do not fit, the mesh is a surface in space or
             crosses the axis of rotation, an incompressible material is not in plane stress, or
             the thickness is not positive.
+        DegenerateMesh: if cells or boundary make no body, see `mesh_checks`.
     """
 
     spaces: Spaces
@@ -95,8 +105,10 @@ class Body:
     quadrature_degree: int | None = None
 
     def __post_init__(self) -> None:
+        arguments.of_type("spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some")
+        arguments.of_type("material", self.material, Material, "Material(E, nu) makes one")
         try:
-            object.__setattr__(self, "state", StressState(self.state))
+            _set(self, "state", StressState(self.state))
         except ValueError:
             names = ", ".join(repr(state.value) for state in StressState)
             raise ValueError(f"state {self.state!r}: the states are {names}") from None
@@ -109,17 +121,32 @@ class Body:
             )
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
+        shape = self.spaces.trial.ufl_element().reference_value_shape
+        if shape != (dimension,):
+            raise ValueError(
+                f"the values of the spaces have the shape {shape}: displacements in {dimension}-D "
+                f"have {dimension} components"
+            )
+        check_mesh(mesh)
         if self.state is StressState.AXISYMMETRIC:
             r = mesh.geometry.x[:, 0]
             radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
             size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
             if radius < -_ROUND_OFF * size:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
-        nu = self.material.poissons_ratio
-        if self.state is not StressState.PLANE_STRESS and _is_number(nu) and nu == 0.5:
-            raise ValueError("poissons_ratio = 0.5: in plane stress only may it be 0.5")
-        if _is_number(self.thickness) and not (np.isfinite(self.thickness) and self.thickness > 0):
-            raise ValueError(f"thickness = {self.thickness}: has to be a positive number")
+        if self.state is not StressState.PLANE_STRESS:
+            arguments.require(
+                "poissons_ratio",
+                self.material.poissons_ratio,
+                lambda values: values < 0.5,
+                "in plane stress only may it be 0.5",
+            )
+        _set(self, "thickness", _positive("thickness", self.thickness))
+        degree = self.quadrature_degree
+        if degree is not None:
+            _set(self, "quadrature_degree", whole("quadrature_degree", degree, 0))
+        plain = {name: value for name, value in vars(self).items() if name != "spaces"}
+        agree(mesh.comm, plain)
 
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
@@ -157,13 +184,23 @@ class Body:
 
         Loads of several measures are added as vectors; a form may have one of them.
         """
+        arguments.of_type(
+            "surface", surface, ufl.Measure, "boundary_measure(mesh, where) makes one"
+        )
+        if surface.integral_type() != "exterior_facet":
+            raise ValueError(
+                f"the measure is one of {surface.integral_type()}s: boundary_measure makes the "
+                "exterior facets' that a surface load needs"
+            )
+        if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
+            raise ValueError("the measure is one of another mesh: make it on the body's")
         v = ufl.TestFunction(self.spaces.test)
-        return ufl.inner(self._vector(traction), v) * self._depth() * surface
+        return ufl.inner(self._vector("traction", traction), v) * self._depth() * surface
 
     def body_load(self, force: Vector) -> ufl.Form:
         """Load of a body force vector (force per volume), Eq. (12)."""
         v = ufl.TestFunction(self.spaces.test)
-        return self._integral(ufl.inner(self._vector(force), v), 2)
+        return self._integral(ufl.inner(self._vector("force", force), v), 2)
 
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
         """Initial stress form, Eq. (25) and Eq. (26), for a prestress tensor.
@@ -174,9 +211,12 @@ class Body:
                 as continuum elements with an objective stress rate do.
 
         Raises:
-            ValueError: for another form.
+            ValueError: for another form, or a tensor of another shape.
         """
+        arguments.of_type("stress", stress, Expr, "body.stress(u) makes one")
         u, v = self._arguments()
+        if stress.ufl_shape != (shape := self.strain(u).ufl_shape):
+            raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
         if form not in ("G", "J"):
             raise ValueError(f"geometric stiffness {form!r}: the forms are 'G' and 'J'")
         integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
@@ -225,21 +265,25 @@ class Body:
             self.thickness,
         )
         curved = geometry.degree > 1
-        if curved or self.state is StressState.AXISYMMETRIC or not all(map(_is_number, data)):
+        if curved or self.state is StressState.AXISYMMETRIC or not all(map(is_number, data)):
             return _RATIONAL_DEGREE
         simplex = self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron")
         return exact_degree if simplex else 5  # 3 points a direction
 
     def _value(self, value: Scalar) -> Expr:
         """A number as a constant of the form, so that a new number compiles nothing anew."""
-        if not _is_number(value):
+        if not is_number(value):
             return value
         return fem.Constant(self.spaces.mesh, default_scalar_type(value))
 
-    def _vector(self, value: Vector) -> Expr:
-        if isinstance(value, Sequence | np.ndarray):
-            return fem.Constant(self.spaces.mesh, np.asarray(value, dtype=default_scalar_type))
-        return value
+    def _vector(self, name: str, value: Vector) -> Expr:
+        mesh = self.spaces.mesh
+        with collective(mesh.comm):
+            vector = arguments.components(name, value, mesh.geometry.dim)
+        agree(mesh.comm, {name: value})
+        if isinstance(vector, Expr):
+            return vector
+        return fem.Constant(mesh, vector.astype(default_scalar_type))
 
 
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
@@ -255,6 +299,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
         ValueError: if no exterior facet is marked, the marker fails or gives no truth values, or
             a number is none of a facet.
     """
+    arguments.mesh(mesh)
     with collective(mesh.comm):
         whole("quadrature_degree", quadrature_degree, 0)
     agree(mesh.comm, {"quadrature_degree": quadrature_degree})
@@ -287,6 +332,7 @@ def prescribe(
         ValueError: if there is no such node or no such component, the marker fails or gives no
             truth values, or the value is no finite number.
     """
+    arguments.space(space)
     comm, components = space.mesh.comm, space.dofmap.index_map_bs
     with collective(comm):
         if not (is_number(component) and component in range(components)):
@@ -311,6 +357,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
         ValueError: if there is no such node, the marker fails or gives no truth values, or the
             force has another number of components than the space, or one that is not finite.
     """
+    arguments.space(space)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     comm = space.mesh.comm
     with collective(comm):
@@ -343,13 +390,11 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of
             the space.
     """
-    size = space.dofmap.index_map.size_global * space.dofmap.index_map_bs
-    if M.getSize() != (size, size):
-        raise ValueError(f"the mass matrix is {M.getSize()}, but the space has {size} unknowns")
+    Problem({"the mass matrix": M}, space=space)
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)
     M.mult(ones, mass)
-    bad = ~(mass.array_r > _ROUND_OFF * diagonal.array_r)  # NaN is bad, too
+    bad = mass.array_r <= _ROUND_OFF * diagonal.array_r
     nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
     count = space.mesh.comm.allreduce(len(nodes), MPI.SUM)
     if count > 0:
@@ -377,8 +422,16 @@ def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[n
     return nodes
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.number)
+def _positive(name: str, value: Scalar) -> Scalar:
+    """A number as a float, or an expression, above zero as far as its values are known."""
+    value = arguments.coefficient(name, value)
+    arguments.require(name, value, lambda values: values > 0, "has to be positive")
+    return value
+
+
+def _set(instance: object, name: str, value: object) -> None:
+    """Sets a field of a frozen dataclass while it is made."""
+    object.__setattr__(instance, name, value)
 
 
 __getattr__ = renamed(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import CellType, DiagonalType, Mesh, create_mesh, create_rectangle
 
+from pw_elements import arguments
 from pw_elements.collective import agree, answer, collective
 from pw_elements.values import field, vector
 
@@ -72,6 +73,7 @@ def on_lines(
     Raises:
         ValueError: if lines do not increase, or the cell or the pattern is unknown.
     """
+    arguments.communicator(comm)
     with collective(comm):
         for name, lines in (("x_lines", x_lines), ("y_lines", y_lines)):
             if not np.all(np.diff(vector(name, lines)) > 0):
@@ -103,6 +105,7 @@ def mapped(mesh: Mesh, image: Map) -> Mesh:
     Raises:
         ValueError: if the image fails, has another shape, or is not finite; nothing has moved then.
     """
+    arguments.mesh(mesh)
     mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, image, mesh.geometry.x)
     return mesh
 
@@ -117,6 +120,7 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
     Raises:
         ValueError: if the image fails, has another shape, or is not finite.
     """
+    arguments.mesh(mesh)
     dimension = mesh.geometry.dim
     element = basix.ufl.element("Lagrange", mesh.topology.cell_name(), 2, shape=(dimension,))
     nodes = fem.functionspace(mesh, element)
@@ -151,6 +155,7 @@ def _check(
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> None:
+    arguments.communicator(comm)
     with collective(comm):
         if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
             raise ValueError(f"a rectangle from {lower} to {upper} has no area")

@@ -26,10 +26,11 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
     A process without any point does not ask: largest coordinates, say, are not defined there.
 
     Raises:
-        ValueError: if it is no function, fails, or does not give True or False for each point.
+        TypeError: if it is no function.
+        ValueError: if it fails, or does not give True or False for each point.
     """
     if not callable(where):
-        raise ValueError(f"{whose} is no function of points but of the type {type(where).__name__}")
+        raise TypeError(f"{whose} is of the type {type(where).__name__}: give a function of points")
     n = x.shape[1]
     if n == 0:
         return np.zeros(0, dtype=bool)
@@ -52,10 +53,11 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # 
         count: how many there are on this process, ghosts included.
 
     Raises:
+        TypeError: for tags.
         ValueError: for anything else, or a number that does not exist.
     """
     if isinstance(given, MeshTags):
-        raise ValueError(f"{whose} are tags: give the tagged ones, tags.find(value)")
+        raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(given)
     if numbers.shape == (0,):  # of any type: a list without entries, say
         return np.zeros(0, dtype=np.int32)

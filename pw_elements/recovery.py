@@ -23,6 +23,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial import cKDTree
 
+from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
 from pw_elements.collective import agree, collective
@@ -49,6 +50,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     Raises:
         ValueError: if the space is not quadratic on triangles.
     """
+    arguments.space(space)
     element = space.element.basix_element
     if element.cell_type is not basix.CellType.triangle or element.dim != 6:
         raise ValueError("the force transfer T exists for quadratic triangles only")
@@ -105,13 +107,14 @@ def forces_along(
         ValueError: if there is no such node or no such axis, the marker fails or gives no truth
             values, or the vector is not one of the space.
     """
+    arguments.space(space)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
     with collective(comm):
         if not (is_number(axis) and axis in range(3)):
             raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
-        if forces.getLocalSize() != index_map.size_local * block:
-            raise ValueError("the forces are no vector of the space: their sizes differ")
+        arguments.petsc_vector("the forces", forces)
+        arguments.same_sizes("the forces", forces.getSizes(), "the space", space)
         nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
     agree(comm, {"axis": axis})
     nodes = nodes[nodes < index_map.size_local]
@@ -159,6 +162,7 @@ class SurfaceNodes:
             ValueError: if there are none, the marker fails or gives no truth values, or a number
                 is none of a facet.
         """
+        arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
         space = body.spaces.trial
         position, own, node = _areas(body, where)
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))

@@ -12,12 +12,15 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
+from pw_elements import arguments
+from pw_elements.collective import collective
 from pw_elements.elements import (
     composite_element,
     macro_element,
     quadratic_element,
     serendipity_element,
 )
+from pw_elements.values import whole
 
 
 class NumberingError(RuntimeError):
@@ -36,6 +39,8 @@ class Spaces:
     test: fem.FunctionSpace
 
     def __post_init__(self) -> None:
+        arguments.space(self.trial, "the trial space")
+        arguments.space(self.test, "the test space")
         _assert_one_numbering(self.trial, self.test)
 
     @classmethod
@@ -58,13 +63,26 @@ class Spaces:
     @classmethod
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Nodal 8-node quadrilaterals for both: the standard element CPS8."""
-        trial = fem.functionspace(mesh, serendipity_element(_shape(mesh, components)))
+        shape = _shape(mesh, components)
+        _check_cell(mesh, "quadrilateral", "8-node elements")
+        trial = fem.functionspace(mesh, serendipity_element(shape))
         return cls(trial, trial)
 
     @classmethod
     def composite(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Composite triangles, piecewise linear with assumed gradients, for both."""
-        trial = fem.functionspace(mesh, composite_element(_shape(mesh, components)))
+        """Composite triangles, piecewise linear with assumed gradients, for both.
+
+        Raises:
+            ValueError: if the mesh is not one of triangles of degree 1.
+        """
+        shape = _shape(mesh, components)
+        _check_cell(mesh, "triangle", "composite triangles")
+        if mesh.ufl_domain().ufl_coordinate_element().degree > 1:
+            raise ValueError(
+                "composite triangles need straight sides: their gradients are projected on the "
+                "reference triangle; take a mesh of degree 1"
+            )
+        trial = fem.functionspace(mesh, composite_element(shape))
         return cls(trial, trial)
 
     @property
@@ -83,6 +101,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
         ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.
         NumberingError: if DOLFINx numbers the two spaces differently.
     """
+    arguments.space(trial, "the trial space")
     mesh = trial.mesh
     cell = mesh.topology.cell_name()
     shape = tuple(trial.ufl_element().reference_value_shape)
@@ -117,13 +136,18 @@ def as_function(
         out: a function of the space to fill, in place of a new one; it keeps its name.
 
     Raises:
-        ValueError: for a vector of another length, or a function of another space.
+        TypeError: for things of another kind.
+        ValueError: if the vector is not one of the space, or the function belongs to another.
     """
-    size = space.dofmap.index_map.size_global * space.dofmap.index_map_bs
-    if values.getSize() != size:
-        raise ValueError(f"a vector of length {values.getSize()}: the space has {size} unknowns")
-    if out is not None and out.function_space != space:
-        raise ValueError("the function to fill belongs to another space")
+    arguments.space(space)
+    with collective(space.mesh.comm):
+        arguments.of_type("name", name, str, "it has to be a string")
+        arguments.petsc_vector("the vector", values)
+        arguments.same_sizes("the vector", values.getSizes(), "the space", space)
+        if out is not None:
+            arguments.of_type("out", out, fem.Function, "it has to be a function of the space")
+            if out.function_space != space:
+                raise ValueError("the function to fill belongs to another space")
     function = fem.Function(space, name=name) if out is None else out
     function.x.array[: values.getLocalSize()] = values.array_r
     function.x.scatter_forward()
@@ -142,14 +166,29 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
 
 
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:
-    cell = mesh.topology.cell_name()
-    return fem.functionspace(mesh, quadratic_element(cell, _shape(mesh, components)))
+    shape = _shape(mesh, components)
+    return fem.functionspace(mesh, quadratic_element(mesh.topology.cell_name(), shape))
 
 
 def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:
+    """Value shape of fields with so many components, 0 for a scalar.
+
+    Raises:
+        TypeError: if it is no mesh.
+        ValueError: for a number of components that is none.
+    """
+    arguments.mesh(mesh)
     if components is None:
         components = mesh.geometry.dim
+    components = whole("components", components, 0)
     return (components,) if components else ()
+
+
+def _check_cell(mesh: Mesh, cell: str, what: str) -> None:
+    if mesh.topology.cell_name() != cell:
+        raise ValueError(
+            f"{what} need a mesh of {cell}s; this one has {mesh.topology.cell_name()}s"
+        )
 
 
 def _assert_one_numbering(

@@ -20,12 +20,20 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    composite_element,
 )
 from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
 from pw_elements.mechanics import Marker, Vector
 
+
+def _composite(mesh: Mesh) -> Spaces:
+    """Composite triangles, on curved ones too, where `Spaces.composite` refuses them."""
+    trial = fem.functionspace(mesh, composite_element((mesh.geometry.dim,)))
+    return Spaces(trial, trial)
+
+
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
-_SPACES = {
+_SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "galerkin-T6": Spaces.galerkin,
     "pw-T6": Spaces.petrov_galerkin,
     "pwsym-T6": Spaces.petrov_galerkin,
@@ -33,7 +41,7 @@ _SPACES = {
     "pw-Q8": Spaces.petrov_galerkin,
     "pwsym-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,
-    "composite-T6": Spaces.composite,
+    "composite-T6": _composite,
     # on tetrahedra
     "galerkin-T10": Spaces.galerkin,
     "pw-T10": Spaces.petrov_galerkin,

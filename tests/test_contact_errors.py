@@ -32,9 +32,9 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.globalisation import Cycles
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact
+from pw_elements.mesh_checks import check_mesh
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Greco, at
 

@@ -247,7 +247,7 @@ def test_a_given_function_is_filled():
     assert fem.assemble_scalar(form) == pytest.approx(4 * before)
     with pytest.raises(ValueError, match="belongs to another space"):
         as_function(block.space, twice, out=fem.Function(Block(4).space))
-    with pytest.raises(ValueError, match="a vector of length"):
+    with pytest.raises(ValueError, match="the vector has 90 degrees of freedom, the space has 182"):
         as_function(Block(6).space, twice)
 
 
@@ -261,6 +261,11 @@ def test_what_is_no_state_of_the_body():
     )
     with pytest.raises(ValueError, match="belongs to another space"):
         ContactFields.of(state, moved.trial)
+    for ask in (ContactFields.of, plot):
+        with pytest.raises(TypeError, match="solve_contact gives a list of states"):
+            ask([state], block.body)
+        with pytest.raises(TypeError, match=r"body is of the type Block: "):
+            ask(state, block)
     pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
     held = Reduction.dirichlet(block.space, [prescribe(block.space, 0, at(0, 0.0))])
     (half,) = solve_contact(block.K, block.pressure, held, pair, block.space)

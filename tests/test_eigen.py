@@ -311,7 +311,7 @@ def test_frequencies_refuse_what_has_none():
         vibration_modes(K, M, free, 3, symmetrised=True, shift=high)
     with pytest.raises(NoModes, match="lie above the shift"):
         vibration_modes(K, M, free, M.getSize()[0], shift=high)
-    with pytest.raises(ValueError, match="0 eigenvalues: ask for one at least"):
+    with pytest.raises(ValueError, match="count = 0: has to be a whole number, 1 at least"):
         vibration_modes(K, M, free, 0)
     with pytest.raises(NoModes, match="60 eigenvalues of 50 degrees of freedom"):
         vibration_modes(K, M, free, 60)

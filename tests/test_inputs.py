@@ -78,7 +78,7 @@ def test_a_marker_that_fails_is_named_and_its_error_is_the_cause(call):
 
 @pytest.mark.parametrize("call", ["prescribe", "nodal_load", "forces_along"])
 def test_what_is_no_marker(call):
-    with pytest.raises(ValueError, match="is no function of points but of the type ndarray"):
+    with pytest.raises(TypeError, match="is of the type ndarray: give a function of points"):
         taken(FACETS)[call]()
 
 
@@ -89,13 +89,18 @@ def test_what_is_no_marker(call):
         (FACETS.astype(float), "facets are float64"),
         (FACETS.reshape(1, -1), "facets are int32 of the shape"),
         (np.array([10**9]), "facets have the numbers 1000000000 to 1000000000"),
-        (TAGS, r"facets are tags: give the tagged ones, tags\.find\(value\)"),
     ],
 )
 def test_facets_are_integers_or_a_mask(facets, message):
     for call in ("boundary_measure", "SurfaceNodes"):
         with pytest.raises(ValueError, match=message):
             taken(facets)[call]()
+
+
+@pytest.mark.parametrize("call", ["boundary_measure", "SurfaceNodes"])
+def test_tags_are_no_facets(call):
+    with pytest.raises(TypeError, match=r"facets are tags: give the tagged ones, tags\.find\(val"):
+        taken(TAGS)[call]()
 
 
 @pytest.mark.parametrize("kind", [np.int32, np.int64, np.uint8, bool, list])
@@ -144,8 +149,8 @@ def nan_mass():
 
 LEFT = [prescribe(U, 0, at(0, 0.0), value) for value in (0.0, 1.0)]
 
+# numbers, whatever their type, sizes and values
 REFUSED = {
-    # numbers, whatever their type
     "component by name": (lambda: prescribe(U, "x", BOTTOM), "component x: the space has 2"),
     "component True": (lambda: prescribe(U, True, BOTTOM), "component True: the space has 2"),
     "component 0.5": (lambda: prescribe(U, 0.5, BOTTOM), "component 0.5: the space has 2"),
@@ -155,7 +160,7 @@ REFUSED = {
     "one force": (lambda: nodal_load(U, BOTTOM, 1.0), "it needs 2 finite components"),
     "degree": (lambda: boundary_measure(MESH, BOTTOM, 2.5), "quadrature_degree = 2.5"),
     "axis": (lambda: forces_along(U, LOAD, BOTTOM, 3), "axis 3"),
-    "mass": (lambda: lumped_mass(nan_mass(), U), "no positive lumped mass"),
+    "mass": (lambda: lumped_mass(nan_mass(), U), "not finite"),
     "radius": (lambda: Sphere((0, 0), np.array(-1.0)), "radius = .*has to be positive"),
     "radius by name": (lambda: Sphere((0, 0), "1"), "radius = '1'"),
     "radius true": (lambda: Sphere((0, 0), True), "radius = True"),
@@ -182,41 +187,16 @@ REFUSED = {
     "force of a motion": (lambda: Motion((0, None), (0, "1")), "component 1 of a motion's force"),
     "max_iterations": (lambda: contact(max_iterations=2.5), "max_iterations = 2.5"),
     "stiffness": (lambda: contact(matrix=nan_matrix()), "stiffness has entries that are not fin"),
-    # things of another kind, exchanged ones, one for several
-    "exchanged pair": (lambda: ContactPair(FLOOR, BOTTOM), "a surface is given in place of nodes"),
-    "exchanged nodes": (lambda: MatchingNodes(FLOOR, BOTTOM), "a surface is given in place of n"),
-    "class of a surface": (lambda: ContactPair(BOTTOM, Plane), "is the class Plane: it has to"),
-    "friction in the place of the surface": (lambda: ContactPair(BOTTOM, 0.3), "is float: it has"),
-    "shape": (lambda: MatchingNodes(BOTTOM, 0.3), "the shape of matching nodes is float"),
-    "nodes": (lambda: ContactPair("bottom", FLOOR), "str is given in place of nodes"),
-    "tags of nodes": (lambda: ContactPair(TAGS, FLOOR), "tags are given in place of nodes"),
-    "translations for motions": (
-        lambda: ContactPair(BOTTOM, FLOOR, 0.3, [(0, 0.1)]),
-        "the motions of a contact pair hold tuple, no Motion",
-    ),
-    "number for motions": (lambda: ContactPair(BOTTOM, FLOOR, 0.3, 0.1), "hold float, no Motion"),
     "nodes of a pair": (
         lambda: contact(ContactPair(np.array([0.0]), FLOOR)),
         "the nodes of contact pair 0 are float64",
     ),
-    "surface for a pair": (lambda: contact(FLOOR), "contact pairs: Plane in place of ContactPair"),
-    "conditions for supports": (lambda: contact(reduction=LEFT), r"Reduction\.dirichlet\(space"),
-    "array for a load": (lambda: contact(loads=np.zeros(4)), "loads: float64 in place of Vec"),
-    "load of another mesh": (lambda: contact(loads=Block(2).pressure), "their sizes differ"),
-    "load for the stiffness": (lambda: contact(matrix=LOAD), "the stiffness: Vec in place of Mat"),
-    "stiffness of another mesh": (lambda: contact(matrix=Block(2).K), "but the space has 90 unkn"),
-    "start": (lambda: contact(start=[LOAD]), "states to start from: Vec in place of ContactState"),
-    "load for a state": (lambda: steps(state=LOAD), "the state: Vec in place of ContactState"),
-    "loads for a load": (lambda: steps(load=[LOAD]), "the load: list in place of Vec"),
-    "translation for motions": (lambda: steps(motions=[(0, 0.1)]), "tuple in place of Motion"),
-    "guess": (lambda: steps(guess=LOAD), "the state to start from: Vec in place of ContactState"),
-    "condition": (lambda: Reduction.dirichlet(U, [None]), "NoneType in place of a DirichletBC"),
-    "no list": (lambda: Reduction.dirichlet(U, 1.0), "float in place of a DirichletBC"),
-    "contradiction": (lambda: Reduction.dirichlet(U, LEFT), "different values of the same degree"),
+    "load of another mesh": (lambda: contact(loads=Block(2).pressure), "has 30 degrees of freedom"),
+    "stiffness of another mesh": (lambda: contact(matrix=Block(2).K), "the stiffness has 30"),
+    "contradiction": (lambda: Reduction.dirichlet(U, LEFT), r"contradict each other at \(0, 0\)"),
     "condensed -1": (lambda: Reduction.condensation(K, U, np.array([-1])), "counted from 0"),
     "condensed far": (lambda: Reduction.condensation(K, U, np.array([10**6])), "counted from 0"),
     "condensed mask": (lambda: Reduction.condensation(K, U, np.ones(3, bool)), "a mask of 3"),
-    # meshes
     "cell": (lambda: on_lines(COMM, [0, 1], [0, 1], "triangel"), "cell 'triangel': the cells are"),
     "lines": (lambda: on_lines(COMM, [0, "1"], [0, 1], "triangle"), "x_lines"),
     "corner": (lambda: triangles(COMM, (0, 0, 0), (1, 1, 1), (2, 2)), "lower .* needs 2 finite"),
@@ -224,11 +204,51 @@ REFUSED = {
     "half a division": (lambda: triangles(COMM, (0, 0), (1, 1), (2, 2.5)), "at least one in each"),
 }
 
+# things of another kind, exchanged ones, one for several
+OF_ANOTHER_KIND = {
+    "exchanged pair": (lambda: ContactPair(FLOOR, BOTTOM), "a surface is given in place of nodes"),
+    "exchanged nodes": (lambda: MatchingNodes(FLOOR, BOTTOM), "a surface is given in place of n"),
+    "class of a surface": (lambda: ContactPair(BOTTOM, Plane), "is the class Plane: it has to"),
+    "friction in the place of the surface": (lambda: ContactPair(BOTTOM, 0.3), "is 0.3: it has to"),
+    "shape": (lambda: MatchingNodes(BOTTOM, 0.3), "the shape of matching nodes is 0.3"),
+    "nodes": (lambda: ContactPair("bottom", FLOOR), "the nodes are 'bottom'"),
+    "tags of nodes": (lambda: ContactPair(TAGS, FLOOR), "tags are given in place of nodes"),
+    "translations for motions": (
+        lambda: ContactPair(BOTTOM, FLOOR, 0.3, [(0, 0.1)]),
+        "a motion of a contact pair is of the type tuple",
+    ),
+    "number for motions": (
+        lambda: ContactPair(BOTTOM, FLOOR, 0.3, 0.1),
+        "motion of a contact pair is 0.1",
+    ),
+    "surface for a pair": (lambda: contact(FLOOR), "a contact pair is of the type Plane"),
+    "conditions for supports": (
+        lambda: contact(reduction=LEFT),
+        "reduction is Dirichlet conditions",
+    ),
+    "array for a load": (lambda: contact(loads=np.zeros(4)), "a load is np.float64"),
+    "load for the stiffness": (lambda: contact(matrix=LOAD), "the stiffness is of the type Vec"),
+    "start": (lambda: contact(start=[LOAD]), "a state to start from is of the type"),
+    "load for a state": (lambda: steps(state=LOAD), "the state is of the type Vec"),
+    "loads for a load": (lambda: steps(load=[LOAD]), "the load is of the type list"),
+    "translation for motions": (lambda: steps(motions=[(0, 0.1)]), "pair 0 is of the type tuple"),
+    "guess": (lambda: steps(guess=LOAD), "a state to start from is of the type"),
+    "condition": (lambda: Reduction.dirichlet(U, [None]), "a condition is None"),
+    "no list": (lambda: Reduction.dirichlet(U, 1.0), "the conditions is 1.0"),
+}
+
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_mistakes_are_named(name):
+def test_wrong_values_are_named(name):
     call, message = REFUSED[name]
     with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("name", OF_ANOTHER_KIND)
+def test_things_of_another_kind_are_named(name):
+    call, message = OF_ANOTHER_KIND[name]
+    with pytest.raises(TypeError, match=message):
         call()
 
 

@@ -3,10 +3,17 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from pw_elements.linear_solver import SingularSystem
+from pw_elements.mesh_checks import DegenerateMesh, listed
+
+__all__ = [
+    "ContactFailed",
+    "ContactNotConverged",
+    "DegenerateMesh",
+    "FreeBody",
+    "NotUnique",
+    "listed",
+]
 
 
 class ContactFailed(RuntimeError):
@@ -29,16 +36,3 @@ class FreeBody(ContactFailed, SingularSystem):
 
 class NotUnique(ContactFailed, SingularSystem):
     """The tangent of the contact problem is singular although no rigid motion is free."""
-
-
-class DegenerateMesh(ValueError):
-    """Cells without volume, turned inside out, or folded over their neighbours."""
-
-
-def listed(points: npt.NDArray[np.float64], most: int = 6) -> str:
-    """Positions (m, dim) as words, in order of their coordinates, round-off left out."""
-    points = np.round(points, 12) + 0.0
-    points = points[np.lexsort(np.round(points, 9).T[::-1])]
-    words = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:most]]
-    more = f" and {len(points) - most} more" if len(points) > most else ""
-    return ", ".join(words) + more

@@ -1,8 +1,9 @@
 """States as functions on the body, and as a time series that ParaView opens.
 
-fields = ContactFields.of(states[-1], body)
-fields.pressure, fields.traction, fields.gap  # `dolfinx.fem.Function`s
-write("punch.bp", states, body)
+Both take a line:
+
+    fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+    write("punch.bp", states, body)
 """
 
 import os
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, io
 
+from pw_elements import arguments
 from pw_elements.collective import collective
 from pw_elements.contact.errors import listed
 from pw_elements.contact.state import ContactState, PairState
@@ -27,6 +29,7 @@ Array = npt.NDArray[np.float64]
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _SAME = 1e-9
+_STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 
 @dataclass(frozen=True)
@@ -76,28 +79,27 @@ class ContactFields:
             body: whose contact it is; its trial space serves all but the pressures.
 
         Raises:
+            TypeError: for things of another kind.
             ValueError: for a state of another space, or if pressures are asked for and a node
                 belongs to no facet that has all of its nodes in the pair.
         """
-        space = body.spaces.trial if isinstance(body, Body) else body
+        space = _trial(body)
+        check_state(state, space)
         scalars = scalar_space(space)
-        _check(state, space)
-        surfaces = []
-        if isinstance(body, Body):
-            surfaces = [surface_of(k, pair, body) for k, pair in enumerate(state.pairs)]
-        fields = cls(
-            displacement=fem.Function(space, name="displacement"),
-            force=fem.Function(space, name="contact_force"),
-            gap=fem.Function(scalars, name="gap"),
-            slip=fem.Function(space, name="slip"),
-            status=fem.Function(scalars, name="status"),
-            pressure=fem.Function(scalars, name="pressure") if surfaces else None,
-            tributary_pressure=fem.Function(scalars, name="tributary_pressure")
-            if surfaces
-            else None,
-            traction=fem.Function(space, name="traction") if surfaces else None,
-            surfaces=tuple(surfaces),
+        displacement, force, slip, traction = (
+            fem.Function(space, name=name)
+            for name in ("displacement", "contact_force", "slip", "traction")
         )
+        gap, status, pressure, tributary = (
+            fem.Function(scalars, name=name)
+            for name in ("gap", "status", "pressure", "tributary_pressure")
+        )
+        always = displacement, force, gap, slip, status
+        if isinstance(body, Body):
+            surfaces = tuple(surface_of(k, pair, body) for k, pair in enumerate(state.pairs))
+            fields = cls(*always, pressure, tributary, traction, surfaces)
+        else:
+            fields = cls(*always, None, None, None, ())
         fields.fill(state)
         return fields
 
@@ -107,8 +109,9 @@ class ContactFields:
         Raises:
             ValueError: for one of another space or other pairs.
         """
-        space, pairs = self.displacement.function_space, state.pairs
-        _check(state, space)
+        space = self.displacement.function_space
+        check_state(state, space)
+        pairs = state.pairs
         if self.surfaces and [len(s.node) for s in self.surfaces] != [len(p.node) for p in pairs]:
             raise ValueError("the state has other contact nodes than the fields")
         as_function(space, state.displacement, out=self.displacement)
@@ -149,17 +152,19 @@ def write(
         times: of the states, increasing; their increments' numbers unless given.
 
     Raises:
+        TypeError: for things of another kind.
         ValueError: for another ending, no states, times that do not increase or are not one per
             state, states of another space, and elements without quadratic Lagrange functions.
         RuntimeError: if DOLFINx has been built without ADIOS2.
         OSError: if something else is there, or the folder cannot be written in.
     """
-    path = Path(path)
+    path, space = Path(path), _trial(body)
     states = [states] if isinstance(states, ContactState) else list(states)
-    space = body.spaces.trial if isinstance(body, Body) else body
     comm = space.mesh.comm
-    given = [float(s.increment) for s in states] if times is None else list(times)
     with collective(comm):
+        for state in states:
+            arguments.of_type("a state", state, ContactState, _STATE)
+        given = [float(s.increment) for s in states] if times is None else list(times)
         _check_series(path, states, given, space)
     fields = ContactFields.of(states[0], body)
     unfinished = path.with_name(f".{comm.bcast(os.getpid())}-{path.name}")
@@ -218,12 +223,19 @@ def _spread(
             array[local[known]] = sign * columns[known]
 
 
-def _check(state: ContactState, space: fem.FunctionSpace) -> None:
-    """Raises ValueError on all processes if a state's nodes are not those of a space."""
+def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+    kinds = (Body, fem.FunctionSpace)
+    arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    return body.spaces.trial if isinstance(body, Body) else body
+
+
+def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
+    """Raises an error on all processes if a state's nodes are not those of a space."""
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     first, last = index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective(space.mesh.comm):
+        arguments.of_type("state", state, ContactState, _STATE)
         alike = state.displacement.getSizes() == (
             index_map.size_local * block,
             index_map.size_global * block,

@@ -8,27 +8,18 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, is_finite
+from pw_elements import arguments
+from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.state import ContactState
+from pw_elements.linear_solver import LinearSolver
+from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.values import whole
 
+_STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
-
-
-def each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
-    """Things of a kind, one or several; local, for use under the guard.
-
-    Raises:
-        ValueError: for a thing of another kind.
-    """
-    things = list(given) if isinstance(given, Iterable) else [given]
-    for thing in things:
-        if not isinstance(thing, kind):
-            raise ValueError(f"{what}: {type(thing).__name__} in place of {kind.__name__}")
-    return things
 
 
 def checked_problem(
@@ -37,51 +28,34 @@ def checked_problem(
     pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
     max_iterations: int,
+    solver: LinearSolver | None,
 ) -> list[ContactPair]:
     """The pairs of a problem, one or several.
 
     Raises:
-        ValueError: for arguments of another kind, a stiffness or reduction of another size, a
-            stiffness that is not finite, no iterations, or what differs between processes.
+        TypeError: for arguments of another kind.
+        ValueError: for what does not make one problem (see `problem.Problem`), no iterations, or
+            what differs between processes.
     """
+    arguments.space(space)
     comm = space.mesh.comm
-    size = space.dofmap.index_map.size_global * space.dofmap.index_map_bs
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
-        stated = each(pairs, ContactPair, "contact pairs")
-        each([K], PETSc.Mat, "the stiffness")
-        if not isinstance(reduction, Reduction):
-            raise ValueError(
-                f"supports: {type(reduction).__name__} in place of a Reduction, such as "
-                "Reduction.dirichlet(space, conditions)"
-            )
-        if K.getSize() != (size, size) or reduction.right.getSize()[0] != size:
-            raise ValueError(
-                f"the stiffness is {K.getSize()} and the reduction's R is "
-                f"{reduction.right.getSize()}, but the space has {size} unknowns"
-            )
+        stated = _each(pairs, ContactPair, "a contact pair")
+    Problem({_STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
-        shape = pair.surface
-        if isinstance(shape, MatchingNodes):  # nodes have local numbers
-            agree(comm, {f"the offset of contact pair {k}": shape.offset})
-            shape = shape.shape
-        agree(
-            comm,
-            {
-                f"the surface of contact pair {k}": shape,
-                f"the friction of contact pair {k}": pair.friction,
-                f"the motions of contact pair {k}": pair.motions,
-            },
-        )
-    ones = K.createVecRight()
-    ones.set(1.0)
-    if not is_finite(K * ones):
-        raise ValueError("the stiffness has entries that are not finite")
+        shape, offset = pair.surface, None
+        if isinstance(shape, MatchingNodes):  # whose nodes have local numbers
+            shape, offset = shape.shape, shape.offset
+        same = {"surface": shape, "offset": offset, "friction": pair.friction}
+        same["motions"] = pair.motions
+        agree(comm, {f"the {name} of contact pair {k}": value for name, value in same.items()})
     return stated
 
 
 def checked_step(
+    K: PETSc.Mat,
     space: fem.FunctionSpace,
     own: ContactState,
     state: ContactState,
@@ -92,6 +66,7 @@ def checked_step(
     """The motion of each pair in one increment; one of a single pair needs no list.
 
     Args:
+        K: stiffness of the problem.
         space: of the problem.
         own: a state of the problem.
         state: from which it goes on, as the others.
@@ -100,40 +75,35 @@ def checked_step(
         guess: to start from.
 
     Raises:
-        ValueError: for arguments of another kind, a load that is not finite or of another size,
-            another number or dimension of motions, states of other pairs, or what differs between
-            processes.
+        TypeError: for arguments of another kind.
+        ValueError: for a load that is not finite or not of the problem, another number or
+            dimension of motions, states of other pairs or that are not finite, or what differs
+            between processes.
     """
     comm, pairs = space.mesh.comm, len(own.pairs)
     with collective(comm):
-        each([state], ContactState, "the state")
+        _each([state], ContactState, "the state")
+        check_belongs(state, own, "the state")
         if guess is not None:
-            each([guess], ContactState, "the state to start from")
-            _same_pairs(guess, pairs)
-        _check_load(load, space, "the load")
+            _check_guess(guess, pairs)
         moved = list(motions) if isinstance(motions, Iterable) else [motions]
-        each([motion for motion in moved if motion is not None], Motion, "motions")
-        if not moved or motions is None:
+        if motions is None or not moved:
             moved = [None] * pairs
         if len(moved) != pairs:
             raise ValueError(f"{len(moved)} motions for {pairs} contact pairs")
         for k, motion in enumerate(moved):
-            _check_motions([] if motion is None else [motion], space, k)
-        check_belongs(state, own, "the state")
-    agree(
-        comm,
-        {
-            "the motions": moved,
-            "the state": state.pairs,
-            "the state to start from": guess and guess.pairs,
-        },
-    )
+            if motion is not None:
+                _check_motions([motion], space, k)
+        check_load("the load", load, _STIFFNESS, K)
+    same = {"state": state.pairs, "motions": moved, "state to start from": guess and guess.pairs}
+    agree(comm, {f"the {name}": value for name, value in same.items()})
     if not is_finite(load):
         raise ValueError("the load is not finite")
     return moved
 
 
 def checked_increments(
+    K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
     pairs: Sequence[ContactPair],
     start: ContactState | Sequence[ContactState],
@@ -142,40 +112,39 @@ def checked_increments(
     """Load, motion of each pair, and state to start from, of each increment.
 
     Raises:
-        ValueError: as `checked_step`, for all increments.
+        TypeError, ValueError: as `checked_step`, for all increments.
     """
     comm = space.mesh.comm
+    motions: list[list[Motion | None]] = []
     with collective(comm):
-        given = [loads] if isinstance(loads, PETSc.Vec) else each(loads, PETSc.Vec, "loads")
-        motions: list[list[Motion | None]] = []
+        given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
         if not given:
             raise ValueError("there is no load increment")
         for k, load in enumerate(given):
-            _check_load(load, space, f"the load of increment {k}")
+            check_load(f"the load of increment {k}", load, _STIFFNESS, K)
         for k, pair in enumerate(pairs):
-            moved = each(pair.motions, Motion, "motions")
+            moved = _each(pair.motions, Motion, "a motion")
             if moved and len(moved) != len(given):
                 raise ValueError(
                     f"contact pair {k} has {len(moved)} motions for {len(given)} increments"
                 )
             _check_motions(moved, space, k)
             motions.append(moved or [None] * len(given))
-        guesses = each(start, ContactState, "states to start from")
+        guesses = _each(start, ContactState, "a state to start from")
         if guesses and len(guesses) != len(given):
             raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
         for state in guesses:
-            _same_pairs(state, len(pairs))
-    numbers = {"the number of loads": len(given), "the number of states": len(guesses)}
-    agree(comm, numbers)
+            _check_guess(state, len(pairs))
+    agree(comm, {"the number of loads": len(given), "the number of states": len(guesses)})
     for k, load in enumerate(given):
         if not is_finite(load):
             raise ValueError(f"the load of increment {k} is not finite")
-    steps = zip(*motions, strict=True)
-    return list(zip(given, map(list, steps), guesses or [None] * len(given), strict=True))
+    steps = map(list, zip(*motions, strict=True))
+    return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 
 
 def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
-    """Raises ValueError if a state has other contact nodes than a problem's own one."""
+    """Raises ValueError for a state of other contact nodes than a problem's own, or with NaN."""
     alike = len(state.pairs) == len(own.pairs) and all(
         pair.position.shape == mine.position.shape
         and np.abs(pair.position - mine.position).max() <= _SAME * np.abs(mine.position).max()
@@ -183,21 +152,33 @@ def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
     )
     if not alike:
         raise ValueError(f"{what} belongs to other contact nodes than this problem's")
+    _check_finite(state, what)
 
 
-def _check_load(load: PETSc.Vec, space: fem.FunctionSpace, what: str) -> None:
-    each([load], PETSc.Vec, what)
-    size = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
-    if load.getLocalSize() != size:
-        raise ValueError(f"{what} is no vector of the space: their sizes differ")
+def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
+    """Things of a kind, one or several."""
+    things = list(given) if isinstance(given, Iterable) else [given]
+    for thing in things:
+        arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
+    return things
+
+
+def _check_finite(state: ContactState, what: str) -> None:
+    for pair in state.pairs:
+        known = (pair.force_normal, pair.force_tangential, pair.displacement, pair.translation)
+        if not all(np.isfinite(values).all() for values in known):
+            raise ValueError(f"{what} has forces or displacements that are not finite")
+
+
+def _check_guess(state: ContactState, pairs: int) -> None:
+    _each([state], ContactState, "a state to start from")
+    if len(state.pairs) != pairs:
+        raise ValueError("the state to start from has another number of contact pairs")
+    _check_finite(state, "the state to start from")
 
 
 def _check_motions(motions: Sequence[Motion], space: fem.FunctionSpace, pair: int) -> None:
     dim = space.mesh.geometry.dim
-    if any(len(motion.translation) != dim for motion in motions):
-        raise ValueError(f"the motion of contact pair {pair} is not {dim}-D")
-
-
-def _same_pairs(state: ContactState, pairs: int) -> None:
-    if len(state.pairs) != pairs:
-        raise ValueError("the state to start from has another number of contact pairs")
+    for motion in _each(motions, Motion, f"a motion of contact pair {pair}"):
+        if len(motion.translation) != dim:
+            raise ValueError(f"the motion of contact pair {pair} is not {dim}-D")

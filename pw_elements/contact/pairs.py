@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import MeshTags
 
+from pw_elements.arguments import described, of_type
 from pw_elements.contact.surfaces import Surface
 from pw_elements.parts import Part
 from pw_elements.values import is_number, number, vector
@@ -75,7 +76,8 @@ class MatchingNodes:
         offset: (dim,), from the pair's nodes to the ones that they face; zero unless given.
 
     Raises:
-        ValueError: for arguments that are none of these, exchanged ones, for example.
+        TypeError: for arguments of another kind, exchanged ones, for example.
+        ValueError: for an offset that is not finite.
     """
 
     nodes: Part
@@ -85,9 +87,9 @@ class MatchingNodes:
     def __post_init__(self) -> None:
         _check_nodes(self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
-            raise ValueError(
-                f"the shape of matching nodes is {_kind(self.shape)}: it has to be a surface, with "
-                "a gap and a normal"
+            raise TypeError(
+                f"the shape of matching nodes is {described(self.shape)}: it has to be a surface, "
+                "with a gap and a normal"
             )
         if self.offset is not None:
             vector("the offset of matching nodes", self.offset)
@@ -108,8 +110,8 @@ class ContactPair:
             single one needs no list.
 
     Raises:
-        ValueError: for arguments that are none of these, exchanged ones, for example, or a
-            negative friction.
+        TypeError: for arguments of another kind, exchanged ones, for example.
+        ValueError: for a friction that is negative or no number.
     """
 
     nodes: Part
@@ -120,9 +122,9 @@ class ContactPair:
     def __post_init__(self) -> None:
         _check_nodes(self.nodes, "ContactPair(nodes, surface)")
         if not (isinstance(self.surface, MatchingNodes) or _is_surface(self.surface)):
-            raise ValueError(
-                f"the surface of a contact pair is {_kind(self.surface)}: it has to have a gap and "
-                "a normal, or to be MatchingNodes"
+            raise TypeError(
+                f"the surface of a contact pair is {described(self.surface)}: it has to have a gap "
+                "and a normal, or to be MatchingNodes"
             )
         mu = self.friction
         if not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
@@ -132,8 +134,7 @@ class ContactPair:
             )
         motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
         for motion in motions:
-            if not isinstance(motion, Motion):
-                raise ValueError(f"the motions of a contact pair hold {_kind(motion)}, no Motion")
+            of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
         object.__setattr__(self, "motions", motions)
 
 
@@ -144,17 +145,12 @@ def _is_surface(thing: object) -> bool:
 
 def _check_nodes(nodes: object, call: str) -> None:
     if isinstance(nodes, MatchingNodes) or _is_surface(nodes):
-        raise ValueError(f"a surface is given in place of nodes: {call} has them first")
+        raise TypeError(f"a surface is given in place of nodes: {call} has them first")
     if isinstance(nodes, MeshTags):
-        raise ValueError(
+        raise TypeError(
             "tags are given in place of nodes: take those of the tagged facets, "
             "fem.locate_dofs_topological(space, tags.dim, tags.find(value))"
         )
     listed = isinstance(nodes, Sequence | np.ndarray) and not isinstance(nodes, str)
     if isinstance(nodes, type) or not (callable(nodes) or listed):
-        raise ValueError(f"{_kind(nodes)} is given in place of nodes: a marker, numbers or a mask")
-
-
-def _kind(thing: object) -> str:
-    """What a thing is, in words."""
-    return f"the class {thing.__name__}" if isinstance(thing, type) else type(thing).__name__
+        raise TypeError(f"the nodes are {described(nodes)}: give a marker, numbers or a mask")

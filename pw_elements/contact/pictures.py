@@ -1,8 +1,10 @@
 """Pictures of a state: pressure and shear along the contact line, or over the contact face.
 
-axes = plot(states[-1], body)
-axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
-axes.figure.savefig("contact.png")
+Labels name no units:
+
+    axes = plot(states[-1], body)
+    axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
+    axes.figure.savefig("contact.png")
 """
 
 from __future__ import annotations
@@ -12,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.fields import surface_of
+from pw_elements import arguments
+from pw_elements.contact.fields import check_state, surface_of
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.state import ContactState, PairState
-from pw_elements.mechanics import Body
+from pw_elements.mechanics import Body, StressState
 from pw_elements.recovery import Indices, SurfaceNodes
 
 if TYPE_CHECKING:
@@ -23,7 +26,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-_COORDINATES = "xyz"
 _BLUE, _ORANGE = "#0072B2", "#D55E00"
 # Arrows shorter than this, over the longest one, are none
 _INVISIBLE = 1e-3
@@ -66,10 +68,13 @@ def plot(
         The axes. Each process has its own; let one of them save the figure.
 
     Raises:
+        TypeError: for things of another kind.
         ValueError: for a pair or coordinate that there is not, and as `ContactFields.of`.
     """
     import matplotlib.pyplot as plt
 
+    arguments.of_type("body", body, Body, "pressures need the body's surface measure")
+    check_state(state, body.spaces.trial)
     dim = body.spaces.mesh.geometry.dim
     if not 0 <= pair < len(state.pairs):
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
@@ -81,7 +86,9 @@ def plot(
     if dim == 3:
         _face(axes, contact, surface)
     else:
+        names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
         _line(axes, contact, surface, along)
+        axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
     return axes
 
 
@@ -115,7 +122,6 @@ def _line(axes: Axes, contact: PairState, surface: SurfaceNodes, along: int | No
         axes.plot(where, pressure[chain], color=_BLUE, lw=1)
         axes.plot(where[closed], pressure[chain][closed], ".", color=_BLUE, label="pressure")
     axes.axhline(0.0, color="0.5", lw=0.5)
-    axes.set(xlabel="arc length" if along is None else _COORDINATES[along], ylabel="traction")
     handles, texts = axes.get_legend_handles_labels()
     once = dict(zip(texts, handles, strict=True))
     axes.legend(once.values(), once.keys(), frameon=False)
@@ -155,7 +161,7 @@ def _face(axes: Axes, contact: PairState, surface: SurfaceNodes) -> None:
         text = f"shear, at most {size.max():.3g}"
         arrow: dict[str, Any] = {"color": _ORANGE, "marker": r"$\rightarrow$", "ms": 12, "ls": ""}
         legend.append(Line2D([], [], label=text, **arrow))
-    axes.set(aspect="equal", xlabel=_COORDINATES[seen[0]], ylabel=_COORDINATES[seen[1]])
+    axes.set(aspect="equal", xlabel="xyz"[seen[0]], ylabel="xyz"[seen[1]])
     if legend:
         axes.legend(
             handles=legend,

@@ -24,7 +24,6 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.checks import check_mesh
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
@@ -44,6 +43,7 @@ from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import bar, doing
 
 
@@ -70,7 +70,8 @@ class ContactProblem:
             that has one; what it raises ends the computation.
 
     Raises:
-        ValueError: for input that states no contact problem (see `nodal.nodal_interface`).
+        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+            `nodal.nodal_interface`.
         DegenerateMesh: for cells without volume or turned inside out.
     """
 
@@ -84,7 +85,7 @@ class ContactProblem:
         max_iterations: int = 50,
         callback: Callback | None = None,
     ) -> None:
-        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations))
+        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
@@ -121,9 +122,9 @@ class ContactProblem:
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
         """
-        motions = checked_step(self._space, self.undeformed, state, load, motions, guess)
+        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
         with doing(self._interface.comm, f"contact increment {state.increment}"):
-            return self._step(state, load, motions, guess)
+            return self._step(state, load, moved, guess)
 
     def _step(
         self,
@@ -222,15 +223,15 @@ def solve_contact(
             that has one; what it raises ends the computation.
 
     Raises:
-        ValueError: for input that states no contact problem (see `nodal.nodal_interface`),
-            loads that are not finite, motions or starts that are not one per increment, or no
-            iterations.
+        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+            `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
+            per increment, or no iterations.
         DegenerateMesh: for cells without volume or turned inside out.
         FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
             increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback)
-    increments = checked_increments(loads, problem.pairs, start, space)
+    increments = checked_increments(K, loads, problem.pairs, start, space)
     states = [problem.undeformed]
     for k, (load, motions, guess) in enumerate(increments):
         try:

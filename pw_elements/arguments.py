@@ -1,0 +1,161 @@
+"""Objects as users give them: meshes, spaces, matrices, coefficients of the right kind.
+
+What is of the wrong type is a TypeError; each error names the thing and says what to give.
+"""
+
+from collections.abc import Callable, Sequence
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from basix import ElementFamily
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from ufl.core.expr import Expr
+
+from pw_elements.collective import collective
+from pw_elements.values import number, vector, whole
+
+_MADE = "it was destroyed, or never set up"
+
+
+def of_type(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
+    """Raises TypeError unless the value is of a kind; `remedy` says what to give instead."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} is {described(value)}: {remedy}")
+
+
+def communicator(value: object) -> None:
+    """Raises TypeError unless it is mpi4py's."""
+    of_type("comm", value, MPI.Comm, "it has to be a communicator, such as MPI.COMM_WORLD")
+
+
+def mesh(value: object) -> None:
+    """Raises TypeError unless it is a mesh."""
+    of_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
+
+
+def space(value: object, name: str = "the space") -> None:
+    """Raises TypeError unless it is a function space."""
+    of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
+
+
+def flag(name: str, value: object) -> None:
+    """Raises TypeError unless it is True or False."""
+    of_type(name, value, (bool, np.bool_), "it has to be True or False")
+
+
+def extents(name: str, value: object) -> tuple[int, ...]:
+    """A value shape: () for a scalar, (d,) for a vector."""
+    of_type(name, value, Sequence, "it has to be () or (components,)")
+    assert isinstance(value, Sequence)
+    return tuple(whole(f"an extent of {name}", extent, 1) for extent in value)
+
+
+def matrix(name: str, value: object) -> None:
+    """Raises unless it is a square matrix, set up and assembled; local."""
+    of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
+    assert isinstance(value, PETSc.Mat)
+    if value.handle == 0 or value.getType() is None:
+        raise ValueError(f"{name} is an empty matrix: {_MADE}")
+    rows, columns = value.getSize()
+    if rows != columns:
+        raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
+    if not value.isAssembled():
+        raise ValueError(f"{name} is not assembled: call its assemble()")
+
+
+def petsc_vector(name: str, value: object) -> None:
+    """Raises unless it is a vector that is set up; local."""
+    of_type(name, value, PETSc.Vec, "assemble_vector(form) makes a PETSc vector")
+    assert isinstance(value, PETSc.Vec)
+    if value.handle == 0 or value.getType() is None:
+        raise ValueError(f"{name} is an empty vector: {_MADE}")
+
+
+def coefficient(name: str, value: object) -> float | Expr:
+    """A number as a float, or a scalar UFL expression.
+
+    Values of a `fem.Constant`, and those of a `fem.Function` on all processes, have to be finite;
+    what other expressions are worth cannot be told.
+    """
+    if not isinstance(value, Expr):
+        return number(name, value)
+    if value.ufl_shape != ():
+        raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
+    require(name, value, np.isfinite, "has to be finite")
+    return value
+
+
+def require(
+    name: str,
+    value: float | Expr,
+    holds: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]],
+    what: str,
+) -> None:
+    """Raises ValueError, for functions on all processes, if a known value does not fit.
+
+    Known are numbers, the value of a Constant, and the nodal values of a Lagrange function.
+    """
+    comm, values = MPI.COMM_SELF, np.empty(0)
+    if isinstance(value, fem.Function):
+        comm = value.function_space.mesh.comm
+        if value.function_space.element.basix_element.family is ElementFamily.P:
+            values = value.x.array
+    elif isinstance(value, fem.Constant):
+        values = np.atleast_1d(value.value)
+    elif not isinstance(value, Expr):
+        values = np.array([value])
+    with collective(comm):
+        wrong = ~holds(values)
+        if wrong.any():
+            raise ValueError(f"{name} = {values[wrong][0]}: {what}")
+
+
+def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.float64]:
+    """Finite numbers (size,), or a UFL expression of this shape."""
+    if not isinstance(value, Expr):
+        return vector(name, value, size)
+    if value.ufl_shape != (size,):
+        raise ValueError(f"{name} has the shape {value.ufl_shape}: it needs {size} components")
+    if isinstance(value, fem.Constant):
+        vector(name, value.value, size)
+    return value
+
+
+def same_sizes(
+    name: str, sizes: tuple[int, int], whose: str, other: fem.FunctionSpace | tuple[int, int]
+) -> None:
+    """Raises ValueError unless sizes, own and global, are those of another thing; local."""
+    if isinstance(other, fem.FunctionSpace):
+        index_map, block = other.dofmap.index_map, other.dofmap.index_map_bs
+        other = (index_map.size_local * block, index_map.size_global * block)
+    if sizes[1] != other[1]:
+        raise ValueError(
+            f"{name} has {sizes[1]} degrees of freedom, {whose} has {other[1]}: all of them "
+            "have to come from one space, none left out"
+        )
+    if sizes[0] != other[0]:
+        raise ValueError(f"{name} is distributed over the processes otherwise than {whose}")
+
+
+def processes(*things: object) -> MPI.Comm:
+    """Communicator of the first of some spaces, reductions, matrices and vectors that has one."""
+    for thing in things:
+        if isinstance(thing, fem.FunctionSpace):
+            return thing.mesh.comm
+        known = getattr(thing, "offset", thing)
+        if isinstance(known, PETSc.Mat | PETSc.Vec) and known.handle:
+            return known.comm.tompi4py()
+    return MPI.COMM_SELF
+
+
+def described(value: object) -> str:
+    """A value in short: a plain one itself, anything else by its type."""
+    if value is None or isinstance(value, str | bytes | bool | int | float | complex):
+        return repr(value)
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    return f"of the type {type(value).__name__}"
