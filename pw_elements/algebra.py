@@ -32,6 +32,7 @@ from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, Sing
 from pw_elements.mesh_checks import listed
 from pw_elements.parts import numbered
 from pw_elements.problem import Problem, check_reduction
+from pw_elements.progress import doing
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -400,7 +401,8 @@ def _compiled(form: ufl.Form, arguments_: int, of: str) -> fem.Form:
     if any(mesh is not meshes[0] for mesh in meshes) or len(form.ufl_domains()) != 1:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
     try:
-        return fem.form(form)
+        with doing(spaces[0].mesh.comm, "compiling a form"):
+            return fem.form(form)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error
 

@@ -9,6 +9,7 @@ communication. So local work (checks, markers, surfaces, friction, images) is do
 and whatever communicates comes before it or after it, never within.
 """
 
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass
@@ -42,10 +43,20 @@ def collective(comm: MPI.Comm) -> Iterator[None]:
     failed = comm.allreduce(comm.size if own is None else comm.rank, MPI.MIN)
     if failed == comm.size:
         return
-    kind, words = comm.bcast(None if own is None else (type(own), str(own)), failed)
+    told = comm.bcast(_sent(own), failed)
     if own is not None and comm.rank == failed:
         raise own
-    raise kind(words) from own
+    raise told from own
+
+
+def _sent(error: Exception | None) -> Exception | None:
+    """The error as it can be sent: classes within functions, or of more than words, cannot."""
+    if error is None:
+        return None
+    try:
+        return pickle.loads(pickle.dumps(type(error)(str(error))))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 def answer(

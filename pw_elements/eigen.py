@@ -3,7 +3,9 @@
 Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buckling.
 """
 
+import logging
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 from petsc4py import PETSc
 from slepc4py import SLEPc
@@ -17,7 +19,10 @@ from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
 from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
 from pw_elements.problem import Problem, refuse_negative
+from pw_elements.progress import doing
 from pw_elements.values import number, whole
+
+log = logging.getLogger(__name__)
 
 _TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
@@ -254,14 +259,21 @@ def _largest(
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
     eigensolver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
     eigensolver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
+    begun, comm = perf_counter(), A.comm.tompi4py()
     inverse = factorise(B, symmetric, solver)
     if symmetric:
         _refuse_indefinite(inverse, indefinite)
     eigensolver.getST().setKSP(inverse.ksp)
+    what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
     try:
-        eigensolver.solve()
+        with doing(comm, what):
+            eigensolver.solve()
     except PETSc.Error as error:
         raise NoModes(f"the eigenvalue solver broke down: {error}") from error
+    if comm.rank == 0:
+        steps = eigensolver.getIterationNumber()
+        seconds = perf_counter() - begun
+        log.info("%s: %d iterations, %s, %.2f s", what, steps, inverse.report.method, seconds)
     if eigensolver.getConverged() < count:
         raise NoModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "

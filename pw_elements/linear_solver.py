@@ -7,9 +7,11 @@ which may return None; a solver that wants contact unassembled, as E K + C on on
 place of `contact.system.Tangent` and leaves law and loop as they are.
 """
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from time import perf_counter
 from typing import Protocol
 
 from petsc4py import PETSc
@@ -19,6 +21,9 @@ import numpy as np
 from pw_elements.arguments import matrix as check_matrix
 from pw_elements.arguments import of_type, processes
 from pw_elements.collective import collective
+from pw_elements.progress import doing
+
+log = logging.getLogger(__name__)
 
 # A known solution comes back with a relative error of condition number x round-off: above
 # this, fewer than four digits of any answer would be meant.
@@ -213,12 +218,17 @@ class Factors:
         self.ksp.setType(self._kind)
         self._preconditioner.setReusePreconditioner(False)
         self._worthwhile = -1.0
-        try:
-            self.ksp.setUp()
-        except PETSc.Error as error:
-            raise _refused(self._options, error) from error
-        self._factorisations += 1
-        self._check()
+        begun, comm = perf_counter(), self._matrix.comm.tompi4py()
+        what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
+        with doing(comm, what):
+            try:
+                self.ksp.setUp()
+            except PETSc.Error as error:
+                raise _refused(self._options, error) from error
+            self._factorisations += 1
+            self._check()
+        if comm.rank == 0:
+            log.debug("%s: %.2f s", what, perf_counter() - begun)
         if self._mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)

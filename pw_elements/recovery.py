@@ -20,6 +20,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial import cKDTree
 
 from pw_elements import arguments
@@ -32,6 +33,7 @@ from pw_elements.spaces import Spaces
 from pw_elements.values import is_number
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS, _GOES = 3 / 4, 1 / 8
@@ -138,13 +140,17 @@ class SurfaceNodes:
         tributary_area: (m,), integral of the piecewise-linear function of each node.
         edges: (e, 3), mid-side node and both corners of each edge of the surface.
         rim: (m,), nodes at the ends of the line or on the edge of the face.
+        node: (m,), global numbers in the space, of this number of processes.
+        facets: (f, k), the nodes of each facet, in Basix' order (corners first).
     """
 
     position: Array
     own_area: Array
     tributary_area: Array
-    edges: npt.NDArray[np.intp]
+    edges: Indices
     rim: npt.NDArray[np.bool_]
+    node: npt.NDArray[np.int64]
+    facets: Indices
 
     @classmethod
     def of(cls, body: Body, where: Part) -> "SurfaceNodes":
@@ -157,14 +163,16 @@ class SurfaceNodes:
                 is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        position, own = _areas(body, where)
+        space = body.spaces.trial
+        position, own, node = _areas(body, where)
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
-        other, tributary = _areas(pw, where)
+        other, tributary, _ = _areas(pw, where)
         tree = cKDTree(other)
-        edges, rim_nodes = _edges(body.spaces.trial, where, cKDTree(position))
+        facets = _facets(space, where, node)
+        edges, rim_nodes = _edges(facets, space.mesh)
         rim = np.zeros(len(position), dtype=bool)
         rim[rim_nodes] = True
-        return cls(position, own, tributary[tree.query(position)[1]], edges, rim)
+        return cls(position, own, tributary[tree.query(position)[1]], edges, rim, node, facets)
 
     def pressure(self, force: Array) -> Array:
         """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight.
@@ -265,8 +273,39 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
 
 
-def _areas(body: Body, where: Part) -> tuple[Array, Array]:
-    """Positions (m, dim) of the nodes of a surface and integrals (m,) of their functions."""
+def facet_nodes(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
+    dim = space.mesh.topology.dim
+    topology, layout = space.mesh.topology, space.dofmap.dof_layout
+    topology.create_connectivity(dim - 1, dim)
+    topology.create_connectivity(dim, dim - 1)
+    of_facet = topology.connectivity(dim - 1, dim)
+    of_cell = topology.connectivity(dim, dim - 1)
+    count = len(basix.topology(space.mesh.basix_cell())[dim - 1])
+    cells = of_facet.array[of_facet.offsets[facets]]
+    local = (of_cell.array.reshape(-1, count)[cells] == facets[:, None]).argmax(axis=1)
+    closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(count)])
+    return np.asarray(space.dofmap.list[cells[:, None], closure[local]])
+
+
+def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+    """Local numbers of the exterior facets of owned cells that have all their nodes among these.
+
+    Args:
+        space: whose nodes they are.
+        nodes: (m,), global numbers, the same on every process.
+    """
+    index_map, topology = space.dofmap.index_map, space.mesh.topology
+    local = index_map.global_to_local(nodes)
+    among = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+    among[local[local >= 0]] = True
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    facets = exterior_facet_indices(topology)
+    return np.asarray(facets[among[facet_nodes(space, facets)].all(axis=1)])
+
+
+def _areas(body: Body, where: Part) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Positions (m, dim) of the nodes of a surface, integrals (m,) of their functions, numbers."""
     space, mesh = body.spaces.trial, body.spaces.mesh
     dim = mesh.geometry.dim
     surface = boundary_measure(mesh, where)
@@ -277,53 +316,35 @@ def _areas(body: Body, where: Part) -> tuple[Array, Array]:
     comm = mesh.comm
     position = np.concatenate(comm.allgather(space.tabulate_dof_coordinates()[nodes, :dim]))
     areas = np.concatenate(comm.allgather(area.array_r.reshape(-1, dim)[nodes, -1]))
+    numbers = nodes + np.int64(space.dofmap.index_map.local_range[0])
+    node = np.concatenate(comm.allgather(numbers))
     order = by_position(position)
-    return position[order], areas[order]
+    return position[order], areas[order], node[order]
 
 
-def _edges(
-    space: fem.FunctionSpace, where: Part, nodes: cKDTree
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Edges (e, 3) of a surface as numbers of its nodes, and its rim's nodes.
+def _facets(space: fem.FunctionSpace, where: Part, node: npt.NDArray[np.int64]) -> Indices:
+    """Facets (f, k) of all processes as places of their nodes among `node` (m,)."""
+    facets = facet_nodes(space, exterior_facets(space.mesh, where))
+    numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
+    order = np.argsort(node)
+    every = np.concatenate(space.mesh.comm.allgather(numbers))
+    return np.unique(order[np.searchsorted(node, every, sorter=order)], axis=0)
+
+
+def _edges(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
+    """Edges (e, 3) of a surface, mid-side node first, and its rim's nodes.
 
     The rim consists of the ends of facets (vertices in 2-D, edges in 3-D) that no other facet
     of the surface shares.
     """
-    mesh, layout = space.mesh, space.dofmap.dof_layout
-    topology, dim = mesh.topology, mesh.topology.dim
-    topology.create_connectivity(dim, dim - 1)
-    cell_facets, facet_cells = (
-        topology.connectivity(dim, dim - 1),
-        topology.connectivity(dim - 1, dim),
-    )
-    sub = basix.topology(space.element.basix_element.cell_type)
-
-    def of_facet(local: int, d: int) -> list[int]:
-        """Sub-entities of dimension d of a cell's facet."""
-        corners = set(sub[dim - 1][local])
-        return [e for e, vertices in enumerate(sub[d]) if set(vertices) <= corners]
-
-    edges, ends = [], []
-    for facet in exterior_facets(space.mesh, where):
-        cell = facet_cells.links(facet)[0]
-        local = int(np.flatnonzero(cell_facets.links(cell) == facet)[0])
-        dofs = space.dofmap.cell_dofs(cell)
-        for e in of_facet(local, 1):
-            corners = [layout.entity_dofs(0, v)[0] for v in sub[1][e]]
-            edges.append(dofs[[layout.entity_dofs(1, e)[0], *corners]])
-        ends += [dofs[layout.entity_closure_dofs(dim - 2, e)] for e in of_facet(local, dim - 2)]
-
-    x = space.tabulate_dof_coordinates()[:, : mesh.geometry.dim]
-
-    def numbered(dofs: list[npt.NDArray[np.int32]]) -> npt.NDArray[np.intp]:
-        """Rows of all processes, in numbers of the surface's nodes."""
-        parts = mesh.comm.allgather(x[np.array(dofs)] if dofs else None)
-        return nodes.query(np.concatenate([part for part in parts if part is not None]))[1]
-
-    ordered = numbered(edges)
-    ordered[:, 1:].sort(axis=1)
-    rim, count = np.unique(np.sort(numbered(ends), axis=1), axis=0, return_counts=True)
-    return np.unique(ordered, axis=0), np.unique(rim[count == 1])
+    dim = mesh.topology.dim
+    sub = basix.topology(basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0])
+    corners = len(sub[0])
+    edges = np.concatenate([facets[:, [corners + e, *ends]] for e, ends in enumerate(sub[1])])
+    edges[:, 1:].sort(axis=1)
+    ends = edges if dim == 3 else facets[:, :corners].reshape(-1, 1)
+    rim, count = np.unique(ends, axis=0, return_counts=True)
+    return np.unique(edges, axis=0), np.unique(rim[count == 1])
 
 
 __getattr__ = renamed(

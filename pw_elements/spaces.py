@@ -118,21 +118,51 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
 
 
-def as_function(space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f") -> fem.Function:
+def as_function(
+    space: fem.FunctionSpace,
+    values: PETSc.Vec,
+    name: str = "f",
+    out: fem.Function | None = None,
+) -> fem.Function:
     """A vector (n,) in a space's numbering as a function, its ghosts too; for forms and files.
 
+        u = as_function(U, solve(K, f, held), "displacement")
+        as_function(U, solve(K, 2 * f, held), out=u)  # forms and writers that have u see it
+
+    Args:
+        space: in whose numbering the vector is.
+        values: vector (n,).
+        name: of a new function.
+        out: a function of the space to fill, in place of a new one; it keeps its name.
+
     Raises:
-        ValueError: if the vector is not one of the space.
+        TypeError: for things of another kind.
+        ValueError: if the vector is not one of the space, or the function belongs to another.
     """
     arguments.space(space)
     with collective(space.mesh.comm):
         arguments.of_type("name", name, str, "it has to be a string")
         arguments.petsc_vector("the vector", values)
         arguments.same_sizes("the vector", values.getSizes(), "the space", space)
-    function = fem.Function(space, name=name)
+        if out is not None:
+            arguments.of_type("out", out, fem.Function, "it has to be a function of the space")
+            if out.function_space != space:
+                raise ValueError("the function to fill belongs to another space")
+    function = fem.Function(space, name=name) if out is None else out
     function.x.array[: values.getLocalSize()] = values.array_r
     function.x.scatter_forward()
     return function
+
+
+def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """The space of a vector space's components, its nodes numbered like the vectors'.
+
+    Raises:
+        NumberingError: if DOLFINx numbers the two spaces differently.
+    """
+    scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
+    _assert_one_numbering(space, scalars, blocks=False)
+    return scalars
 
 
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:
@@ -161,11 +191,13 @@ def _check_cell(mesh: Mesh, cell: str, what: str) -> None:
         )
 
 
-def _assert_one_numbering(trial: fem.FunctionSpace, test: fem.FunctionSpace) -> None:
+def _assert_one_numbering(
+    trial: fem.FunctionSpace, test: fem.FunctionSpace, blocks: bool = True
+) -> None:
     """No document of DOLFINx promises it, so it is looked at: here and nowhere else."""
     a, b = trial.dofmap, test.dofmap
     same = (
-        a.index_map_bs == b.index_map_bs
+        (a.index_map_bs == b.index_map_bs or not blocks)
         and a.index_map.size_local == b.index_map.size_local
         and np.array_equal(a.list, b.list)
         and np.array_equal(a.index_map.ghosts, b.index_map.ghosts)

@@ -68,6 +68,7 @@ def fields(state):
         }
         # meaning nothing but a direction of round-off where hardly a force is
         del finite["direction"], finite["turning"]
+        del finite["node"], finite["faced"]  # in the numbering of the processes, too
         values |= {f"{name} {k}": array for name, array in finite.items()}
     return values
 

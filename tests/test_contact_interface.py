@@ -70,7 +70,15 @@ def coupled():
     force = 2.0 * own + elsewhere.tocsr()
     zero = np.zeros_like(nodal.position)
     points = Points(
-        nodal.position, nodal.friction, nodal.equation, motion.tocsr(), force.tocsr(), zero, zero
+        nodal.position,
+        nodal.friction,
+        nodal.equation,
+        motion.tocsr(),
+        force.tocsr(),
+        zero,
+        zero,
+        nodal.node,
+        nodal.faced,
     )
     return (
         Interface([points], [CURVED], BLOCK.K.createVecRight()),

@@ -67,9 +67,11 @@ def test_forces_are_those_prescribed_and_the_base_holds_them(dome, method):
     assert dome["pressed"][method].force[1] == pytest.approx(-F, rel=1e-9)
     assert dome["worst"] < 1e-9
     if method == "piecewise linear":
-        forces = dome["contact_force"].x.array.reshape(-1, 2)
+        forces = dome["outline_force"].x.array.reshape(-1, 2)
         on_base = np.isclose(dome["U"].tabulate_dof_coordinates()[:, 1], 0.0)
         assert forces[on_base].sum(axis=0) == pytest.approx([-Q, F], rel=1e-9)
+        contact_forces = dome["fields"].force.x.array.reshape(-1, 2)
+        assert contact_forces[~on_base] == pytest.approx(forces[~on_base], abs=1e-9 * F)
 
 
 def test_what_is_let_go_remembers_the_push(dome):
@@ -128,7 +130,7 @@ def test_stress_below_the_contact_is_the_pressure(dome):
 
 
 def test_pictures_and_fields_are_written(dome):
-    assert len(pictures()) == 2
+    assert len(pictures()) == 3
     for name in pictures():
         assert (dome["folder"] / name).stat().st_size > 20_000
         assert (DOCS / name).is_file()

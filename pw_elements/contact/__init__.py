@@ -13,6 +13,8 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     below, above = states[-1].pairs
     below.position, below.force_normal, below.force_tangential, below.status
     above.translation, above.force, states[-1].iterations, states[-1].residuals
+    write("punch.bp", states, body)  # for ParaView
+    plot(states[-1], body, pair=1)
 """
 
 from pw_elements.contact.errors import (
@@ -22,8 +24,11 @@ from pw_elements.contact.errors import (
     FreeBody,
     NotUnique,
 )
+from pw_elements.contact.fields import ContactFields, write
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
+from pw_elements.contact.pictures import plot
+from pw_elements.contact.progress import Progress
 from pw_elements.contact.state import ContactState, PairState, Residuals
 from pw_elements.contact.stepping import ContactProblem, solve_contact
 from pw_elements.contact.surfaces import (
@@ -41,6 +46,7 @@ __all__ = [
     "SLIP",
     "STICK",
     "ContactFailed",
+    "ContactFields",
     "ContactNotConverged",
     "ContactPair",
     "ContactProblem",
@@ -55,9 +61,12 @@ __all__ = [
     "Parabola",
     "Plane",
     "Polyline",
+    "Progress",
     "Residuals",
     "SignedDistance",
     "Sphere",
     "Surface",
+    "plot",
     "solve_contact",
+    "write",
 ]

@@ -63,6 +63,8 @@ class Points:
         beside: (m, dim), mean of the midpoints of the cells around: tells points apart that
             coincide, such as those of two bodies that touch.
         outward: (m, dim), direction of the body's outward normal; zero where there is none.
+        node: (m,), global number of the node that the point is, or whose force it has.
+        faced: (m,), global number of the node that it faces; -1 where a rigid surface does.
     """
 
     position: Array
@@ -72,6 +74,8 @@ class Points:
     force: sp.csr_matrix
     beside: Array
     outward: Array
+    node: Indices
+    faced: Indices
 
 
 class Interface:
@@ -81,7 +85,7 @@ class Interface:
         comm: of the space.
         surfaces: one per pair, at its initial place.
         pair: (m,), number of each point's pair.
-        position, friction, equation: as in `Points`.
+        position, friction, equation, node, faced: as in `Points`.
         motion: G.
         force: H.
     """
@@ -97,6 +101,8 @@ class Interface:
         self.position = np.concatenate([part.position for part in points])
         self.friction = np.concatenate([part.friction for part in points])
         self.equation = np.concatenate([part.equation for part in points])
+        self.node = np.concatenate([part.node for part in points])
+        self.faced = np.concatenate([part.faced for part in points])
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
         self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), space_rows)

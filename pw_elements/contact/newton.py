@@ -1,5 +1,6 @@
 """The active-set (semismooth Newton) iteration of one increment: solve, residual, next set."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -14,8 +15,10 @@ from pw_elements.contact.globalisation import Policy, counted, same
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import ActiveSet, Contact, equations, turned
+from pw_elements.contact.state import ContactState
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import SingularSystem
+from pw_elements.progress import doing
 
 Array = npt.NDArray[np.float64]
 
@@ -63,6 +66,13 @@ class Reference:
     displacement: Array
     force: Array
     translations: Array
+
+    @classmethod
+    def of(cls, state: ContactState, interface: Interface) -> "Reference":
+        """What an increment from a state has to know of it, on this process."""
+        moved = interface.local([pair.displacement for pair in state.pairs])
+        forces = interface.local([pair.force_vector for pair in state.pairs])
+        return cls(moved, forces, state.translations)
 
 
 class Increment:
@@ -153,12 +163,19 @@ class Increment:
 
 
 def newton(
-    increment: Increment, active: ActiveSet, place: Kinematics, policy: Policy, most: int
+    increment: Increment,
+    active: ActiveSet,
+    place: Kinematics,
+    policy: Policy,
+    most: int,
+    told: Callable[[int, ActiveSet, float], None] | None = None,
 ) -> tuple[Iterate, int]:
     """Iterates from an active set and a place of linearisation until all conditions hold.
 
     Planes make gap and slip linear. For curved surfaces under force control they are linearised
     anew where the active set has been found, until nothing changes.
+
+    `told`, if it is given, is called with each iteration's number, active set and violation.
 
     Returns:
         The solution and the number of linear systems, `most` at most.
@@ -169,8 +186,12 @@ def newton(
     system = increment.system
     policy.restart(active)
     for iteration in range(1, most + 1):
-        now = increment.solve(active, place)
-        if increment.violation(now) <= 1:
+        with doing(system.comm, f"iteration {iteration}"):
+            now = increment.solve(active, place)
+        violation = increment.violation(now)
+        if told:
+            told(iteration, active, violation)
+        if violation <= 1:
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
             now = increment.seen(now.reduced, now.translations, place)
             if increment.violation(now) <= 1:

@@ -70,8 +70,8 @@ def _points(
 ) -> Points:
     """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
     dim = body.x.shape[1]
-    own = node + body.space.dofmap.index_map.local_range[0]
-    ends = [(own.astype(np.int64), 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
+    own = (node + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
+    ends = [(own, 1.0)] + ([] if opposite is None else [(opposite, -1.0)])
     dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
     value = np.repeat([sign for _, sign in ends], len(node) * dim)
     row = np.tile(np.arange(len(node) * dim), len(ends))
@@ -85,6 +85,8 @@ def _points(
         motion,
         body.beside[node],
         body.outward[node],
+        own,
+        np.full_like(own, -1) if opposite is None else opposite,
     )
 
 

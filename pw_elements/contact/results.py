@@ -58,6 +58,8 @@ def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
                 displacement=zero,
                 direction=zero,
                 turning=none,
+                node=interface.in_order(k, interface.node),
+                faced=interface.in_order(k, interface.faced),
             )
         )
     residuals = Residuals(*np.zeros(8).tolist())
@@ -88,6 +90,8 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
         displacement=ordered(now.displacement),
         direction=ordered(np.einsum("nab,na->nb", tangents, active.direction)),
         turning=ordered(active.turning),
+        node=ordered(interface.node),
+        faced=ordered(interface.faced),
     )
 
 

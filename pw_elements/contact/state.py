@@ -1,8 +1,9 @@
 """States of a contact computation: results, and all that the next increment has to know."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 Free: TypeAlias = tuple[tuple[int, int], ...]
 
 
@@ -36,6 +38,9 @@ class PairState:
         displacement: (m, dim), of the nodes; relative to what they face where nodes match.
         direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
         turning: (m,), of the law's linearisation at slipping nodes, see `law.ActiveSet`.
+        node: (m,), global numbers in the space, of this number of processes; component i of node
+            k is the entry dim k + i of `ContactState.displacement`.
+        faced: (m,), the same of the nodes that they face; -1 where a rigid surface does.
     """
 
     position: Array
@@ -51,10 +56,20 @@ class PairState:
     displacement: Array
     direction: Array
     turning: Array
+    node: Indices
+    faced: Indices
 
     def __post_init__(self) -> None:
         for values in vars(self).values():
             values.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PairState, tuple(vars(self).values())  # pickled arrays would come back writeable
+
+    @property
+    def force_vector(self) -> Array:
+        """Nodal force (m, dim) of the surface on the body, its normal part and the rest."""
+        return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
 @dataclass(frozen=True)
@@ -94,6 +109,9 @@ class Residuals:
 class ContactState:
     """The body at the end of one increment; `ContactProblem.step` goes on from it.
 
+    States can be pickled, each process' part by itself, for the same number of processes;
+    `ContactProblem.save` writes files for any number.
+
     Args:
         displacement: full vector (n,) in the trial space's numbering.
         pairs: one state per contact pair.
@@ -119,3 +137,26 @@ class ContactState:
     increment: int
     free: Free
     orientations: frozenset[int]
+
+    @property
+    def translations(self) -> Array:
+        """Of all pairs' surfaces from their initial places, (pairs, dim)."""
+        return np.array([pair.translation for pair in self.pairs])
+
+    def __getstate__(self) -> dict[str, Any]:
+        vector = self.displacement
+        kept = (vector.getSizes(), vector.comm.size, vector.array_r.copy())
+        return vars(self) | {"displacement": kept}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        sizes, processes, values = kept["displacement"]
+        world = MPI.COMM_WORLD
+        if processes not in (1, world.size):
+            raise ValueError(
+                f"a state pickled by {processes} processes is read by {world.size}: "
+                "ContactProblem.save writes files for any number"
+            )
+        comm = world if processes == world.size else MPI.COMM_SELF
+        vector = PETSc.Vec().createMPI(sizes, comm=comm)
+        vector.setArray(values)
+        vars(self).update(kept | {"displacement": vector})

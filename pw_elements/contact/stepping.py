@@ -16,6 +16,7 @@ the gaps, normals, friction and G, and it corrects the nodes' predicted motion b
 
 from collections.abc import Sequence
 from pathlib import Path
+from time import perf_counter
 
 from petsc4py import PETSc
 
@@ -31,10 +32,10 @@ from pw_elements.contact.inputs import (
     checked_problem,
     checked_step,
 )
-from pw_elements.contact.interface import Interface
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
+from pw_elements.contact.progress import Callback, Watch, checked_callback
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
@@ -43,6 +44,7 @@ from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import Direct, LinearSolver
 from pw_elements.mesh_checks import check_mesh
+from pw_elements.progress import bar, doing
 
 
 class ContactProblem:
@@ -64,6 +66,8 @@ class ContactProblem:
         space: trial space of the displacements.
         solver: of the linear systems; `Direct()` unless given.
         max_iterations: linear systems per increment.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; what it raises ends the computation.
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
@@ -79,11 +83,13 @@ class ContactProblem:
         space: fem.FunctionSpace,
         solver: LinearSolver | None = None,
         max_iterations: int = 50,
+        callback: Callback | None = None,
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
+        self._callback = checked_callback(space.mesh.comm, callback)
         self._interface = nodal_interface(self.pairs, space, reduction)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
@@ -116,31 +122,45 @@ class ContactProblem:
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
         """
-        interface = self._interface
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
-        prescribed, forces = _translations(moved, interface.position.shape[1])
+        with doing(self._interface.comm, f"contact increment {state.increment}"):
+            return self._step(state, load, moved, guess)
+
+    def _step(
+        self,
+        state: ContactState,
+        load: PETSc.Vec,
+        motions: Sequence[Motion | None],
+        guess: ContactState | None,
+    ) -> ContactState:
+        begun, interface = perf_counter(), self._interface
+        prescribed, forces = _translations(motions, interface.position.shape[1])
         free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
         system, rigid = self._bound(free)
         before = system.report
         totals = np.array([forces[at] for at in free])
-        past = _reference(state, interface)
+        past = Reference.of(state, interface)
         increment = Increment(system, self._K, load, prescribed, totals, past)
         hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
         policy = Policy(hold, interface.comm)
 
-        first = _surfaces(guess or state)
+        first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
         interface.check_supports(translations)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
+        watch = Watch(interface.comm, state.increment, self._callback)
+        told = watch.iterated if watch.wanted else None
         try:
-            now, iterations = newton(increment, active, place, policy, self._most)
+            now, iterations = newton(increment, active, place, policy, self._most, told)
         except ContactNotConverged:
             if policy.lost:  # and nothing that was tried instead held the body
                 raise policy.lost[-1] from None
             raise
         interface.check_supports(now.translations)
-        return contact_state(increment, now, iterations, state, system.report.since(before))
+        found = contact_state(increment, now, iterations, state, system.report.since(before))
+        watch.ended(found, increment.violation(now), perf_counter() - begun)
+        return found
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
@@ -181,6 +201,7 @@ def solve_contact(
     start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
     solver: LinearSolver | None = None,
+    callback: Callback | None = None,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
 
@@ -198,6 +219,8 @@ def solve_contact(
             touch, every other one from the previous one.
         max_iterations: linear systems per increment.
         solver: of the linear systems; `Direct()` unless given.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; what it raises ends the computation.
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
@@ -207,12 +230,13 @@ def solve_contact(
         FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
             increment, counted from 0, and have the states before it as `states`.
     """
-    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations)
+    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback)
     increments = checked_increments(K, loads, problem.pairs, start, space)
     states = [problem.undeformed]
     for k, (load, motions, guess) in enumerate(increments):
         try:
-            states.append(problem.step(states[-1], load, motions, guess))
+            with doing(space.mesh.comm, bar(k, len(increments))):
+                states.append(problem.step(states[-1], load, motions, guess))
         except ContactFailed as error:
             named = type(error)(f"increment {k}: {error}")
             named.states = states[1:]
@@ -225,15 +249,3 @@ def _translations(motions: Sequence[Motion | None], dim: int) -> tuple[np.ndarra
     rest = np.zeros(dim)
     prescribed = [rest if m is None else m.prescribed() for m in motions]
     return np.array(prescribed), np.array([rest if m is None else m.forces() for m in motions])
-
-
-def _surfaces(state: ContactState) -> np.ndarray:
-    """Translations (pairs, dim)."""
-    return np.array([pair.translation for pair in state.pairs])
-
-
-def _reference(state: ContactState, interface: Interface) -> Reference:
-    """What an increment from a state has to know of it, on this process."""
-    forces = [p.force_normal[:, None] * p.normal + p.force_tangential for p in state.pairs]
-    moved = interface.local([pair.displacement for pair in state.pairs])
-    return Reference(moved, interface.local(forces), _surfaces(state))

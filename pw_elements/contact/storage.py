@@ -21,7 +21,7 @@ from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
 
-_FORMAT = "pw_elements contact state 1"
+_FORMAT = "pw_elements contact state 2"
 # Largest distance of a node from its place in the file, over the body's extent
 _SAME = 1e-8
 
@@ -76,14 +76,17 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         if numbers["format"] != _FORMAT:
             raise ValueError(f"its format is {numbers['format']!r}")
         pairs = [
-            PairState(**{name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__})
+            {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
             for k in range(numbers["pairs"])
         ]
     except (ValueError, KeyError, OSError, BadZipFile) as failed:
         raise ValueError(f"{path} holds no contact state: {failed}") from None
+    row = _rows(path, arrays, space)
+    for pair in pairs:
+        pair |= {name: _numbers(pair[name], row, space) for name in ("node", "faced")}
     return ContactState(
-        _displacement(path, arrays, space),
-        tuple(pairs),
+        _displacement(arrays["displacement"][row], space),
+        tuple(PairState(**pair) for pair in pairs),
         numbers["iterations"],
         numbers["unique"],
         Residuals(**numbers["residuals"]),
@@ -94,11 +97,10 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     )
 
 
-def _displacement(path: Path, arrays: dict[str, Array], space: fem.FunctionSpace) -> PETSc.Vec:
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    stored, moved = arrays["nodes"], arrays["displacement"]
-    places = _places(space)
-    wrong = stored.shape != (index_map.size_global, places.shape[1])
+def _rows(path: Path, arrays: dict[str, Array], space: fem.FunctionSpace) -> npt.NDArray[np.intp]:
+    """Row of each owned node in a file, which is the number that it had when that was written."""
+    stored, places = arrays["nodes"], _places(space)
+    wrong = stored.shape != (space.dofmap.index_map.size_global, places.shape[1])
     if not wrong:
         distance, nearest = cKDTree(stored).query(places)
         times = np.bincount(nearest, minlength=len(stored))
@@ -107,10 +109,26 @@ def _displacement(path: Path, arrays: dict[str, Array], space: fem.FunctionSpace
         wrong = bool(np.any(distance > _SAME * extent) or np.any(times != 1))
     if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
         raise ValueError(f"{path} has the state of another mesh")
+    return np.asarray(nearest)
+
+
+def _displacement(moved: Array, space: fem.FunctionSpace) -> PETSc.Vec:
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     sizes = (index_map.size_local * block, index_map.size_global * block)
     vector = PETSc.Vec().createMPI(sizes, comm=space.mesh.comm)
-    vector.setArray(moved[nearest].ravel())
+    vector.setArray(moved.ravel())
     return vector
+
+
+def _numbers(
+    stored: npt.NDArray[np.int64], row: npt.NDArray[np.intp], space: fem.FunctionSpace
+) -> npt.NDArray[np.int64]:
+    """Global numbers today of nodes (m,) with numbers of a file; -1, no node, stays."""
+    numbers = np.full(len(stored), -1, dtype=np.int64)
+    _, mine, of_file = np.intersect1d(row, stored, return_indices=True)
+    numbers[of_file] = space.dofmap.index_map.local_range[0] + mine
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, numbers, MPI.MAX)
+    return numbers
 
 
 def _places(space: fem.FunctionSpace) -> Array:

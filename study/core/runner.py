@@ -1,5 +1,6 @@
 """Compute cases, several at a time, and store each result as soon as it is there."""
 
+import logging
 import math
 import sys
 import time
@@ -16,6 +17,9 @@ from study.core.expected import expected
 from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
 from study.core.store import CorruptResult, Results, discard, save
+
+# Cases run beside each other: their lines on what goes on would cross those of the runner
+logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
 Todo = tuple[Case, str]  # with its fingerprint, taken before anything runs

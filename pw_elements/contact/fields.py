@@ -1,0 +1,271 @@
+"""States as functions on the body, and as a time series that ParaView opens.
+
+Both take a line:
+
+    fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+    write("punch.bp", states, body)
+"""
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, io
+
+from pw_elements import arguments
+from pw_elements.collective import collective
+from pw_elements.contact.errors import listed
+from pw_elements.contact.state import ContactState, PairState
+from pw_elements.elements import quadratic_element
+from pw_elements.mechanics import Body
+from pw_elements.recovery import SurfaceNodes, facets_between
+from pw_elements.spaces import as_function, scalar_space
+
+Array = npt.NDArray[np.float64]
+
+# Largest difference of a node's positions in a state and in the space, over the largest coordinate
+_SAME = 1e-9
+_STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
+
+
+@dataclass(frozen=True)
+class ContactFields:
+    """A state as functions of the trial space, or its scalar sibling, with the states' values.
+
+    What lives on the contact surface is zero elsewhere, except for the gap, which is NaN: zero
+    would be contact. ParaView draws NaN in a colour of its own and leaves it out of ranges. Where
+    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
+
+    Pressures are forces over areas and need the body (thickness, circumference), see
+    `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
+    is given. What is known is their values at nodes: if these are interpolated by the test
+    functions, the integral over the surface is the total force. Where the weights are piecewise
+    linear, so is that interpolation, and the trial function's integral is near it only.
+
+    Args:
+        displacement: vector.
+        force: vector, "contact_force": of the surface on the body at each node.
+        gap: scalar; NaN off the contact surface and at nodes that nothing faces.
+        slip: vector, of this increment.
+        status: scalar, OPEN (0), STICK (1) or SLIP (2); OPEN off the surface.
+        pressure: scalar, compression positive: the normal nodal force over the integral of the
+            node's own test function (measure 2); NaN where a node has no weight.
+        tributary_pressure: scalar, the same over the node's tributary area (measure 3).
+        traction: vector, the tangential force of the surface on the body over the area that
+            `pressure` has.
+        surfaces: of each pair; none without the body.
+    """
+
+    displacement: fem.Function
+    force: fem.Function
+    gap: fem.Function
+    slip: fem.Function
+    status: fem.Function
+    pressure: fem.Function | None
+    tributary_pressure: fem.Function | None
+    traction: fem.Function | None
+    surfaces: tuple[SurfaceNodes, ...]
+
+    @classmethod
+    def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
+        """Functions with the values of a state; every process calls it.
+
+        Args:
+            state: of a contact problem on the space.
+            body: whose contact it is; its trial space serves all but the pressures.
+
+        Raises:
+            TypeError: for things of another kind.
+            ValueError: for a state of another space, or if pressures are asked for and a node
+                belongs to no facet that has all of its nodes in the pair.
+        """
+        space = _trial(body)
+        check_state(state, space)
+        scalars = scalar_space(space)
+        displacement, force, slip, traction = (
+            fem.Function(space, name=name)
+            for name in ("displacement", "contact_force", "slip", "traction")
+        )
+        gap, status, pressure, tributary = (
+            fem.Function(scalars, name=name)
+            for name in ("gap", "status", "pressure", "tributary_pressure")
+        )
+        always = displacement, force, gap, slip, status
+        if isinstance(body, Body):
+            surfaces = tuple(surface_of(k, pair, body) for k, pair in enumerate(state.pairs))
+            fields = cls(*always, pressure, tributary, traction, surfaces)
+        else:
+            fields = cls(*always, None, None, None, ())
+        fields.fill(state)
+        return fields
+
+    def fill(self, state: ContactState) -> None:
+        """Takes over the values of another state of the same problem.
+
+        Raises:
+            ValueError: for one of another space or other pairs.
+        """
+        space = self.displacement.function_space
+        check_state(state, space)
+        pairs = state.pairs
+        if self.surfaces and [len(s.node) for s in self.surfaces] != [len(p.node) for p in pairs]:
+            raise ValueError("the state has other contact nodes than the fields")
+        as_function(space, state.displacement, out=self.displacement)
+        _spread(self.force, pairs, [pair.force_vector for pair in pairs])
+        gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
+        _spread(self.gap, pairs, gaps, np.nan)
+        _spread(self.slip, pairs, [pair.slip for pair in pairs])
+        _spread(self.status, pairs, [pair.status for pair in pairs])
+        each = list(zip(self.surfaces, pairs, strict=False))
+        _spread(self.pressure, pairs, [s.pressure(p.force_normal) for s, p in each])
+        values = [s.tributary_pressure(p.force_normal) for s, p in each]
+        _spread(self.tributary_pressure, pairs, values)
+        _spread(self.traction, pairs, [s.pressure(p.force_tangential) for s, p in each])
+
+    def functions(self) -> list[fem.Function]:
+        """All of them."""
+        return [value for value in vars(self).values() if isinstance(value, fem.Function)]
+
+
+def write(
+    path: str | Path,
+    states: ContactState | Sequence[ContactState],
+    body: Body | fem.FunctionSpace,
+    times: Sequence[float] | None = None,
+) -> None:
+    """Writes all fields of states as a time series for ParaView, whole or not at all.
+
+        states = solve_contact(K, loads, supports, [floor, punch], U)
+        write("punch.bp", states, body)
+
+    The file, a folder in truth, is in ADIOS2's VTX format, which keeps quadratic functions and
+    curved cells: open it by ParaView's "ADIOS2 VTX Reader". What is there by this name is replaced.
+
+    Args:
+        path: ends in ".bp".
+        states: of one problem, or one of them.
+        body: see `ContactFields`; without pressures where it is the space.
+        times: of the states, increasing; their increments' numbers unless given.
+
+    Raises:
+        TypeError: for things of another kind.
+        ValueError: for another ending, no states, times that do not increase or are not one per
+            state, states of another space, and elements without quadratic Lagrange functions.
+        RuntimeError: if DOLFINx has been built without ADIOS2.
+        OSError: if something else is there, or the folder cannot be written in.
+    """
+    path, space = Path(path), _trial(body)
+    states = [states] if isinstance(states, ContactState) else list(states)
+    comm = space.mesh.comm
+    with collective(comm):
+        for state in states:
+            arguments.of_type("a state", state, ContactState, _STATE)
+        given = [float(s.increment) for s in states] if times is None else list(times)
+        _check_series(path, states, given, space)
+    fields = ContactFields.of(states[0], body)
+    unfinished = path.with_name(f".{comm.bcast(os.getpid())}-{path.name}")
+    try:
+        with io.VTXWriter(comm, unfinished, fields.functions()) as file:
+            for time, state in zip(given, states, strict=True):
+                fields.fill(state)
+                file.write(float(time))
+        comm.barrier()
+        with collective(comm):
+            if comm.rank == 0:
+                shutil.rmtree(path, ignore_errors=True)
+                unfinished.rename(path)
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def surface_of(number: int, pair: PairState, body: Body) -> SurfaceNodes:
+    """The surface of a pair: the facets that have all their nodes in it.
+
+    Raises:
+        ValueError: for a node that belongs to none of them.
+    """
+    space = body.spaces.trial
+    facets = facets_between(space, pair.node)
+    lone = pair.position
+    if space.mesh.comm.allreduce(len(facets)):
+        surface = SurfaceNodes.of(body, facets)
+        if np.array_equal(surface.node, pair.node):
+            return surface
+        lone = pair.position[~np.isin(pair.node, surface.node)]
+    raise ValueError(
+        f"contact pair {number}: its nodes at {listed(lone)} belong to no facet that has all of "
+        "its nodes in the pair, so that they have no pressure: let the pair end at vertices"
+    )
+
+
+def _spread(
+    out: fem.Function | None,
+    pairs: Sequence[PairState],
+    values: Sequence[npt.NDArray],
+    elsewhere: float = 0.0,
+) -> None:
+    """Fills a function with values (m,) or (m, dim) at the nodes of pairs."""
+    if out is None:
+        return
+    index_map = out.function_space.dofmap.index_map
+    array = out.x.array.reshape(-1, out.function_space.dofmap.index_map_bs)
+    array[:] = elsewhere
+    for pair, own in zip(pairs, values, strict=True):
+        columns = own.reshape(len(own), -1)
+        for nodes, sign in ((pair.node, 1.0), (pair.faced, 1.0 if own.ndim == 1 else -1.0)):
+            local = index_map.global_to_local(np.maximum(nodes, 0))  # ghosts, too
+            known = (local >= 0) & (nodes >= 0)
+            array[local[known]] = sign * columns[known]
+
+
+def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+    kinds = (Body, fem.FunctionSpace)
+    arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    return body.spaces.trial if isinstance(body, Body) else body
+
+
+def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
+    """Raises an error on all processes if a state's nodes are not those of a space."""
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    first, last = index_map.local_range
+    x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
+    with collective(space.mesh.comm):
+        arguments.of_type("state", state, ContactState, _STATE)
+        alike = state.displacement.getSizes() == (
+            index_map.size_local * block,
+            index_map.size_global * block,
+        )
+        for pair in state.pairs if alike else ():
+            mine = (pair.node >= first) & (pair.node < last)
+            away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
+            alike &= bool(away.max(initial=0.0) <= _SAME * np.abs(pair.position).max(initial=0.0))
+        if not alike:
+            raise ValueError("the state belongs to another space, or other processes, than this")
+
+
+def _check_series(
+    path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
+) -> None:
+    if not hasattr(io, "VTXWriter"):
+        raise RuntimeError("this DOLFINx was built without ADIOS2, which files for ParaView need")
+    if path.suffix != ".bp":
+        raise ValueError(f"{path}: the name of a VTX file ends in .bp")
+    if not states:
+        raise ValueError(f"{path}: there is no state to write")
+    if len(times) != len(states) or not np.all(np.diff(times) > 0) or not np.isfinite(times).all():
+        raise ValueError(f"{path}: {len(states)} states need as many times, each after the last")
+    cell, dim = space.mesh.topology.cell_name(), space.mesh.geometry.dim
+    if space.ufl_element() != quadratic_element(cell, (dim,)):
+        raise ValueError(
+            f"{path}: the element {space.ufl_element()} is not Lagrange's of degree 2, which is "
+            "what VTX files hold: write an interpolation of each field by io.VTXWriter"
+        )
+    if path.exists() and not (path / "md.idx").exists():
+        raise FileExistsError(f"{path} is there and no VTX file: it is not replaced")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: its folder does not exist")

@@ -1,0 +1,195 @@
+"""Pictures of a state: pressure and shear along the contact line, or over the contact face.
+
+Labels name no units:
+
+    axes = plot(states[-1], body)
+    axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
+    axes.figure.savefig("contact.png")
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements import arguments
+from pw_elements.contact.fields import check_state, surface_of
+from pw_elements.contact.law import OPEN, SLIP, STICK
+from pw_elements.contact.state import ContactState, PairState
+from pw_elements.mechanics import Body, StressState
+from pw_elements.recovery import Indices, SurfaceNodes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = npt.NDArray[np.float64]
+
+_BLUE, _ORANGE = "#0072B2", "#D55E00"
+# Arrows shorter than this, over the longest one, are none
+_INVISIBLE = 1e-3
+# Sub-triangles of a facet of 6 and of 9 nodes, in Basix' order
+_TRIANGLES = {
+    6: [[0, 5, 4], [1, 3, 5], [2, 4, 3], [3, 4, 5]],
+    9: [
+        *([0, 4, 8], [0, 8, 5], [4, 1, 6], [4, 6, 8]),
+        *([5, 8, 7], [5, 7, 2], [8, 6, 3], [8, 3, 7]),
+    ],
+}
+
+
+def plot(
+    state: ContactState,
+    body: Body,
+    pair: int = 0,
+    axes: Axes | None = None,
+    along: int | None = None,
+) -> Axes:
+    """Draws pressure and shear of one pair, by Matplotlib; every process calls it.
+
+    In the plane and in axisymmetry they are drawn along the contact line: the pressure, the shear
+    traction on the body in the direction of the line, the bounds ± mu p between which it lies, and
+    how each node stands. In space the pressure is a colour on the undeformed face, seen along the
+    mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
+
+    Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
+    `recovery`), in units of the modulus. Labels name no units: set your own.
+
+    Args:
+        state: what to draw.
+        body: whose contact it is.
+        pair: number of the pair.
+        axes: to draw in; those of a new figure unless given.
+        along: coordinate (0 or 1) that the line is drawn along; its arc length unless given,
+            from the end with the least coordinates. Faces know no such thing.
+
+    Returns:
+        The axes. Each process has its own; let one of them save the figure.
+
+    Raises:
+        TypeError: for things of another kind.
+        ValueError: for a pair or coordinate that there is not, and as `ContactFields.of`.
+    """
+    import matplotlib.pyplot as plt
+
+    arguments.of_type("body", body, Body, "pressures need the body's surface measure")
+    check_state(state, body.spaces.trial)
+    dim = body.spaces.mesh.geometry.dim
+    if not 0 <= pair < len(state.pairs):
+        raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
+    if along is not None and (dim == 3 or along not in (0, 1)):
+        raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
+    contact = state.pairs[pair]
+    surface = surface_of(pair, contact, body)
+    axes = plt.subplots(layout="constrained")[1] if axes is None else axes
+    if dim == 3:
+        _face(axes, contact, surface)
+    else:
+        names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
+        _line(axes, contact, surface, along)
+        axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
+    return axes
+
+
+def _line(axes: Axes, contact: PairState, surface: SurfaceNodes, along: int | None) -> None:
+    pressure = surface.pressure(contact.force_normal)
+    traction = surface.pressure(contact.force_tangential)
+    rough, bounds = bool(np.any(contact.friction > 0)), r"$\pm\mu\,\times$ pressure"
+    end = 0.0
+    for chain in _chains(surface.edges):
+        x, normal = contact.position[chain], contact.normal[chain]
+        onwards = np.gradient(x, axis=0)
+        if along is None:
+            steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
+            where = end + np.append(0.0, np.cumsum(steps))
+            end = where[-1]
+        else:
+            where = x[:, along]
+            onwards *= np.sign(onwards[:, along, None])
+        tangent = np.column_stack([normal[:, 1], -normal[:, 0]])
+        tangent *= np.sign(np.sum(tangent * onwards, axis=1, keepdims=True))
+        closed = contact.status[chain] != OPEN
+        if rough:
+            bound = contact.friction[chain] * pressure[chain]
+            shear = np.sum(traction[chain] * tangent, axis=1)
+            sticks, slips = (contact.status[chain] == status for status in (STICK, SLIP))
+            axes.fill_between(where, -bound, bound, color="0.88", lw=0, label=bounds)
+            axes.plot(where, shear, color=_ORANGE, lw=1)
+            style: dict[str, Any] = {"color": _ORANGE, "ls": "", "marker": "o", "ms": 4}
+            axes.plot(where[sticks], shear[sticks], label="shear, stick", **style)
+            axes.plot(where[slips], shear[slips], label="shear, slip", mfc="white", **style)
+        axes.plot(where, pressure[chain], color=_BLUE, lw=1)
+        axes.plot(where[closed], pressure[chain][closed], ".", color=_BLUE, label="pressure")
+    axes.axhline(0.0, color="0.5", lw=0.5)
+    handles, texts = axes.get_legend_handles_labels()
+    once = dict(zip(texts, handles, strict=True))
+    axes.legend(once.values(), once.keys(), frameon=False)
+
+
+def _face(axes: Axes, contact: PairState, surface: SurfaceNodes) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.tri import Triangulation
+
+    seen = np.delete(np.arange(3), np.abs(contact.normal.sum(axis=0)).argmax())
+    x, y = contact.position[:, seen].T
+    pressure = surface.pressure(contact.force_normal)
+    known = np.isfinite(pressure)
+    triangles = surface.facets[:, _TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
+    face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
+    weighed.set_mask(~known[triangles].all(axis=1))
+    shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")
+    axes.figure.colorbar(shown, ax=axes, label="pressure")
+    legend = []
+    for status, text, style in ((OPEN, "edge of contact", "--"), (STICK, "edge of stick", "-")):
+        inside = (contact.status == status).astype(float)
+        if 0 < inside.sum() < len(inside):
+            axes.tricontour(face, inside, [0.5], colors="0.2", linestyles=style)
+            legend.append(Line2D([], [], color="0.2", ls=style, label=text))
+    traction = surface.pressure(contact.force_tangential)[:, seen]
+    size = np.linalg.norm(np.nan_to_num(traction), axis=1)
+    if np.any(contact.friction > 0) and size.max() > 0:
+        spacing = np.sqrt(np.ptp(x) * np.ptp(y) / len(x))
+        pulled = size > _INVISIBLE * size.max()
+        axes.quiver(
+            *(x[pulled], y[pulled], *traction[pulled].T),
+            color=_ORANGE,
+            angles="xy",
+            scale_units="xy",
+            scale=size.max() / (1.5 * spacing),
+        )
+        text = f"shear, at most {size.max():.3g}"
+        arrow: dict[str, Any] = {"color": _ORANGE, "marker": r"$\rightarrow$", "ms": 12, "ls": ""}
+        legend.append(Line2D([], [], label=text, **arrow))
+    axes.set(aspect="equal", xlabel="xyz"[seen[0]], ylabel="xyz"[seen[1]])
+    if legend:
+        axes.legend(
+            handles=legend,
+            ncols=len(legend),
+            frameon=False,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+        )
+
+
+def _chains(edges: Indices) -> list[Indices]:
+    """Nodes of each connected part of a line in their order, corners and mid-side nodes."""
+    links: dict[int, list[tuple[int, int]]] = {}
+    for middle, one, other in edges:
+        links.setdefault(one, []).append((middle, other))
+        links.setdefault(other, []).append((middle, one))
+    chains = []
+    while links:
+        # nodes count in the order of their positions: from an end, or anywhere on a closed line
+        here = min(links, key=lambda node: (len(links[node]) > 1, node))
+        chain = [here]
+        while here in links:
+            middle, there = links[here].pop(0)
+            links[there].remove((middle, here))
+            for node in (here, there):
+                if not links[node]:
+                    del links[node]
+            chain += [middle, there]
+            here = there
+        chains.append(np.array(chain))
+    return chains

@@ -1,0 +1,70 @@
+"""What goes on while a computation runs: the library's loggers, and one line on a terminal.
+
+Loggers are "pw_elements", "pw_elements.contact", "pw_elements.eigen" and
+"pw_elements.linear_solver": increments and eigenvalue problems at the level INFO, iterations and
+factorisations at DEBUG, on process 0 alone.
+
+    logging.basicConfig(level=logging.INFO)
+
+Where logging is not configured and stderr is a terminal, a line there names what is being done,
+and is wiped out when it is done. `logging.getLogger("pw_elements").addHandler(
+logging.NullHandler())` configures it to nothing.
+"""
+
+import logging
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+
+from mpi4py import MPI
+
+logger = logging.getLogger("pw_elements")
+
+# Characters of a bar
+_BAR = 20
+_WIPE = "\r\033[K"
+# What is being done now, the outermost first, and since when
+_doing: list[str] = []
+_since = 0.0
+
+
+@contextmanager
+def doing(comm: MPI.Comm, what: str) -> Iterator[None]:
+    """Says on a terminal what is being done in a block, below what is said around it."""
+    global _since
+    if comm.rank > 0 or logger.hasHandlers() or not sys.stderr.isatty():
+        yield
+        return
+    if not _doing:
+        _since = perf_counter()
+    _doing.append(what)
+    _show()
+    try:
+        yield
+    finally:
+        _doing.pop()
+        _show()
+
+
+def bar(done: int, total: int) -> str:
+    """How much of a total is done, as a bar and in numbers."""
+    full = _BAR * done // total
+    return f"|{'#' * full}{'-' * (_BAR - full)}| {done}/{total}"
+
+
+def hush() -> None:
+    """Wipes the line out until the next thing is done: something else is to be written."""
+    if _doing:
+        sys.stderr.write(_WIPE)
+        sys.stderr.flush()
+
+
+def _show() -> None:
+    line = ", ".join(_doing)
+    if perf_counter() - _since >= 1:
+        line = f"{perf_counter() - _since:.0f} s {line}"
+    width = shutil.get_terminal_size().columns - 1
+    sys.stderr.write(_WIPE + line[:width] if _doing else _WIPE)
+    sys.stderr.flush()

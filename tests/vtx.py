@@ -1,0 +1,106 @@
+"""Reads VTX files by ADIOS2's own C library, with nothing of DOLFINx or of the library's."""
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+
+# enumerators of adios2_c_types.h
+READ_STEP, READ, SYNC, END = 2, 2, 5, 2
+NAMES = {
+    "geometry": np.float64,
+    "connectivity": np.int64,
+    "displacement": np.float64,
+    "contact_force": np.float64,
+    "gap": np.float64,
+    "slip": np.float64,
+    "status": np.float64,
+    "pressure": np.float64,
+    "tributary_pressure": np.float64,
+    "traction": np.float64,
+}
+
+
+def library():
+    """The C library beside the one that DOLFINx has loaded; None if it is not installed."""
+    import dolfinx  # noqa: F401
+
+    maps = Path("/proc/self/maps")
+    loaded = {line.split()[-1] for line in maps.read_text().splitlines() if "adios2" in line}
+    for folder in {Path(name).parent for name in loaded}:
+        for path in sorted(folder.glob("libadios2*_c.so*")):
+            found = ctypes.CDLL(str(path))
+            for name in (
+                "init_serial",
+                "declare_io",
+                "open",
+                "inquire_variable",
+                "inquire_attribute",
+            ):
+                getattr(found, f"adios2_{name}").restype = ctypes.c_void_p
+            found.adios2_inquire_blockinfo.restype = ctypes.POINTER(ctypes.c_size_t)
+            return found
+    return None
+
+
+def read(path):
+    """Each step's time and fields, (points, components), the blocks of all writers one by one."""
+    adios = library()
+    handle = ctypes.c_void_p(adios.adios2_init_serial())
+    io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
+    engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), READ))
+    assert engine, f"{path} cannot be opened"
+    steps, status = [], ctypes.c_int()
+    while True:
+        adios.adios2_begin_step(engine, READ_STEP, ctypes.c_float(-1), ctypes.byref(status))
+        if status.value != 0:
+            assert status.value == END
+            break
+        values = {}
+        for name, kind in NAMES.items():
+            variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, name.encode()))
+            if variable:
+                values[name] = blocks(adios, engine, variable, len(steps), kind)
+        time = np.empty(1)
+        variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, b"step"))
+        assert adios.adios2_get(engine, variable, pointer(time), SYNC) == 0
+        steps.append((time[0], values))
+        adios.adios2_end_step(engine)
+    adios.adios2_close(engine)
+    adios.adios2_finalize(handle)
+    return steps
+
+
+def scheme(path):
+    """The XML by which ParaView knows what there is."""
+    adios = library()
+    handle = ctypes.c_void_p(adios.adios2_init_serial())
+    io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
+    engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), READ))
+    status = ctypes.c_int()
+    adios.adios2_begin_step(engine, READ_STEP, ctypes.c_float(-1), ctypes.byref(status))
+    attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))
+    text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
+    assert adios.adios2_attribute_data(text, ctypes.byref(size), attribute) == 0
+    adios.adios2_end_step(engine)
+    adios.adios2_close(engine)
+    adios.adios2_finalize(handle)
+    return text.value.decode()
+
+
+def blocks(adios, engine, variable, step, kind):
+    # {int Dims; size_t *Shape; int IsValue, IsReverseDims; size_t nblocks; ...}
+    count = adios.adios2_inquire_blockinfo(engine, variable, ctypes.c_size_t(step))[3]
+    found = []
+    for block in range(count):
+        assert adios.adios2_set_block_selection(variable, ctypes.c_size_t(block)) == 0
+        shape = (ctypes.c_size_t * 2)()
+        assert adios.adios2_variable_count(shape, variable) == 0
+        values = np.empty(tuple(shape), dtype=kind)
+        assert adios.adios2_get(engine, variable, pointer(values), SYNC) == 0
+        found.append(values)
+    return np.concatenate(found) if found else None
+
+
+def pointer(array):
+    return array.ctypes.data_as(ctypes.c_void_p)
