@@ -21,10 +21,11 @@ from pw_elements.contact.errors import (
     DegenerateMesh,
     FreeBody,
     NotUnique,
+    SurfacePassed,
 )
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
-from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
 from pw_elements.contact.stepping import ContactProblem, solve_contact
 from pw_elements.contact.surfaces import (
     FlatPunch,
@@ -57,7 +58,9 @@ __all__ = [
     "Polyline",
     "Residuals",
     "SignedDistance",
+    "Smallness",
     "Sphere",
     "Surface",
+    "SurfacePassed",
     "solve_contact",
 ]

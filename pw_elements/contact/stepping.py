@@ -36,6 +36,7 @@ from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
+from pw_elements.contact.watch import Watch
 from pw_elements.linear_solver import Direct, LinearSolver
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
@@ -83,6 +84,7 @@ class ContactProblem:
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
         self._interface = nodal_interface(pairs, space, reduction)
+        self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
@@ -112,6 +114,7 @@ class ContactProblem:
                 would pull have opened and those that cannot hold have slipped.
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
         """
         interface = self._interface
         self._check(state, load, motions, guess)
@@ -125,9 +128,9 @@ class ContactProblem:
         hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
         policy = Policy(hold, interface.comm)
 
-        first = _surfaces(guess or state)
-        translations = np.where(np.isnan(prescribed), first, prescribed)
+        translations = np.where(np.isnan(prescribed), _surfaces(guess or state), prescribed)
         interface.check_supports(translations)
+        self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
         try:
@@ -137,7 +140,8 @@ class ContactProblem:
                 raise policy.lost[-1] from None
             raise
         interface.check_supports(now.translations)
-        return contact_state(increment, now, iterations, state, system.report.since(before))
+        smallness, report = self._watch.after(increment, now, state), system.report.since(before)
+        return contact_state(increment, now, iterations, state, report, smallness)
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
@@ -230,8 +234,8 @@ def solve_contact(
             loads that are not finite, motions or starts that are not one per increment, or no
             iterations.
         DegenerateMesh: for cells without volume or turned inside out.
-        FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
-            increment, counted from 0, and have the states before it as `states`.
+        FreeBody, NotUnique, ContactNotConverged, SurfacePassed: as `ContactProblem.step` says. They
+            name the increment, counted from 0, and have the states before it as `states`.
     """
     loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
     pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
