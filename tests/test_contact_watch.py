@@ -27,6 +27,7 @@ from pw_elements.contact import (
     results,
     solve_contact,
 )
+from pw_elements.contact.facets import Exterior
 from pw_elements.contact.gradients import Gradients
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Punch, at
@@ -120,6 +121,22 @@ def test_quadratic_displacements_are_largest_at_vertices(name):
     assert (strain, rotation) == pytest.approx(tuple(exact), rel=1e-10)
 
 
+def test_what_is_largest_within_a_cell_is_seen():
+    """A bubble, whose gradient is zero at the vertices of the one cell that it fills."""
+    mesh = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))
+    space = Spaces.galerkin(mesh).trial
+
+    def bubble(x):
+        return np.outer(x[:, 0] * (1 - x[:, 0]) * x[:, 1] * (1 - x[:, 1]), [1.0, 0.0, 0.0])
+
+    strain, rotation = Gradients(space).largest(in_space(space, bubble))
+    x, y = np.meshgrid(*[np.linspace(0, 1, 201)] * 2)
+    along, across = (1 - 2 * x) * y * (1 - y), (1 - 2 * y) * x * (1 - x)
+    largest = (np.abs(along) + np.hypot(along, across)).max() / 2
+    assert 0.7 * largest < strain <= largest
+    assert 0.7 * np.abs(across).max() / 2 < rotation <= np.abs(across).max() / 2
+
+
 def test_a_turned_body_is_turned_by_its_angle():
     """The theory's rotation is the sine of the angle, and strains are cosine - 1."""
     space = SPACES["curved triangles"]().trial
@@ -150,6 +167,8 @@ def test_states_report_strain_rotation_and_slip():
     assert vars(state.smallness) == pytest.approx(vars(expected), abs=1e-12)
     rested = problem.step(state, BLOCK.K.createVecLeft(), [motion])
     assert rested.smallness.slip == pytest.approx(0.0, abs=1e-12)  # of this increment
+    lifted = problem.step(rested, BLOCK.K.createVecLeft(), [Motion((3.0, 1.0))])
+    assert lifted.smallness.slip == 0.0  # of what touches
 
 
 def test_matching_nodes_slip_away_from_their_partners():
@@ -188,6 +207,7 @@ PASSED = {
     "ball is far below": (BALL, [(0, -1e3)], "passes through"),
     "ball in steps": (BALL, HALVES, "passes through .* nodes at .2, 2.;"),
     "ball in fine steps": (BALL, [(0, -0.93 - 0.02 * k) for k in range(9)], "outwards|passes"),
+    "ball from afar": (BALL, [(0, 20), (0, -2.2)], "passes through"),
     "ball goes through sideways": (BALL, [(-4, -1), (4, -1.5)], "passes through"),
     "level set": (ROUND, [(0, -2.2)], "passes through"),
     "plate": (PLATE, [(0, -10)], "whole thickness .* at .0, 2., .0.125, 2."),
@@ -288,6 +308,57 @@ def test_thickness_in_space(cell):
     for depth in (0.6, 1.6, 10.0):
         with pytest.raises(SurfacePassed, match="passes through"):
             pushed(ball, depth)
+
+
+EXITS = {
+    "triangles": lambda: flat(triangles),
+    "quadrilaterals": lambda: flat(quadrilaterals),
+    "tetrahedra": lambda: cube(CellType.tetrahedron),
+    "hexahedra": lambda: cube(CellType.hexahedron),
+}
+
+
+@pytest.mark.parametrize("name", EXITS)
+def test_rays_leave_through_the_other_side(name):
+    """Of the unit square or cube: against its faces' equations, and a linear field there."""
+    mesh = EXITS[name]()
+    dim = mesh.geometry.dim
+    space = Spaces.galerkin(mesh).trial
+    exterior, rng = Exterior.of(space), np.random.default_rng(6)
+    B = rng.normal(size=(dim, dim))
+    moved = (space.tabulate_dof_coordinates()[:, :dim] @ B.T)[exterior.vertices]
+    left = 0
+    for _ in range(200):
+        origin, direction = rng.uniform(0.01, 0.99, dim), rng.normal(size=dim)
+        axis = rng.integers(dim)
+        origin[axis] = 0.0
+        direction[axis] = rng.uniform(1.0, 4.0)
+        direction /= np.linalg.norm(direction)
+        ways = np.where(direction > 0, 1 - origin, -origin) / direction
+        length, there = exterior.exit(origin, direction, moved)
+        if np.abs(direction[ways.argmin()]) > 0.6:
+            left += 1
+            assert length == pytest.approx(ways.min())
+            assert there == pytest.approx(B @ (origin + length * direction))
+        else:
+            assert length == np.inf
+    assert 50 < left < 200
+
+
+def test_thickness_is_that_of_the_piece_that_is_pushed():
+    """Of two slabs, half a thickness apart; what lies behind a surface or beyond is no matter."""
+    blocks = Blocks(gap=0.5)
+    held = [prescribe(blocks.space, axis, at(1, y)) for axis in (0, 1) for y in (0.0, 1.5)]
+    foot = Reduction.dirichlet(blocks.space, held)
+
+    def pushed(level, depth):
+        pair = ContactPair(at(1, level), Plane((0, level), (0, -1)), 0.0, [Motion((0, -depth))])
+        return solve_contact(blocks.K, blocks.K.createVecLeft(), foot, [pair], blocks.space)
+
+    for level in (1.0, 2.5):
+        assert pushed(level, 0.9)[0].smallness.strain > 0.9
+        with pytest.raises(SurfacePassed, match="whole thickness"):
+            pushed(level, 1.1)
 
 
 def test_ways_through_the_body_by_brute_force():

@@ -74,8 +74,8 @@ class Passage:
             for mine in rows
         ]
 
-    def check_way(self, past: Reference, translations: Array, displacement: Array) -> None:
-        """Looks along the straight ways of the surfaces, the points (m, dim) moving along.
+    def check_way(self, past: Reference, translations: Array) -> None:
+        """Looks along the straight ways of the surfaces to translations (pairs, dim).
 
         Raises:
             SurfacePassed: where one goes through the body.
@@ -84,9 +84,8 @@ class Passage:
             way = translations[k] - past.translations[k]
             if rigid and np.linalg.norm(way) > _STEP * self._finest[k]:
                 mine = self._interface.pair == k
-                moved = displacement[mine] - past.displacement[mine]
                 wrong = np.zeros(len(mine), dtype=bool)
-                wrong[mine] = self._swallowed(k, past, way, moved)
+                wrong[mine] = self._swallowed(k, past, way)
                 self._refuse(k, wrong, "passes through the body: it goes through the nodes at")
 
     def check(self, now: Iterate, strain: float) -> None:
@@ -105,7 +104,7 @@ class Passage:
                 through = self._through(now, mine & (cosine < _INWARDS))
                 self._refuse(k, through, "is through the whole thickness of the body at")
 
-    def _swallowed(self, k: int, past: Reference, way: Array, moved: Array) -> Mask:
+    def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
         """Points (m,) of a pair that its surface swallows from the wrong side on its way."""
         interface, mine = self._interface, self._interface.pair == k
         surface, around, size = interface.surfaces[k], self._around[k], self._finest[k]
@@ -120,7 +119,7 @@ class Passage:
             while len(x):
                 place = x - share[:, None] * way
                 gap, normal = surface.gap(place), surface.normal(place)
-                depth = -(gap + np.sum(normal * (before + share[:, None] * moved), axis=1))
+                depth = -(gap + np.sum(normal * before, axis=1))
                 wrong |= (depth > _DEPTH * size) & (around.cosines(normal) > _OUTWARDS)
                 if share.min() >= 1:
                     break

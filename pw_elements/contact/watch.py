@@ -46,7 +46,7 @@ class Watch:
         past = increment.past
         known = np.isfinite(increment.prescribed)
         translations = np.where(known, increment.prescribed, past.translations)
-        self._passage.check_way(past, translations, past.displacement)
+        self._passage.check_way(past, translations)
 
     def after(self, increment: Increment, now: Iterate, before: ContactState) -> Smallness:
         """How small the displacements of a solution are; logs what no longer is, once.
@@ -54,7 +54,7 @@ class Watch:
         Raises:
             SurfacePassed: if a rigid surface is through the body, or pushes it outwards.
         """
-        self._passage.check_way(increment.past, now.translations, now.displacement)
+        self._passage.check_way(increment.past, now.translations)
         strain, rotation = self._gradients.largest(now.full)
         self._passage.check(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
@@ -77,7 +77,7 @@ class Watch:
 def _warn(smallness: Smallness, before: Smallness, increment: int) -> None:
     """Logs what has left the range of small displacements in an increment, counted from 0."""
     left = [
-        f"largest {name} {value:.2g} (above {limit:g})"
+        f"largest {name} {value:.3g} (above {limit:g})"
         for name, value in vars(smallness).items()
         if value > (limit := getattr(_LIMITS, name)) >= getattr(before, name)
     ]
