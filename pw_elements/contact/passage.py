@@ -7,9 +7,9 @@ and all conditions hold. So three things are refused of rigid surfaces:
 - nodes that a surface swallows, on its straight way to its place, from where it would push them
   outwards: against the outward normals of all facets around;
 - nodes in contact that are pushed outwards;
-- nodes in contact that have been pushed as far as the other side of the body: where a surface
-  pushes straight in, the chord from the node through the body has no length left. The body as a
-  whole may move and bend however far with the surface.
+- nodes in contact that have been pushed as far as the other side of the body: the chord from
+  the node through the body, along the push, has no length left. The body as a whole may move and
+  bend however far with the surface.
 """
 
 from mpi4py import MPI
@@ -29,9 +29,8 @@ from pw_elements.contact.newton import Iterate, Reference
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Cosine from which on a push counts as outwards, and below which as straight in: so that the
-# faces at either side of a corner are not taken for each other's opposite
-_OUTWARDS, _INWARDS = 0.1, -0.85
+# Cosine from which on a push counts as outwards, and below minus which as inwards
+_OUTWARDS = 0.1
 # Step along a surface's way, and depth that counts as swallowed, over the smallest facet
 _STEP, _DEPTH = 0.25, 1e-3
 # The way has this many steps at most
@@ -101,7 +100,7 @@ class Passage:
             mine = closed & (self._interface.pair == k)
             self._refuse(k, mine & (cosine > _OUTWARDS), "pushes the body outwards at")
             if strain > _CRUSHED:
-                through = self._through(now, mine & (cosine < _INWARDS))
+                through = self._through(now, mine & (cosine < -_OUTWARDS))
                 self._refuse(k, through, "is through the whole thickness of the body at")
 
     def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
@@ -132,9 +131,14 @@ class Passage:
         """Which of the chosen points (m,), or of the farthest pushed of them, are through."""
         interface, comm = self._interface, self._comm
         normal, a = now.contact.frame[:, 0], now.displacement
-        pushed = np.where(chosen, np.sum(normal * a, axis=1), -np.inf)
-        every = np.sort(interface.gathered(pushed[chosen]))[::-1][:_CHORDS]
-        farthest = np.flatnonzero(chosen & (pushed >= every.min(initial=np.inf)))
+        points = np.flatnonzero(chosen)
+        pushed = np.sum(normal * a, axis=1)[points]
+        size = comm.allreduce(np.abs(pushed).max(initial=0.0), MPI.MAX) or 1.0
+        keys = np.column_stack([interface.position[points], -np.round(pushed / size, 9)])
+        every = interface.gathered(keys)
+        first = sum(comm.allgather(len(points))[: comm.rank])
+        far = np.sort(np.lexsort(every.T)[:_CHORDS])  # where many are alike, the first by position
+        farthest = points[far[(far >= first) & (far < first + len(points))] - first]
         moved = with_ghosts(self._space, now.full)[self._exterior.vertices]
         origins, directions = (
             interface.gathered(values[farthest]) for values in (interface.position, normal)
