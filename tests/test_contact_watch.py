@@ -271,6 +271,20 @@ def test_a_body_may_go_along_as_far_as_it_likes():
     assert state.pairs[0].displacement[:, 1] == pytest.approx(-40.01)
 
 
+def test_a_surface_may_go_where_the_body_was():
+    """A ball comes under a block that has been lifted by its supports."""
+    lifted = [prescribe(BLOCK.space, axis, at(1, 0.0), 5.0 * axis) for axis in (0, 1)]
+    pair = ContactPair(at(1, 2.0), BALL, 0.3, [Motion((20, 0)), Motion((0, -2.2))])
+    states = solve_contact(
+        BLOCK.K,
+        [BLOCK.K.createVecLeft()] * 2,
+        Reduction.dirichlet(BLOCK.space, lifted),
+        [pair],
+        BLOCK.space,
+    )
+    assert not states[-1].pairs[0].status.any()
+
+
 def test_a_slender_beam_may_bend_by_more_than_its_height():
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (40.0, 1.0), (40, 2))
     body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.PLANE_STRESS)
