@@ -4,6 +4,7 @@ Started by test_parallel.py with `mpirun -n 1` and more.
 """
 
 import json
+import re
 
 from mpi4py import MPI
 
@@ -11,7 +12,15 @@ import numpy as np
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Body, Material, Reduction, Spaces, StressState, assemble_matrix, prescribe
-from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    Motion,
+    Plane,
+    Sphere,
+    SurfacePassed,
+    solve_contact,
+)
 from tests.contact_cases import Block, Punch, at
 from tests.test_contact_matching import Blocks
 
@@ -27,6 +36,8 @@ def noted(name, states):
         numbers[f"{name} {k} translation"] = pair.translation
         numbers[f"{name} {k} force"] = pair.force
         numbers[f"{name} {k} displacement"] = state.displacement.norm()
+        numbers[f"{name} {k} smallness"] = list(vars(state.smallness).values())
+        numbers[f"{name} {k} scale"] = list(vars(state.scale).values())
 
 
 def drag():
@@ -39,6 +50,17 @@ def drag():
     ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
     loads = [K.createVecLeft()] * 2
     return solve_contact(K, loads, foot, [ball], U)
+
+
+def refused(surface, depth):
+    """Numbers in the message, the same on all processes, on a surface that passes through."""
+    case = Punch(comm=comm)
+    pair = ContactPair(at(1, 4.0), surface, 0.3, [Motion((0, -depth))])
+    try:
+        solve_contact(case.K, case.K.createVecLeft(), case.foot, pair, case.space)
+    except SurfacePassed as error:
+        (message,) = set(comm.allgather(str(error)))
+    return [float(number) for number in re.findall(r"-?[0-9.]*[0-9]", message)]
 
 
 def stacked():
@@ -61,5 +83,7 @@ motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))
 noted("punch", punch.solve(0.6, motions))
 noted("drag", drag())
 noted("stacked", stacked())
+numbers["ball refused"] = refused(Sphere((0, 6), 2.0), 5.0)
+numbers["plate refused"] = refused(Plane((0, 4), (0, -1)), 6.0)
 if comm.rank == 0:
     print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

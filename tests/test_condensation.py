@@ -237,12 +237,27 @@ def test_pairs_of_sheared_triangles_and_of_meshes_from_elsewhere():
     assert sorted(map(tuple, found[:, :2])) == [(0.5, 0.5), (1.5, 0.5)]
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_longest_sides_are_longest_in_any_unit(unit):
+    """Rectangles whose triangles do not follow each other, and triangles without longest side."""
+    x = unit * np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]])
+    U = Spaces.galerkin(_mesh(x, [[0, 1, 4], [1, 2, 5], [0, 3, 4], [1, 4, 5]])).trial
+    found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)] / unit
+    assert sorted(map(tuple, np.round(found[:, :2], 12))) == [(0.5, 0.5), (1.5, 0.5)]
+    U = Spaces.galerkin(_mesh(unit * STRIP, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])).trial
+    with pytest.raises(ValueError, match="no partner"):
+        mid_diagonal_nodes(U)
+
+
+HEIGHT = np.sqrt(0.75)
+# Corners of four equal-sided triangles in a row
+STRIP = np.array([[0, 0], [1, 0], [2, 0], [0.5, HEIGHT], [1.5, HEIGHT], [2.5, HEIGHT]])
+
+
 def test_refuses_triangles_without_partner():
     crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
-    height = np.sqrt(0.75)
-    x = np.array([[0, 0], [1, 0], [2, 0], [0.5, height], [1.5, height], [2.5, height]])
-    strip = _mesh(x, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])  # no side is the longest
-    odd = _mesh(x, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])
+    strip = _mesh(STRIP, [[0, 1, 3], [1, 2, 4], [1, 3, 4], [2, 4, 5]])  # no side is the longest
+    odd = _mesh(STRIP, [[0, 1, 3], [1, 3, 4], [1, 2, 4]])
     for mesh in (crossed, strip, odd):
         with pytest.raises(ValueError, match="no partner"):
             mid_diagonal_nodes(Spaces.galerkin(mesh).trial)

@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from pw_elements import Direct, Reduction, SolverReport, prescribe, reactions
-from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane
+from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, Smallness
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface, Points
 from pw_elements.contact.law import sticking
@@ -125,7 +125,7 @@ def test_a_point_may_couple_to_many_nodes_and_its_force_act_elsewhere(descent, d
     if free:
         assert r[:, 1].sum() == pytest.approx(totals[0])
     before = undeformed(interface, BLOCK.K.createVecRight())
-    state = contact_state(increment, now, iterations, before, SolverReport("LU", 1))
+    state = contact_state(increment, now, iterations, before, SolverReport("LU", 1), Smallness())
     assert state.residuals.largest() < 1e-10
 
 

@@ -37,9 +37,10 @@ def test_law_holds_in_every_state(seed):
     solved = result["outcome"] == "solved"
     assert len(result["iterations"]) == result["increments"] or not solved
     assert result["residual"] < TOLERANCE, result["residuals"]
-    # the library's own residuals agree where round-off is small; they leave mu in its cone
+    # the library's own residuals agree where round-off is small, and where there is nothing but
+    # round-off; they leave mu in its cone
     for pressed, own in zip(result["pressed"], result["library"], strict=True):
-        assert own < TOLERANCE * max(1.0, result["largest mu"]) or pressed < 1e10
+        assert own < TOLERANCE * max(1.0, result["largest mu"]) or 1e3 < pressed < 1e10
 
 
 @pytest.mark.random

@@ -23,13 +23,14 @@ from pw_elements.contact.errors import (
     DegenerateMesh,
     FreeBody,
     NotUnique,
+    SurfacePassed,
 )
 from pw_elements.contact.fields import ContactFields, write
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.pictures import plot
 from pw_elements.contact.progress import Progress
-from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
 from pw_elements.contact.stepping import ContactProblem, solve_contact
 from pw_elements.contact.surfaces import (
     FlatPunch,
@@ -64,8 +65,10 @@ __all__ = [
     "Progress",
     "Residuals",
     "SignedDistance",
+    "Smallness",
     "Sphere",
     "Surface",
+    "SurfacePassed",
     "plot",
     "solve_contact",
     "write",

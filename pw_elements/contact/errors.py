@@ -17,7 +17,7 @@ __all__ = [
 
 
 class ContactFailed(RuntimeError):
-    """An increment has no state: the reason is one of the three classes below.
+    """An increment has no state: the reason is one of the classes below.
 
     Attributes:
         states: `ContactState`s of the increments before the one that failed.
@@ -36,3 +36,7 @@ class FreeBody(ContactFailed, SingularSystem):
 
 class NotUnique(ContactFailed, SingularSystem):
     """The tangent of the contact problem is singular although no rigid motion is free."""
+
+
+class SurfacePassed(ContactFailed):
+    """A rigid surface has gone through the body, or pushes it outwards."""

@@ -60,7 +60,7 @@ def checked_callback(comm: MPI.Comm, callback: Callback | None) -> Callback | No
     return callback
 
 
-class Watch:
+class Reporter:
     """Tells of one increment: on all processes, which make it together.
 
     Attributes:

@@ -9,30 +9,38 @@ import numpy.typing as npt
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet
 from pw_elements.contact.newton import ROUND_OFF, Increment, Iterate
-from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.contact.state import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
 
 
 def contact_state(
-    increment: Increment, now: Iterate, iterations: int, before: ContactState, report: SolverReport
+    increment: Increment,
+    now: Iterate,
+    iterations: int,
+    before: ContactState,
+    report: SolverReport,
+    smallness: Smallness,
 ) -> ContactState:
     """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
     orientations = system.orientations
     if before.free == system.free:
         orientations |= before.orientations
+    scale, residuals = _measured(increment, now, before.scale)
     return ContactState(
         now.full,
         tuple(_pair(k, increment.interface, now, active) for k in range(increment.interface.pairs)),
         iterations,
         len(orientations) <= 1 if system.orientations else None,
-        _residuals(increment, now, active),
+        residuals,
         report,
         before.increment + 1,
         system.free,
         orientations,
+        scale,
+        smallness,
     )
 
 
@@ -64,7 +72,19 @@ def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
         )
     residuals = Residuals(*np.zeros(8).tolist())
     report = SolverReport("nothing", 0)
-    return ContactState(displacement, tuple(pairs), 0, None, residuals, report, 0, (), frozenset())
+    return ContactState(
+        displacement,
+        tuple(pairs),
+        0,
+        None,
+        residuals,
+        report,
+        0,
+        (),
+        frozenset(),
+        Scale(),
+        Smallness(),
+    )
 
 
 def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> PairState:
@@ -95,23 +115,35 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
     )
 
 
-def _residuals(increment: Increment, now: Iterate, active: ActiveSet) -> Residuals:
+def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
+    """The scale of the history up to a solution, and the solution's residuals on it."""
+    force = _largest(increment, np.linalg.norm(now.force, axis=1))
+    moved = np.concatenate([now.displacement, increment.interface.shifts(now.translations)])
+    length = _largest(increment, np.linalg.norm(moved, axis=1))
+    scale = before
+    if force > increment.round_off(now):
+        scale = Scale(max(force, before.force), max(length, before.length))
+    return scale, _residuals(increment, now, scale.force, max(length, scale.length))
+
+
+def _largest(increment: Increment, values: Array) -> float:
+    return float(increment.system.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
+
+
+def _residuals(increment: Increment, now: Iterate, force: float, length: float) -> Residuals:
     system, interface, contact = increment.system, increment.interface, now.contact
+    active = contact.active_set()
 
     def largest(values: Array) -> float:
-        return float(system.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
+        return _largest(increment, values)
 
+    extent = largest(np.abs(interface.position))
+    length = length if length > ROUND_OFF * extent else extent
+    force = force or largest(system.scale) * length
     tangential = contact.force[:, 1:]
     friction, slip = np.linalg.norm(tangential, axis=1), np.linalg.norm(contact.slip, axis=1)
     limit = interface.friction * contact.force[:, 0]
     against = slip[:, None] * tangential + limit[:, None] * contact.slip
-    force = largest(np.linalg.norm(now.force, axis=1))
-    moved = np.concatenate([now.displacement, interface.shifts(now.translations)])
-    length = largest(np.linalg.norm(moved, axis=1))
-    if force <= increment.round_off(now):
-        force = 1.0
-    if length <= ROUND_OFF * largest(np.abs(interface.position)):
-        length = 1.0
     pressed = contact.force[:, 0]
     apart = np.where(np.isfinite(contact.gap), contact.gap, 0.0) / length
     balance = np.abs(system.totals(now.force) - increment.totals)

@@ -76,9 +76,10 @@ class PairState:
 class Residuals:
     """How well each condition holds, largest value over all nodes.
 
-    Forces over the largest nodal contact force, lengths over the largest displacement of a
-    contact node or its surface; a contact without any force or displacement but round-off is
-    measured in its own units.
+    Forces over the largest nodal contact force of the history so far, lengths over the largest
+    displacement of a contact node or its surface in its states with contact (`Scale`) and now.
+    Where these are nothing but round-off, lengths are over the largest coordinate of a contact
+    node, and forces over the stiffness of one times the length.
 
     Args:
         equilibrium: unbalanced force of nodes that are not in contact.
@@ -106,6 +107,37 @@ class Residuals:
 
 
 @dataclass(frozen=True)
+class Scale:
+    """What is largest in a history, from the undeformed body on, as long as there is contact.
+
+    Args:
+        force: nodal contact force; 0 as long as it was nothing but round-off.
+        length: displacement of a contact node or its surface.
+    """
+
+    force: float = 0.0
+    length: float = 0.0
+
+
+@dataclass(frozen=True)
+class Smallness:
+    """How small displacements are: second-order terms, left out, are of this relative size.
+
+    Args:
+        strain: largest principal strain by magnitude; without the hoop strain u_r/r of bodies
+            of revolution, since the stiffness does not tell what it is of.
+        rotation: largest angle, in radians.
+        slip: largest slip of a node in contact over the size of the smallest facet around it: of
+            this increment against rigid surfaces, which are met where they are now; from the
+            undeformed body on between matching nodes, which keep their partners.
+    """
+
+    strain: float = 0.0
+    rotation: float = 0.0
+    slip: float = 0.0
+
+
+@dataclass(frozen=True)
 class ContactState:
     """The body at the end of one increment; `ContactProblem.step` goes on from it.
 
@@ -126,6 +158,9 @@ class ContactState:
         increment: number of increments from the undeformed body, where it is 0.
         free: (pair, component) of the surfaces' free translations.
         orientations: signs of the determinants that `unique` compares.
+        scale: what `residuals` are relative to.
+        smallness: largest strain, rotation and slip; a warning is logged where they leave the
+            range of small displacements.
     """
 
     displacement: PETSc.Vec
@@ -137,6 +172,8 @@ class ContactState:
     increment: int
     free: Free
     orientations: frozenset[int]
+    scale: Scale
+    smallness: Smallness
 
     @property
     def translations(self) -> Array:

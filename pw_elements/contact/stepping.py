@@ -35,13 +35,14 @@ from pw_elements.contact.inputs import (
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
-from pw_elements.contact.progress import Callback, Watch, checked_callback
+from pw_elements.contact.progress import Callback, Reporter, checked_callback
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
+from pw_elements.contact.watch import Watch
 from pw_elements.linear_solver import Direct, LinearSolver
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import bar, doing
@@ -91,6 +92,7 @@ class ContactProblem:
         self._solver, self._most = solver or Direct(), max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
         self._interface = nodal_interface(self.pairs, space, reduction)
+        self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
@@ -121,6 +123,7 @@ class ContactProblem:
                 would pull have opened and those that cannot hold have slipped.
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
         """
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
         with doing(self._interface.comm, f"contact increment {state.increment}"):
@@ -147,10 +150,11 @@ class ContactProblem:
         first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
         interface.check_supports(translations)
+        self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
-        watch = Watch(interface.comm, state.increment, self._callback)
-        told = watch.iterated if watch.wanted else None
+        reporter = Reporter(interface.comm, state.increment, self._callback)
+        told = reporter.iterated if reporter.wanted else None
         try:
             now, iterations = newton(increment, active, place, policy, self._most, told)
         except ContactNotConverged:
@@ -158,8 +162,9 @@ class ContactProblem:
                 raise policy.lost[-1] from None
             raise
         interface.check_supports(now.translations)
-        found = contact_state(increment, now, iterations, state, system.report.since(before))
-        watch.ended(found, increment.violation(now), perf_counter() - begun)
+        smallness, report = self._watch.after(increment, now, state), system.report.since(before)
+        found = contact_state(increment, now, iterations, state, report, smallness)
+        reporter.ended(found, increment.violation(now), perf_counter() - begun)
         return found
 
     def save(self, state: ContactState, path: str | Path) -> None:
@@ -227,8 +232,8 @@ def solve_contact(
             `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
             per increment, or no iterations.
         DegenerateMesh: for cells without volume or turned inside out.
-        FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
-            increment, counted from 0, and have the states before it as `states`.
+        FreeBody, NotUnique, ContactNotConverged, SurfacePassed: as `ContactProblem.step` says. They
+            name the increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback)
     increments = checked_increments(K, loads, problem.pairs, start, space)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.collective import collective
 from pw_elements.contact.nodes import midpoints_around
-from pw_elements.contact.state import ContactState, PairState, Residuals
+from pw_elements.contact.state import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
@@ -51,6 +51,8 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
             "increment": state.increment,
             "free": state.free,
             "orientations": sorted(state.orientations),
+            "scale": vars(state.scale),
+            "smallness": vars(state.smallness),
         }
         arrays["state"] = np.array(json.dumps(numbers))
     with collective(comm):
@@ -74,7 +76,9 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
             arrays = dict(archive)
         numbers = json.loads(str(arrays["state"]))
         if numbers["format"] != _FORMAT:
-            raise ValueError(f"its format is {numbers['format']!r}")
+            raise ValueError(
+                f"its format is {numbers['format']!r}, not {_FORMAT!r}: compute it once more"
+            )
         pairs = [
             {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
             for k in range(numbers["pairs"])
@@ -94,6 +98,8 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         numbers["increment"],
         tuple((pair, axis) for pair, axis in numbers["free"]),
         frozenset(numbers["orientations"]),
+        Scale(**numbers["scale"]),
+        Smallness(**numbers["smallness"]),
     )
 
 
