@@ -75,6 +75,11 @@ class Increment:
         prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
         totals: forces of the free translations.
         past: where it starts.
+
+    Attributes:
+        load: f, reduced.
+        supported: what supports make of the points' motion, (m, dim).
+        solved: number of linear systems so far.
     """
 
     def __init__(
@@ -90,8 +95,9 @@ class Increment:
         self.interface: Interface = system.interface
         self.prescribed, self.totals = prescribed, totals
         self._reduction: Reduction = system.reduction.under(K, load)
-        self._load = self._reduction.load(K, load)
-        self._supported = self.system.motions(self._reduction.offset)
+        self.load = self._reduction.load(K, load)
+        self.supported = self.system.motions(self._reduction.offset)
+        self.solved = 0
 
     def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
@@ -109,9 +115,10 @@ class Increment:
         E, C, D, constraint = place.equations(A, B)
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
         constraint += np.einsum("nij,nj->ni", D, known)
-        constraint -= np.einsum("nij,nj->ni", C, self._supported)
+        constraint -= np.einsum("nij,nj->ni", C, self.supported)
+        self.solved += 1
         try:
-            reduced, free = self.system.solve(self._load, E, C, D, constraint, self.totals)
+            reduced, free = self.system.solve(self.load, E, C, D, constraint, self.totals)
         except SingularSystem as error:
             raise NotUnique(
                 f"{error}: no rigid motion is free, so the friction of the "
@@ -125,7 +132,7 @@ class Increment:
         """Gaps, slips and forces at the contact points."""
         full = self._reduction.expand(reduced)
         displacement = self.system.motions(full)
-        force, unbalanced = self.system.forces(reduced, self._load)
+        force, unbalanced = self.system.forces(reduced, self.load)
         contact = Contact(
             place.frame,
             place.gaps(displacement, translations),

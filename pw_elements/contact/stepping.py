@@ -14,7 +14,7 @@ state, which nothing changes. An explicit one needs no `step`: from `nodal_inter
 the gaps, normals, friction and G, and it corrects the nodes' predicted motion by the law.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from petsc4py import PETSc
@@ -24,19 +24,22 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
 from pw_elements.contact.checks import check_mesh
-from pw_elements.contact.errors import ContactFailed, ContactNotConverged
+from pw_elements.contact.condensed import Condensation
+from pw_elements.contact.errors import ContactFailed, ContactNotConverged, FreeBody
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.newton import Increment, Reference, newton
+from pw_elements.contact.newton import Increment, Iterate, Reference, newton
+from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
+from pw_elements.contact.remedies import tractable, without_active_sets
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
-from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
@@ -85,6 +88,7 @@ class ContactProblem:
         self._interface = nodal_interface(pairs, space, reduction)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
+        self._condensation: Condensation | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
 
     def step(
@@ -122,22 +126,43 @@ class ContactProblem:
         totals = np.array([forces[at] for at in free])
         past = _reference(state, interface)
         increment = Increment(system, self._K, load, prescribed, totals, past)
-        hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-        policy = Policy(hold, interface.comm)
+
+        def policy() -> Policy:
+            hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
+            return Policy(hold, interface.comm)
 
         first = _surfaces(guess or state)
         translations = np.where(np.isnan(prescribed), first, prescribed)
         interface.check_supports(translations)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
+        ordinary = policy()
         try:
-            now, iterations = newton(increment, active, place, policy, self._most)
-        except ContactNotConverged:
-            if policy.lost:  # and nothing that was tried instead held the body
-                raise policy.lost[-1] from None
-            raise
+            now, _ = newton(increment, active, place, ordinary, self._most)
+        except (ContactNotConverged, FreeBody) as failed:
+            # where a hold was lost, and nothing that was tried instead held the body, say so
+            refusal = ordinary.lost[-1] if ordinary.lost else failed
+            found = self._remedied(increment, place, policy)
+            if found is None:
+                raise refusal from None
+            now = found
         interface.check_supports(now.translations)
-        return contact_state(increment, now, iterations, state, system.report.since(before))
+        return contact_state(increment, now, increment.solved, state, system.report.since(before))
+
+    def _remedied(
+        self, increment: Increment, place: Kinematics, policy: Callable[[], Policy]
+    ) -> Iterate | None:
+        """A solution that the ordinary iteration has missed, if there is a way to it."""
+        if not tractable(increment):
+            return None
+        if self._condensation is None:
+            try:
+                self._condensation = Condensation(
+                    self._K, self._reduction, self._interface, self._solver
+                )
+            except SingularSystem:
+                return None
+        return without_active_sets(increment, self._condensation, place, policy, self._most)
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.

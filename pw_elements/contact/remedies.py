@@ -1,0 +1,97 @@
+"""What is tried where the active-set iteration has failed: ways that do without active sets.
+
+The increment is condensed to its contact points and solved there as a complementarity problem with
+small springs (`complementarity`), then by Newton's method with a line search and without springs
+(`condensed`). Curved surfaces that are free to move are linearised anew where they were found.
+The active set so found starts the ordinary iteration, which alone decides what is a solution.
+"""
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.contact.complementarity import sprung, unknowns
+from pw_elements.contact.condensed import Condensation, CondensedIncrement, scattered
+from pw_elements.contact.errors import ContactFailed
+from pw_elements.contact.globalisation import Policy
+from pw_elements.contact.kinematics import Kinematics
+from pw_elements.contact.law import ActiveSet
+from pw_elements.contact.newton import Increment, Iterate, newton
+
+Array = npt.NDArray[np.float64]
+
+log = logging.getLogger("pw_elements.contact")
+
+# Stiffness of the springs over the points' own, how often their ends follow, and Newton's steps
+_SPRINGS = (1e-3, 1e-5, 1e-7)
+_ROUNDS = 3
+_STEPS = 30
+_DAMPED_STEPS = 100
+# Unknowns of the complementarity problem: its table takes 16 bytes times their square
+_MOST = 3000
+
+
+def tractable(increment: Increment) -> bool:
+    """Whether the contact points are few enough for a dense problem."""
+    interface = increment.interface
+    points = sum(interface.comm.allgather(len(interface.pair)))
+    return unknowns(points, interface.position.shape[1]) <= _MOST
+
+
+def without_active_sets(
+    increment: Increment,
+    condensation: Condensation,
+    place: Kinematics,
+    policy: Callable[[], Policy],
+    most: int,
+) -> Iterate | None:
+    """The solution of an increment, or None.
+
+    Args:
+        increment: its equations.
+        condensation: of the body.
+        place: where the kinematics are linearised first.
+        policy: makes one for each ordinary iteration.
+        most: linear systems of each ordinary iteration.
+    """
+    comm, near = increment.interface.comm, None
+    for spring in _SPRINGS:
+        for _ in range(_ROUNDS):
+            problem = CondensedIncrement(increment, condensation, place)
+            near = problem.start if near is None else near
+            found = _search(problem, spring, near) if comm.rank == 0 else None
+            z, exact = comm.bcast(found)
+            if z is None:
+                break
+            if exact is not None:
+                active = _active_set(problem, increment, exact)
+                try:
+                    return newton(increment, active, place, policy(), most)[0]
+                except ContactFailed as failed:
+                    if comm.rank == 0:
+                        log.debug("springs of %.0e: %s", spring, failed)
+            near = z if exact is None else exact
+            place = increment.kinematics(*problem.split(near))
+    return None
+
+
+def _search(
+    problem: CondensedIncrement, spring: float, near: Array
+) -> tuple[Array | None, Array | None]:
+    """z with springs, and without, as far as they are found."""
+    z = sprung(problem, spring, near)
+    if z is None:
+        return None, None
+    exact = problem.newton(z, _STEPS, damped=False)
+    return z, problem.newton(z, _DAMPED_STEPS, damped=True) if exact is None else exact
+
+
+def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> ActiveSet:
+    active = problem.contact(z).active_set()
+    status, direction, turning = (
+        scattered(increment.interface, values)
+        for values in (active.status, active.direction, active.turning)
+    )
+    return ActiveSet(status, direction, turning)
