@@ -108,6 +108,7 @@ class ContactState:
         increment: number of increments from the undeformed body, where it is 0.
         free: (pair, component) of the surfaces' free translations.
         orientations: signs of the determinants that `unique` compares.
+        converged: False in the `state` of an error, which is no solution: nothing goes on from it.
     """
 
     displacement: PETSc.Vec
@@ -119,3 +120,4 @@ class ContactState:
     increment: int
     free: Free
     orientations: frozenset[int]
+    converged: bool = True

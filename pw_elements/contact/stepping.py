@@ -24,12 +24,14 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
 from pw_elements.contact.checks import check_mesh
-from pw_elements.contact.errors import ContactFailed, ContactNotConverged
+from pw_elements.contact.equilibrium import no_equilibrium
+from pw_elements.contact.errors import ContactFailed
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
+from pw_elements.contact.refusals import refusal
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
@@ -106,12 +108,13 @@ class ContactProblem:
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes, or a
-                prescribed normal displacement of a node in contact.
-            FreeBody: if a rigid motion is held by nothing, or no longer once the nodes that
-                would pull have opened and those that cannot hold have slipped.
-            NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
-            ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+                the pairs, motions of another dimension, a state of other contact nodes or one
+                that is no solution, or a prescribed normal displacement of a node in contact.
+            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
+            NoEquilibrium: if no contact forces can balance the loads: they lift or drag a body
+                off. It is a `FreeBody`, and has the proof.
+            NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
+            NotFound: if none has been found otherwise; it has the state that came nearest.
         """
         interface = self._interface
         self._check(state, load, motions, guess)
@@ -132,10 +135,12 @@ class ContactProblem:
         active = first_active_set(place, state, guess, rigid.left_free)
         try:
             now, iterations = newton(increment, active, place, policy, self._most)
-        except ContactNotConverged:
-            if policy.lost:  # and nothing that was tried instead held the body
-                raise policy.lost[-1] from None
-            raise
+        except ContactFailed as failure:
+            proof = no_equilibrium(increment, place, rigid)
+            if proof is not None:
+                raise proof from failure
+            # whatever else may find a solution has its place here
+            raise refusal(failure, increment, state, system.report.since(before)) from failure
         interface.check_supports(now.translations)
         return contact_state(increment, now, iterations, state, system.report.since(before))
 
@@ -186,6 +191,8 @@ class ContactProblem:
         if guess is not None and len(guess.pairs) != self._interface.pairs:
             raise ValueError("the state to start from has another number of contact pairs")
         self._check_state(state, "the state")
+        if not state.converged:
+            raise ValueError("the state at the start is no solution: it can be a guess only")
 
     def _check_state(self, state: ContactState, what: str) -> None:
         own = self.undeformed.pairs
@@ -230,8 +237,8 @@ def solve_contact(
             loads that are not finite, motions or starts that are not one per increment, or no
             iterations.
         DegenerateMesh: for cells without volume or turned inside out.
-        FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
-            increment, counted from 0, and have the states before it as `states`.
+        FreeBody, NoEquilibrium, NotUnique, NotFound: as `ContactProblem.step` says. They name
+            the increment, counted from 0, and have the states before it as `states`.
     """
     loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
     pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
@@ -244,9 +251,9 @@ def solve_contact(
         try:
             states.append(problem.step(states[-1], load, motions, start[k] if start else None))
         except ContactFailed as error:
-            named = type(error)(f"increment {k}: {error}")
-            named.states = states[1:]
-            raise named from error
+            error.args = (f"increment {k}: {error}",)
+            error.states = states[1:]
+            raise
     return states[1:]
 
 
