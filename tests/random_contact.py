@@ -841,7 +841,7 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
-    from tests.contact_residuals import Step, residuals, worst
+    from tests.contact_residuals import residuals, walked, worst
 
     stated = problem(seed)
     result: dict = {"seed": seed, "description": stated.description, "outcome": "solved"}
@@ -853,11 +853,12 @@ def outcome(seed: int) -> dict:
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}
-    found = residuals(stated, [Step.of(state) for state in states])
+    found = residuals(*walked(stated, states))
     return result | {
         "increments": len(stated.loads),
         "driven by force": stated.sketch.driven_by_force,
         "iterations": [state.iterations for state in states],
+        "cut": [len(state.substates) for state in states],
         "norms": [state.displacement.norm() for state in states],
         "forces": [[pair.force.tolist() for pair in state.pairs] for state in states],
         "translations": [[pair.translation.tolist() for pair in state.pairs] for state in states],

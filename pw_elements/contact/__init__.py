@@ -15,12 +15,16 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     above.translation, above.force, states[-1].iterations, states[-1].residuals
 """
 
+from pw_elements._compat import renamed
 from pw_elements.contact.errors import (
     ContactFailed,
-    ContactNotConverged,
     DegenerateMesh,
     FreeBody,
+    MissingForce,
+    NoEquilibrium,
+    NotFound,
     NotUnique,
+    RigidVelocity,
 )
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
@@ -41,7 +45,6 @@ __all__ = [
     "SLIP",
     "STICK",
     "ContactFailed",
-    "ContactNotConverged",
     "ContactPair",
     "ContactProblem",
     "ContactState",
@@ -49,15 +52,21 @@ __all__ = [
     "FlatPunch",
     "FreeBody",
     "MatchingNodes",
+    "MissingForce",
     "Motion",
+    "NoEquilibrium",
+    "NotFound",
     "NotUnique",
     "PairState",
     "Parabola",
     "Plane",
     "Polyline",
     "Residuals",
+    "RigidVelocity",
     "SignedDistance",
     "Sphere",
     "Surface",
     "solve_contact",
 ]
+
+__getattr__ = renamed(__name__, {"ContactNotConverged": ("NotFound", NotFound)})

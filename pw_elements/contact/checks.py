@@ -1,4 +1,8 @@
-"""Checks of the mesh before anything is solved on it."""
+"""Checks of mesh and increments before anything is solved."""
+
+from collections.abc import Sequence
+
+from petsc4py import PETSc
 
 import basix
 import numpy as np
@@ -6,7 +10,10 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
 from pw_elements._compat import cell_nodes
+from pw_elements.algebra import is_finite
 from pw_elements.contact.errors import DegenerateMesh, listed
+from pw_elements.contact.pairs import ContactPair
+from pw_elements.contact.state import ContactState
 
 # Smallest Jacobian determinant over the product of a cell's edge lengths
 _FLAT = 1e-10
@@ -83,3 +90,28 @@ def _refuse(
     places = np.concatenate(mesh.comm.allgather(middles))
     if len(places):
         raise DegenerateMesh(f"cells around {listed(places)} {what}")
+
+
+def check_increments(
+    loads: Sequence[PETSc.Vec],
+    pairs: Sequence[ContactPair],
+    dim: int,
+    start: Sequence[ContactState],
+) -> None:
+    """Raises ValueError for loads, motions and starts that are not one per increment."""
+    if not loads:
+        raise ValueError("there is no load increment")
+    for k, load in enumerate(loads):
+        if not is_finite(load):
+            raise ValueError(f"the load of increment {k} is not finite")
+    for k, pair in enumerate(pairs):
+        if pair.motions and len(pair.motions) != len(loads):
+            raise ValueError(
+                f"contact pair {k} has {len(pair.motions)} motions for {len(loads)} increments"
+            )
+        if any(len(motion.translation) != dim for motion in pair.motions):
+            raise ValueError(f"the motions of contact pair {k} are not {dim}-D")
+    if start and len(start) != len(loads):
+        raise ValueError(f"{len(start)} states to start from for {len(loads)} increments")
+    if any(len(state.pairs) != len(pairs) for state in start):
+        raise ValueError("a state to start from has another number of contact pairs")

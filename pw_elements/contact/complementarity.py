@@ -31,7 +31,7 @@ _MOST = 20
 
 
 def lemke(M: Array, q: Array) -> Array | None:
-    """x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if the method ends on a ray.
+    """Finds x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if the method ends on a ray.
 
     Ties are broken lexicographically, so that no basis comes back.
     """
@@ -60,9 +60,7 @@ def lemke(M: Array, q: Array) -> Array | None:
     return None
 
 
-def _leaving(
-    tableau: Array, entering: int, basis: npt.NDArray[np.intp], artificial: int
-) -> int:
+def _leaving(tableau: Array, entering: int, basis: npt.NDArray[np.intp], artificial: int) -> int:
     """The row that limits the entering variable; the artificial one's if it does; or -1."""
     column = tableau[:, entering]
     rows = np.flatnonzero(column > _PIVOT * max(1.0, np.abs(column).max()))
@@ -87,7 +85,7 @@ def unknowns(points: int, dim: int) -> int:
 
 
 def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
-    """z of a problem with polygonal cones and springs; None if there is none.
+    """The z of a problem with polygonal cones and springs; None if there is none.
 
     Args:
         problem: condensed to its points.

@@ -123,13 +123,10 @@ class CondensedIncrement:
         gap: (points,), zero where nothing faces a point.
         slip: (points, dim - 1).
         balance: of the free translations, total force less what is prescribed.
-        unknowns: number of motions w.
         start: z at the increment's start.
     """
 
-    def __init__(
-        self, increment: Increment, condensation: Condensation, place: Kinematics
-    ) -> None:
+    def __init__(self, increment: Increment, condensation: Condensation, place: Kinematics) -> None:
         interface = increment.interface
         self._interface = interface
         self.free: Free = increment.system.free
@@ -179,6 +176,7 @@ class CondensedIncrement:
 
     @property
     def unknowns(self) -> int:
+        """Number of motions w."""
         return len(self._places)
 
     def contact(self, z: Array) -> Contact:
@@ -189,7 +187,7 @@ class CondensedIncrement:
         )
 
     def solution(self, active: ActiveSet) -> Array:
-        """z of an active set.
+        """The z of an active set.
 
         Raises:
             LinAlgError: if there is none.
@@ -215,8 +213,13 @@ class CondensedIncrement:
 
     def solved_by(self, z: Array) -> bool:
         """Whether all conditions hold."""
+        return self.error(z) <= _TOLERANCE
+
+    def error(self, z: Array) -> float:
+        """Largest violation of the law and of the balances over the largest force."""
         largest = np.abs(self._nodal.at(z)).max(initial=0.0)
-        return bool(np.abs(self.residual(z)).max(initial=0.0) <= _TOLERANCE * largest)
+        wrong = np.abs(self.residual(z)).max(initial=0.0)
+        return float(wrong / largest) if wrong > 0 else 0.0
 
     def newton(self, z: Array, most: int, damped: bool) -> Array | None:
         """Semismooth Newton from z, damped by a line search on the residual; None if it fails."""

@@ -12,7 +12,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.errors import ContactNotConverged, FreeBody
+from pw_elements.contact.errors import FreeBody, NotFound
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ class Cycles:
         """Notes an active set; True if it has been there and the remedy changes something.
 
         Raises:
-            ContactNotConverged: if it has been there with the remedy in force already.
+            NotFound: if it has been there with the remedy in force already.
         """
         digest = blake2b(active.status.tobytes(), digest_size=16)
         for values in (active.direction, active.turning):
@@ -55,7 +55,7 @@ class Cycles:
             self._slow = np.zeros_like(cycling)
         new = self._comm.allreduce(int(np.sum(cycling & ~self._slow)), MPI.SUM)
         if new == 0:
-            raise ContactNotConverged(
+            raise NotFound(
                 f"the iteration runs through the same {len(cycle) - 1} active sets again, also "
                 "when the nodes concerned change one at a time: there may be no solution, or "
                 "several (large friction); smaller increments, or a start from the states of a "
@@ -204,7 +204,7 @@ class Policy:
         """Notes the set that follows; takes another one where it has been there before.
 
         Raises:
-            ContactNotConverged: if nothing helps against a cycle.
+            NotFound: if nothing helps against a cycle.
             FreeBody: as `wanted`.
         """
         return self.wanted(active, contact) if self._cycles.repeats(wanted) else wanted

@@ -8,6 +8,7 @@ The active set so found starts the ordinary iteration, which alone decides what 
 
 import logging
 from collections.abc import Callable
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +17,16 @@ from pw_elements.contact.complementarity import sprung, unknowns
 from pw_elements.contact.condensed import Condensation, CondensedIncrement, scattered
 from pw_elements.contact.errors import ContactFailed
 from pw_elements.contact.globalisation import Policy
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import ActiveSet
 from pw_elements.contact.newton import Increment, Iterate, newton
+from pw_elements.linear_solver import SingularSystem
 
 Array = npt.NDArray[np.float64]
+
+Remedy: TypeAlias = Literal["condensed", "cutback"]
+REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
 
 log = logging.getLogger("pw_elements.contact")
 
@@ -33,16 +39,15 @@ _DAMPED_STEPS = 100
 _MOST = 3000
 
 
-def tractable(increment: Increment) -> bool:
+def _tractable(interface: Interface) -> bool:
     """Whether the contact points are few enough for a dense problem."""
-    interface = increment.interface
     points = sum(interface.comm.allgather(len(interface.pair)))
     return unknowns(points, interface.position.shape[1]) <= _MOST
 
 
 def without_active_sets(
     increment: Increment,
-    condensation: Condensation,
+    condensed: Callable[[], Condensation],
     place: Kinematics,
     policy: Callable[[], Policy],
     most: int,
@@ -51,12 +56,19 @@ def without_active_sets(
 
     Args:
         increment: its equations.
-        condensation: of the body.
+        condensed: the body, condensed to its contact points.
         place: where the kinematics are linearised first.
         policy: makes one for each ordinary iteration.
         most: linear systems of each ordinary iteration.
     """
-    comm, near = increment.interface.comm, None
+    if not _tractable(increment.interface):
+        return None
+    try:
+        condensation = condensed()
+    except SingularSystem:
+        return None
+    comm = increment.interface.comm
+    near: Array | None = None
     for spring in _SPRINGS:
         for _ in range(_ROUNDS):
             problem = CondensedIncrement(increment, condensation, place)
@@ -72,15 +84,15 @@ def without_active_sets(
                 except ContactFailed as failed:
                     if comm.rank == 0:
                         log.debug("springs of %.0e: %s", spring, failed)
-            near = z if exact is None else exact
-            place = increment.kinematics(*problem.split(near))
+            reached: Array = z if exact is None else exact
+            near, place = reached, increment.kinematics(*problem.split(reached))
     return None
 
 
 def _search(
     problem: CondensedIncrement, spring: float, near: Array
 ) -> tuple[Array | None, Array | None]:
-    """z with springs, and without, as far as they are found."""
+    """The z with springs, and without, as far as they are found."""
     z = sprung(problem, spring, near)
     if z is None:
         return None, None

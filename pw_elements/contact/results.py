@@ -16,7 +16,12 @@ Array = npt.NDArray[np.float64]
 
 
 def contact_state(
-    increment: Increment, now: Iterate, iterations: int, before: ContactState, report: SolverReport
+    increment: Increment,
+    now: Iterate,
+    iterations: int,
+    before: ContactState,
+    report: SolverReport,
+    converged: bool = True,
 ) -> ContactState:
     """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
@@ -33,6 +38,7 @@ def contact_state(
         before.increment + 1,
         system.free,
         orientations,
+        converged,
     )
 
 

@@ -108,6 +108,10 @@ class ContactState:
         increment: number of increments from the undeformed body, where it is 0.
         free: (pair, component) of the surfaces' free translations.
         orientations: signs of the determinants that `unique` compares.
+        substates: (share, state) of the inner ends of the parts into which the increment was cut,
+            see `ContactProblem`: share of the way from the loads and motions before it to its own.
+            `slip` and `iterations` are of all parts. Empty in a state that was read from a file.
+        converged: False in the `state` of an error, which is no solution: nothing goes on from it.
     """
 
     displacement: PETSc.Vec
@@ -119,3 +123,10 @@ class ContactState:
     increment: int
     free: Free
     orientations: frozenset[int]
+    converged: bool = True
+    substates: tuple[tuple[float, "ContactState"], ...] = ()
+
+    @property
+    def translations(self) -> Array:
+        """Of the surfaces, (pairs, dim)."""
+        return np.array([pair.translation for pair in self.pairs])

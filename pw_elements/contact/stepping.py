@@ -14,7 +14,8 @@ state, which nothing changes. An explicit one needs no `step`: from `nodal_inter
 the gaps, normals, friction and G, and it corrects the nodes' predicted motion by the law.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
+from functools import cached_property
 from pathlib import Path
 
 from petsc4py import PETSc
@@ -23,23 +24,24 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
-from pw_elements.contact.checks import check_mesh
+from pw_elements.contact.checks import check_increments, check_mesh
 from pw_elements.contact.condensed import Condensation
-from pw_elements.contact.errors import ContactFailed, ContactNotConverged, FreeBody
+from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
+from pw_elements.contact.equilibrium import no_equilibrium
+from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
 from pw_elements.contact.globalisation import LastHold, Policy
-from pw_elements.contact.interface import Interface
-from pw_elements.contact.newton import Increment, Iterate, Reference, newton
-from pw_elements.contact.kinematics import Kinematics
+from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
-from pw_elements.contact.remedies import tractable, without_active_sets
+from pw_elements.contact.refusals import refusal
+from pw_elements.contact.remedies import REMEDIES, Remedy, without_active_sets
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
-from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
+from pw_elements.linear_solver import Direct, LinearSolver
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
@@ -63,7 +65,10 @@ class ContactProblem:
             `solve_contact` and do not count here.
         space: trial space of the displacements.
         solver: of the linear systems; `Direct()` unless given.
-        max_iterations: linear systems per increment.
+        max_iterations: linear systems of one iteration.
+        remedies: what is tried where the iteration fails: "condensed" does without active sets,
+            on the contact points alone (see `remedies`), "cutback" halves the increment (see
+            `cutback` and `ContactState.substates`), which is another path.
 
     Raises:
         ValueError: for input that states no contact problem (see `nodal.nodal_interface`).
@@ -78,17 +83,20 @@ class ContactProblem:
         space: fem.FunctionSpace,
         solver: LinearSolver | None = None,
         max_iterations: int = 50,
+        remedies: Collection[Remedy] = REMEDIES,
     ) -> None:
+        if wrong := set(remedies) - set(REMEDIES):
+            raise ValueError(f"there are no remedies {sorted(wrong)}: they are {list(REMEDIES)}")
         if max_iterations < 1:
             raise ValueError(f"max_iterations = {max_iterations}: one at least")
         check_mesh(space.mesh)
         pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
+        self._remedies = remedies
         self._interface = nodal_interface(pairs, space, reduction)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
-        self._condensation: Condensation | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
 
     def step(
@@ -110,59 +118,68 @@ class ContactProblem:
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes, or a
-                prescribed normal displacement of a node in contact.
-            FreeBody: if a rigid motion is held by nothing, or no longer once the nodes that
-                would pull have opened and those that cannot hold have slipped.
-            NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
-            ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+                the pairs, motions of another dimension, a state of other contact nodes or one
+                that is no solution, or a prescribed normal displacement of a node in contact.
+            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
+            NoEquilibrium: if no contact forces can balance the loads: they lift or drag a body
+                off. It is a `FreeBody`, and has the proof.
+            NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
+            NotFound: if none has been found otherwise; it has the state that came nearest.
         """
-        interface = self._interface
         self._check(state, load, motions, guess)
-        prescribed, forces = _translations(motions, interface.pairs, interface.position.shape[1])
-        free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
-        system, rigid = self._bound(free)
+        end = Target.of(load, motions, self._interface)
+        try:
+            return self._solved(state, end, guess)
+        except NotFound:
+            if "cutback" not in self._remedies or homogeneous(state):
+                raise
+            start = held_by(state, self._K, self._interface)
+            joined = in_parts(self._solved, state, start, end)
+            if joined is None:
+                raise
+            return joined
+
+    def _solved(
+        self, state: ContactState, target: Target, guess: ContactState | None = None
+    ) -> ContactState:
+        """The state at a target, in one piece."""
+        interface, prescribed = self._interface, target.translations
+        system, rigid = self._bound(target.free)
         before = system.report
-        totals = np.array([forces[at] for at in free])
-        past = _reference(state, interface)
-        increment = Increment(system, self._K, load, prescribed, totals, past)
+        past = Reference.of(state, interface)
+        increment = Increment(
+            system, self._K, target.load, prescribed, target.totals, past, target.supports
+        )
 
         def policy() -> Policy:
             hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
             return Policy(hold, interface.comm)
 
-        first = _surfaces(guess or state)
+        first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
         interface.check_supports(translations)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
-        ordinary = policy()
         try:
-            now, _ = newton(increment, active, place, ordinary, self._most)
-        except (ContactNotConverged, FreeBody) as failed:
-            # where a hold was lost, and nothing that was tried instead held the body, say so
-            refusal = ordinary.lost[-1] if ordinary.lost else failed
-            found = self._remedied(increment, place, policy)
-            if found is None:
-                raise refusal from None
-            now = found
-        interface.check_supports(now.translations)
-        return contact_state(increment, now, increment.solved, state, system.report.since(before))
-
-    def _remedied(
-        self, increment: Increment, place: Kinematics, policy: Callable[[], Policy]
-    ) -> Iterate | None:
-        """A solution that the ordinary iteration has missed, if there is a way to it."""
-        if not tractable(increment):
-            return None
-        if self._condensation is None:
-            try:
-                self._condensation = Condensation(
-                    self._K, self._reduction, self._interface, self._solver
+            now, iterations = newton(increment, active, place, policy(), self._most)
+        except ContactFailed as failure:
+            proof = no_equilibrium(increment, place, rigid)
+            if proof is not None:
+                raise proof from failure
+            found = None
+            if "condensed" in self._remedies and not isinstance(failure, NotUnique):
+                found = without_active_sets(
+                    increment, lambda: self._condensed, place, policy, self._most
                 )
-            except SingularSystem:
-                return None
-        return without_active_sets(increment, self._condensation, place, policy, self._most)
+            if found is None:
+                raise refusal(failure, increment, state, system.report.since(before)) from failure
+            now, iterations = found, increment.systems
+        interface.check_supports(now.translations)
+        return contact_state(increment, now, iterations, state, system.report.since(before))
+
+    @cached_property
+    def _condensed(self) -> Condensation:
+        return Condensation(self._K, self._reduction, self._interface, self._solver)
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
@@ -211,6 +228,8 @@ class ContactProblem:
         if guess is not None and len(guess.pairs) != self._interface.pairs:
             raise ValueError("the state to start from has another number of contact pairs")
         self._check_state(state, "the state")
+        if not state.converged:
+            raise ValueError("the state at the start is no solution: it can be a guess only")
 
     def _check_state(self, state: ContactState, what: str) -> None:
         own = self.undeformed.pairs
@@ -232,6 +251,7 @@ def solve_contact(
     start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
     solver: LinearSolver | None = None,
+    remedies: Collection[Remedy] = REMEDIES,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
 
@@ -247,7 +267,8 @@ def solve_contact(
             undeformed body in the first increment, whatever it starts from (`ContactProblem.step`
             goes on from a state). Without it the first increment starts from the nodes that
             touch, every other one from the previous one.
-        max_iterations: linear systems per increment.
+        max_iterations: as in `ContactProblem`.
+        remedies: likewise.
         solver: of the linear systems; `Direct()` unless given.
 
     Raises:
@@ -255,67 +276,21 @@ def solve_contact(
             loads that are not finite, motions or starts that are not one per increment, or no
             iterations.
         DegenerateMesh: for cells without volume or turned inside out.
-        FreeBody, NotUnique, ContactNotConverged: as `ContactProblem.step` says. They name the
-            increment, counted from 0, and have the states before it as `states`.
+        FreeBody, NoEquilibrium, NotUnique, NotFound: as `ContactProblem.step` says. They name
+            the increment, counted from 0, and have the states before it as `states`.
     """
     loads = [loads] if isinstance(loads, PETSc.Vec) else list(loads)
     pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
     start = [start] if isinstance(start, ContactState) else list(start)
-    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations)
-    _check_increments(loads, pairs, space.mesh.geometry.dim, start)
+    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, remedies)
+    check_increments(loads, pairs, space.mesh.geometry.dim, start)
     states = [problem.undeformed]
     for k, load in enumerate(loads):
         motions = [pair.motions[k] if pair.motions else None for pair in pairs]
         try:
             states.append(problem.step(states[-1], load, motions, start[k] if start else None))
         except ContactFailed as error:
-            named = type(error)(f"increment {k}: {error}")
-            named.states = states[1:]
-            raise named from error
+            error.args = (f"increment {k}: {error}",)
+            error.states = states[1:]
+            raise
     return states[1:]
-
-
-def _translations(
-    motions: Sequence[Motion | None], pairs: int, dim: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
-    rest = np.zeros(dim)
-    each = list(motions) or [None] * pairs
-    prescribed = [rest if m is None else m.prescribed() for m in each]
-    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in each])
-
-
-def _surfaces(state: ContactState) -> np.ndarray:
-    """Translations (pairs, dim)."""
-    return np.array([pair.translation for pair in state.pairs])
-
-
-def _reference(state: ContactState, interface: Interface) -> Reference:
-    """What an increment from a state has to know of it, on this process."""
-    forces = [p.force_normal[:, None] * p.normal + p.force_tangential for p in state.pairs]
-    moved = interface.local([pair.displacement for pair in state.pairs])
-    return Reference(moved, interface.local(forces), _surfaces(state))
-
-
-def _check_increments(
-    loads: Sequence[PETSc.Vec],
-    pairs: Sequence[ContactPair],
-    dim: int,
-    start: Sequence[ContactState],
-) -> None:
-    if not loads:
-        raise ValueError("there is no load increment")
-    for k, load in enumerate(loads):
-        if not is_finite(load):
-            raise ValueError(f"the load of increment {k} is not finite")
-    for k, pair in enumerate(pairs):
-        if pair.motions and len(pair.motions) != len(loads):
-            raise ValueError(
-                f"contact pair {k} has {len(pair.motions)} motions for {len(loads)} increments"
-            )
-        if any(len(motion.translation) != dim for motion in pair.motions):
-            raise ValueError(f"the motions of contact pair {k} are not {dim}-D")
-    if start and len(start) != len(loads):
-        raise ValueError(f"{len(start)} states to start from for {len(loads)} increments")
-    if any(len(state.pairs) != len(pairs) for state in start):
-        raise ValueError("a state to start from has another number of contact pairs")
