@@ -16,6 +16,7 @@ found, so that they let go.
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg.blas import dger
 
 from pw_elements.contact.condensed import CondensedIncrement
 
@@ -38,45 +39,63 @@ def lemke(M: Array, q: Array) -> Array | None:
     n = len(q)
     if np.all(q >= 0):
         return np.zeros(n)
+    # basic = table[:, -1] - table[:, :-1] @ others; variables are w, x and the artificial one
     artificial = 2 * n
-    tableau = np.asfortranarray(np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]]))
-    basis = np.arange(n)
-    row, entering = int(np.argmin(q)), artificial
+    table = np.asfortranarray(np.column_stack([-M, -np.ones(n), q]))
+    basic, other = np.arange(n), np.arange(n, artificial + 1)
+    row, column = int(np.argmin(q)), n
     for _ in range(_MOST * n):
-        tableau[row] /= tableau[row, entering]
-        column = tableau[:, entering].copy()
-        column[row] = 0.0
-        pivots = np.flatnonzero(tableau[row])
-        tableau[:, pivots] -= column[:, None] * tableau[row, pivots]
-        leaving, basis[row] = basis[row], entering
+        _pivot(table, row, column)
+        leaving, basic[row], other[column] = basic[row], other[column], basic[row]
         if leaving == artificial:
-            x = np.zeros(2 * n + 1)
-            x[basis] = tableau[:, -1]
+            x = np.zeros(artificial + 1)
+            x[basic] = table[:, -1]
             return x[n:artificial]
         entering = leaving + n if leaving < n else leaving - n
-        row = _leaving(tableau, entering, basis, artificial)
+        column = int(np.flatnonzero(other == entering)[0])
+        row = _leaving(table, column, basic, other)
         if row < 0:
             return None
     return None
 
 
-def _leaving(tableau: Array, entering: int, basis: npt.NDArray[np.intp], artificial: int) -> int:
+def _pivot(table: Array, row: int, column: int) -> None:
+    """Exchanges a basic variable with another one, in place."""
+    pivot, entering = table[row, column], table[:, column].copy()
+    scaled = table[row] / pivot
+    entering[row] = scaled[column] = 0.0
+    dger(-1.0, entering, scaled, a=table, overwrite_a=1)
+    table[row] = scaled
+    table[:, column] = -entering / pivot
+    table[row, column] = 1.0 / pivot
+
+
+def _leaving(
+    table: Array, column: int, basic: npt.NDArray[np.intp], other: npt.NDArray[np.intp]
+) -> int:
     """The row that limits the entering variable; the artificial one's if it does; or -1."""
-    column = tableau[:, entering]
-    rows = np.flatnonzero(column > _PIVOT * max(1.0, np.abs(column).max()))
+    n = len(basic)
+    entering = table[:, column]
+    rows = np.flatnonzero(entering > _PIVOT * max(1.0, np.abs(entering).max()))
     if len(rows) == 0:
         return -1
-    ratio = np.maximum(tableau[rows, -1], 0.0) / column[rows]
-    rows = rows[ratio <= ratio.min() + _TIE * max(1.0, ratio.min())]
-    last = rows[basis[rows] == artificial]
+    rows = _smallest(rows, np.maximum(table[rows, -1], 0.0) / entering[rows])
+    last = rows[basic[rows] == 2 * n]
     if len(last):
         return int(last[0])
-    for k in range(len(basis)):
+    for k in range(n):  # by columns of the basis' inverse
         if len(rows) == 1:
             break
-        ratio = tableau[rows, k] / column[rows]
-        rows = rows[ratio <= ratio.min() + _TIE * max(1.0, abs(ratio.min()))]
+        place = np.flatnonzero(other == k)
+        values = table[rows, place[0]] if len(place) else (basic[rows] == k).astype(float)
+        rows = _smallest(rows, values / entering[rows])
     return int(rows[0])
+
+
+def _smallest(rows: npt.NDArray[np.intp], ratio: Array) -> npt.NDArray[np.intp]:
+    """The rows of the smallest ratio, ties and all."""
+    least = ratio.min()
+    return np.asarray(rows[ratio <= least + _TIE * max(1.0, abs(least))])
 
 
 def unknowns(points: int, dim: int) -> int:
