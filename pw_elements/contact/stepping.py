@@ -24,14 +24,13 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
 from pw_elements.contact.checks import check_mesh
-from pw_elements.contact.equilibrium import no_equilibrium
 from pw_elements.contact.errors import ContactFailed
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
-from pw_elements.contact.refusals import refusal
+from pw_elements.contact.refusals import no_equilibrium, refusal
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
