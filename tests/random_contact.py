@@ -45,6 +45,7 @@ from pw_elements.contact import (
     ContactState,
     FlatPunch,
     Motion,
+    NoEquilibrium,
     Parabola,
     Plane,
     Polyline,
@@ -841,6 +842,7 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
+    from tests.contact_proofs import flaws
     from tests.contact_residuals import residuals, walked, worst
 
     stated = problem(seed)
@@ -850,6 +852,8 @@ def outcome(seed: int) -> dict:
     except ContactFailed as error:
         states = list(error.states)
         result |= {"outcome": type(error).__name__, "message": str(error)}
+        if isinstance(error, NoEquilibrium):
+            result["proof"] = flaws(stated, len(states), error)
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}

@@ -83,10 +83,6 @@ class NoEquilibrium(FreeBody):
     velocity: RigidVelocity
     missing: MissingForce
 
-    def __init__(self, message: str, velocity: RigidVelocity, missing: MissingForce) -> None:
-        super().__init__(message)
-        self.velocity, self.missing = velocity, missing
-
 
 class NotUnique(ContactFailed, SingularSystem):
     """A solution is met at which the tangent is singular: it is one of many, or none is stable."""

@@ -27,13 +27,12 @@ from pw_elements.algebra import Reduction, is_finite
 from pw_elements.contact.checks import check_increments, check_mesh
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
-from pw_elements.contact.equilibrium import no_equilibrium
 from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
-from pw_elements.contact.refusals import refusal
+from pw_elements.contact.refusals import no_equilibrium, refusal
 from pw_elements.contact.remedies import REMEDIES, Remedy, without_active_sets
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
