@@ -37,13 +37,13 @@ class Target:
         load: f (n,), in all.
         translations: of the surfaces (pairs, dim), NaN where they are free.
         forces: total forces of the surfaces (pairs, dim), of those that are free.
-        supports: share of the displacements that supports prescribe.
+        stated: share of the displacements that supports and interference prescribe.
     """
 
     load: PETSc.Vec
     translations: Array
     forces: Array
-    supports: float = 1.0
+    stated: float = 1.0
 
     @classmethod
     def of(
@@ -98,7 +98,7 @@ def between(start: Target, end: Target, share: float) -> Target:
         load,
         (1 - share) * start.translations + share * end.translations,
         (1 - share) * start.forces + share * end.forces,
-        (1 - share) * start.supports + share * end.supports,
+        (1 - share) * start.stated + share * end.stated,
     )
 
 

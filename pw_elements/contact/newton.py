@@ -1,6 +1,6 @@
 """The active-set (semismooth Newton) iteration of one increment: solve, residual, next set."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -85,7 +85,7 @@ class Increment:
         prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
         totals: forces of the free translations.
         past: where it starts.
-        supports: share of the displacements that supports prescribe.
+        stated: share of the displacements that supports and interference prescribe.
 
     Attributes:
         load: f, reduced.
@@ -103,12 +103,12 @@ class Increment:
         prescribed: Array,
         totals: Array,
         past: Reference,
-        supports: float = 1.0,
+        stated: float = 1.0,
     ) -> None:
         self.system, self.past = system, past
         self.interface: Interface = system.interface
-        self.prescribed, self.totals = prescribed, totals
-        self._reduction: Reduction = system.reduction.scaled(supports).under(K, load)
+        self.prescribed, self.totals, self._stated = prescribed, totals, stated
+        self._reduction: Reduction = system.reduction.scaled(stated).under(K, load)
         self.load = self._reduction.load(K, load)
         self.systems = 0
         self.nearest: tuple[Iterate, float] | None = None
@@ -118,7 +118,11 @@ class Increment:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
         free = np.isnan(self.prescribed)
         past = self.past.displacement - self.past.translations[self.interface.pair]
-        return Kinematics.at(self.interface, past, translations, free, displacement, force)
+        place = Kinematics.at(self.interface, past, translations, free, displacement, force)
+        if self._stated == 1:
+            return place
+        # points inside their surface are pressed out of it little by little
+        return replace(place, gap=place.gap + (1 - self._stated) * self.interface.interference)
 
     def solve(self, active: ActiveSet, place: Kinematics) -> Iterate:
         """Solves for an active set and the kinematics of a place.

@@ -87,9 +87,12 @@ class ContactPair:
         friction: Coulomb's mu, or a function of positions (3, n) that gives it per node. A
             node between a smooth and a rough part is thereby assigned to one of them.
         motions: one per increment of `solve_contact`; the surface rests where there are none.
+        interference: whether the surface may cut the body before any motion, as in a shrink fit:
+            the first increment presses the nodes out of it.
     """
 
     nodes: Nodes
     surface: Surface | MatchingNodes
     friction: float | Callable[[Array], Array] = 0.0
     motions: Sequence[Motion] = ()
+    interference: bool = False

@@ -147,7 +147,7 @@ class ContactProblem:
         before = system.report
         past = Reference.of(state, interface)
         increment = Increment(
-            system, self._K, target.load, prescribed, target.totals, past, target.supports
+            system, self._K, target.load, prescribed, target.totals, past, target.stated
         )
 
         def policy() -> Policy:
