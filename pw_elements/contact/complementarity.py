@@ -50,7 +50,7 @@ def lemke(M: Array, q: Array) -> Array | None:
         if leaving == artificial:
             x = np.zeros(artificial + 1)
             x[basic] = table[:, -1]
-            return x[n:artificial]
+            return np.maximum(x[n:artificial], 0.0)
         entering = leaving + n if leaving < n else leaving - n
         column = int(np.flatnonzero(other == entering)[0])
         row = _leaving(table, column, basic, other)
