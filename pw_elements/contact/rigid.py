@@ -143,7 +143,7 @@ class RigidModes:
         if len(turned) == 1:
             return f"rotation about {listed(pole[None])}"
         axis = direction(turned * np.sign(turned[np.argmax(np.abs(turned))]))
-        along = " and translation along it" if abs(pitch) > nothing else ""
+        along = " with a translation along it" if abs(pitch) > nothing else ""
         return f"rotation about the axis along {axis} through {listed(pole[None])}{along}"
 
     def _pole(self, k: int, moved: Array, turned: Array) -> tuple[Array, float]:
