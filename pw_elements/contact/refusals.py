@@ -101,10 +101,10 @@ def _proof(
 
 def _movement(modes: RigidModes, points: Points, velocity: Array, motion: Array) -> str:
     """Who is lifted, overturned or dragged off, in words."""
-    movers = modes.movers(motion)
+    movers = modes.movers(motion, motion[None])
     if len(movers) > 1:
         contacts = _contacts(points, velocity, False)
-        return f"{modes.name(motion)}, by which the body {' and '.join(contacts)}"
+        return f"{modes.names(motion[None])[0]}, by which the body {' and '.join(contacts)}"
     ((who, how),) = movers
     turns = [how.replace("rotation", "turns")] if how.startswith("rotation") else []
     contacts = _contacts(points, velocity, who.startswith("the surface"))

@@ -51,7 +51,7 @@ class RigidMotions:
         free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]))
         if not len(free):
             return []
-        return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
+        return self.modes.names(self.modes.simplest(free).motions)
 
     def virtual(self) -> tuple[Basis, Array]:
         """Motions in which no forces but loads and contact's do work, whatever the strains.
