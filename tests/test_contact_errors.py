@@ -19,11 +19,12 @@ from pw_elements import (
     prescribe,
 )
 from pw_elements.contact import (
-    ContactNotConverged,
     ContactPair,
     DegenerateMesh,
     FreeBody,
     Motion,
+    NoEquilibrium,
+    NotFound,
     NotUnique,
     Parabola,
     Plane,
@@ -120,12 +121,12 @@ def test_combined_displacements_are_refused():
 def test_lifted_body():
     up = BLOCK.pressure.copy()
     up.scale(-1.0)
-    with pytest.raises(FreeBody, match="lift or drag the body off"):
+    with pytest.raises(NoEquilibrium, match=r"the body lifts off pair 0. At least .* \(0, -800\)"):
         solved(floor(), up)
 
 
 def test_dragged_body():
-    with pytest.raises(FreeBody, match="translation x: the loads lift or drag"):
+    with pytest.raises(NoEquilibrium, match=r"slides along x on pair 0. .* force of \(-12, 0\)"):
         BLOCK.solve(0.3, 0.7 * 200, smooth=0.0)
 
 
@@ -133,7 +134,7 @@ def test_overturned_body():
     high = boundary_measure(BLOCK.body.spaces.mesh, lambda x: np.isclose(x[0], 4.0) & (x[1] > 0.9))
     f = BLOCK.pressure.copy()
     f.axpy(1.0, assemble_vector(BLOCK.body.surface_load((1800.0, 0.0), high)))
-    with pytest.raises(FreeBody, match=r"rotation about \(4, 0\)"):
+    with pytest.raises(NoEquilibrium, match=r"turns about \(4, 0\) and lifts off pair 0"):
         solved(floor(10.0), f)
 
 
@@ -154,7 +155,7 @@ def test_free_surface_is_named():
     with pytest.raises(FreeBody, match="translation x of the surface of pair 0"):
         solved(free, reduction=Reduction.dirichlet(BLOCK.space, foot))
     pulled = floor(0.3, motions=[Motion((0, None), (0, -100.0))])
-    with pytest.raises(FreeBody, match="translation y of the surface of pair 0: the loads lift"):
+    with pytest.raises(NoEquilibrium, match="the surface of pair 0 lifts off the body"):
         solved(pulled, reduction=Reduction.dirichlet(BLOCK.space, foot))
 
 
@@ -185,9 +186,9 @@ def test_meshes_that_are_none():
 
 def test_cycles_and_exhausted_iterations_are_errors():
     greco = Greco(16)
-    with pytest.raises(ContactNotConverged, match="runs through the same"):
+    with pytest.raises(NotFound, match="runs through the same"):
         greco.solve(10.0)
-    with pytest.raises(ContactNotConverged, match="after 3 iterations"):
+    with pytest.raises(NotFound, match="after 3 iterations"):
         greco.solve(1.0, max_iterations=3)
 
 
@@ -208,7 +209,7 @@ def test_cycling_nodes_change_one_at_a_time():
     assert history.slowed(one, contact).status.tolist() == [OPEN, OPEN]
     assert not history.repeats(one)
     assert not history.repeats(two)
-    with pytest.raises(ContactNotConverged, match="2 active sets"):
+    with pytest.raises(NotFound, match="2 active sets"):
         history.repeats(one)
 
 

@@ -99,9 +99,7 @@ def started(case, pair, reduction, load, motions=(), free=()):
     target = Target.of(load, motions, interface)
     past = Reference.of(stated.undeformed, interface)
     increment = Increment(system, case.K, load, target.translations, target.totals, past)
-    place = increment.kinematics(
-        np.nan_to_num(target.translations), past.displacement, past.force
-    )
+    place = increment.kinematics(np.nan_to_num(target.translations), past.displacement, past.force)
     condensation = Condensation(case.K, reduction, interface, Direct())
 
     def policy():

@@ -12,7 +12,6 @@ from pw_elements.contact import (
     SLIP,
     STICK,
     ContactFailed,
-    ContactNotConverged,
     ContactPair,
     Plane,
     solve_contact,

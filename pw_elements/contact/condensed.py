@@ -78,13 +78,20 @@ class Condensation:
         """
         return self._forces(load, -supported)
 
-    def _forces(self, load: PETSc.Vec, moved: Array) -> Array:
+    def displaced(self, load: PETSc.Vec, moved: Array) -> PETSc.Vec:
+        """Reduced displacements under a reduced load, the points' motion (m, dim) being given.
+
+        Without what supports make of it.
+        """
         system, dim = self._system, moved.shape[1]
         none = np.zeros((len(moved), dim, dim))
         held = system.scale[:, None, None] * np.eye(dim)
         constraint = system.scale[:, None] * moved
-        reduced, _ = system.solve(load, none, held, none, constraint, np.zeros(0))
-        return gathered(self._interface, system.forces(reduced, load)[0])
+        return system.solve(load, none, held, none, constraint, np.zeros(0))[0]
+
+    def _forces(self, load: PETSc.Vec, moved: Array) -> Array:
+        force, _ = self._system.forces(self.displaced(load, moved), load)
+        return gathered(self._interface, force)
 
 
 def gathered(interface: Interface, values: npt.NDArray) -> npt.NDArray:

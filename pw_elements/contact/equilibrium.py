@@ -37,7 +37,9 @@ _WORK = 1e-9
 # Contact forces over loads that would undo the proof where a cone is overstepped by round-off
 _HUGE = 1e3
 # Overstepping of a cone, a velocity over the largest one, that calls for a cut; rounds of cuts
-_CUT, _ROUNDS = 1e-13, 40
+_CUT, _ROUNDS = 1e-10, 40
+# What motion costs, over the largest work: nothing moves that the loads do not push
+_PRICE = 1e-7
 # Steps along a free translation, over the extent of the contact points, at which normals are
 # asked, and the change that tells a curved surface
 _STEPS, _TURNED = (1e-4, 1e-2, 1.0), 1e-9
@@ -110,27 +112,30 @@ def escape(points: Points, power: Array) -> tuple[Array, Array]:
     Returns:
         Its components, one at most, and the least forces (k,) to be added for a balance.
     """
-    none, scale = np.zeros(len(power)), np.abs(power).max() or 1.0
+    k, scale = len(power), np.abs(power).max() or 1.0
+    price = np.concatenate([-power, power]) / scale + _PRICE  # of each way in each motion
     axes = np.eye(points.tangential.shape[1])
     rows = [points.rows(np.tile(d, (len(points.pair), 1))) for d in (*axes, *-axes)]
     for _ in range(_ROUNDS):
         limits = np.unique(np.vstack(rows), axis=0)
         best = linprog(
-            -power / scale,
-            A_ub=-limits,
+            price,
+            A_ub=np.hstack([-limits, limits]),
             b_ub=np.zeros(len(limits)),
-            bounds=(-1, 1),
+            bounds=(0, 1),
             options=_TOLERANCES,
         )
         if not best.success:
-            return none, none
-        beyond = points.where(points.clearance(best.x) < -_CUT)
-        sliding: Array = beyond.tangential @ best.x
+            return np.zeros(k), np.zeros(k)
+        velocity = best.x[:k] - best.x[k:]
+        beyond = points.where(points.clearance(velocity) < -_CUT)
+        sliding: Array = beyond.tangential @ velocity
         size = np.linalg.norm(sliding, axis=1, keepdims=True)
         if not size.any():
             break
         rows.append(beyond.where(size[:, 0] > 0).rows((sliding / size)[size[:, 0] > 0]))
-    return best.x, scale * (best.lower.marginals + best.upper.marginals)
+    least = best.upper.marginals
+    return velocity, scale * (least[:k] - least[k:])
 
 
 def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
@@ -156,7 +161,7 @@ def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
         works: (m, dim, k), motion of this process' points in each of k motions.
     """
     interface, free = increment.interface, np.isnan(increment.prescribed)
-    faced = np.isfinite(place.gap) | free.any(axis=1)[interface.pair]
+    faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
     works = np.where(interface.equation[..., None] >= 0, works, 0.0)
     tangents = place.frame[:, 1:]
     values = (

@@ -21,7 +21,7 @@ from pw_elements.linear_solver import SingularSystem
 Array = npt.NDArray[np.float64]
 
 # Violation of the law over the largest nodal contact force
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 # What of the violation may be round-off: over stiffness x displacement, and over stiffness x
 # coordinate, for a gap is a difference of coordinates
 _LOST = 1e-13
@@ -167,7 +167,7 @@ class Increment:
                 break
         else:
             less, more = beside
-            apart, wrong = (less.full - more.full).norm(), self.violation(less) * _TOLERANCE
+            apart, wrong = (less.full - more.full).norm(), self.violation(less) * TOLERANCE
             if apart <= _NEAR * less.full.norm() and wrong <= _NEAR:
                 self.nearest = less, self.violation(less)
                 return NotUnique(f"{where} is too large for a unique answer")
@@ -194,7 +194,7 @@ class Increment:
         wrong = np.nan_to_num(np.abs(now.contact.violation()), nan=np.inf).max(initial=0.0)
         largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
         wrong = comm.allreduce(wrong, MPI.MAX)
-        allowed = _TOLERANCE * largest + self.round_off(now)
+        allowed = TOLERANCE * largest + self.round_off(now)
         return float(wrong / allowed) if wrong > 0 else 0.0
 
     def round_off(self, now: Iterate) -> float:
@@ -216,7 +216,7 @@ def newton(
         The solution and the number of linear systems, `most` at most.
 
     Raises:
-        FreeBody, NotUnique, NotFound: as `solve_contact` says.
+        NotUnique, NotFound: as `solve_contact` says.
     """
     system = increment.system
     policy.restart(active)
@@ -239,6 +239,5 @@ def newton(
             continue
         active = policy.taken(wanted, active, now.contact)
     raise NotFound(
-        f"no active set satisfies the contact conditions after {most} iterations: more of them may "
-        "help"
+        f"no active set satisfies the contact conditions after {most} iterations (max_iterations)"
     )

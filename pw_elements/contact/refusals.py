@@ -14,7 +14,7 @@ from pw_elements.contact.errors import (
     listed,
 )
 from pw_elements.contact.kinematics import Kinematics
-from pw_elements.contact.newton import Increment
+from pw_elements.contact.newton import TOLERANCE, Increment
 from pw_elements.contact.results import contact_state
 from pw_elements.contact.rigid import NOTHING, Basis, RigidModes, direction
 from pw_elements.contact.state import ContactState
@@ -58,12 +58,13 @@ def refusal(
     if increment.nearest is not None:
         now, violation = increment.nearest
         state = contact_state(increment, now, increment.systems, before, report, converged=False)
-        near = f", and the nearest state violates the law by {violation:.1e} times the tolerance"
+        share = f"{violation * TOLERANCE:.1g}"
+        near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         failure = NotFound(
-            f"no solution found, though there may be one{near}; what may help: smaller increments, "
-            "pressing before pushing, a start from the states of a smaller friction or a coarser "
-            f"mesh. The iteration ended thus: {failure}"
+            f"{failure}. That is no proof that there is no solution.{near} Smaller increments, "
+            "pressing before pushing, or a start from states of a smaller friction or a coarser "
+            "mesh may find one"
         )
     failure.state = state
     return failure
@@ -100,29 +101,31 @@ def _proof(
 
 def _movement(modes: RigidModes, points: Points, velocity: Array, motion: Array) -> str:
     """Who is lifted, overturned or dragged off, in words."""
-    movers = modes.movers(motion)
-    contacts = _contacts(points, velocity)
+    movers = modes.movers(motion, motion[None])
     if len(movers) > 1:
-        return f"{modes.name(motion)}, by which the body {' and '.join(contacts)}"
+        contacts = _contacts(points, velocity, False)
+        return f"{modes.names(motion[None])[0]}, by which the body {' and '.join(contacts)}"
     ((who, how),) = movers
     turns = [how.replace("rotation", "turns")] if how.startswith("rotation") else []
+    contacts = _contacts(points, velocity, who.startswith("the surface"))
     return f"{who} {' and '.join([*turns, *contacts])}"
 
 
-def _contacts(points: Points, velocity: Array) -> list[str]:
-    """What the body does at each pair in a motion (k,), if it moves there."""
+def _contacts(points: Points, velocity: Array, of_surface: bool) -> list[str]:
+    """What the body, or else the surface, does at each pair in a motion (k,)."""
     sliding, clear = points.tangential @ velocity, points.clearance(velocity)
     speed = np.linalg.norm(sliding, axis=1)
     nothing = NOTHING * max(speed.max(initial=0.0), clear.max(initial=0.0))
     words = []
     for k in np.unique(points.pair):
+        what = "the body" if of_surface else f"pair {k}"
         slides = (points.pair == k) & (clear <= nothing) & (speed > nothing)
         if slides.any():
-            along = sliding[slides] / speed[slides, None]
+            along = sliding[slides] / speed[slides, None] * (-1.0 if of_surface else 1.0)
             one = np.all(along @ along[0] > 1 - NOTHING)
-            words.append(f"slides {f'along {direction(along[0])} ' if one else ''}on pair {k}")
+            words.append(f"slides {f'along {direction(along[0])} ' if one else ''}on {what}")
         elif np.any(clear[points.pair == k] > nothing):
-            words.append(f"lifts off pair {k}")
+            words.append(f"lifts off {what}")
     return words
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.complementarity import sprung, unknowns
 from pw_elements.contact.condensed import Condensation, CondensedIncrement, scattered
-from pw_elements.contact.errors import ContactFailed
+from pw_elements.contact.errors import ContactFailed, NotUnique
 from pw_elements.contact.globalisation import Policy
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
@@ -60,6 +60,9 @@ def without_active_sets(
         place: where the kinematics are linearised first.
         policy: makes one for each ordinary iteration.
         most: linear systems of each ordinary iteration.
+
+    Raises:
+        NotUnique: if the tangent is singular at a solution.
     """
     if not _tractable(increment.interface):
         return None
@@ -82,11 +85,26 @@ def without_active_sets(
                 try:
                     return newton(increment, active, place, policy(), most)[0]
                 except ContactFailed as failed:
+                    _check_unique(problem, increment, exact, failed)
                     if comm.rank == 0:
                         log.debug("springs of %.0e: %s", spring, failed)
             reached: Array = z if exact is None else exact
             near, place = reached, increment.kinematics(*problem.split(reached))
     return None
+
+
+def _check_unique(
+    problem: CondensedIncrement, increment: Increment, z: Array, failed: ContactFailed
+) -> None:
+    """Raises NotUnique if z is a solution: then the iteration failed by a singular tangent."""
+    translations, moved, force = problem.split(z)
+    reduced = problem.condensation.displaced(increment.load, moved - increment.supported)
+    there = increment.kinematics(translations, moved, force)
+    now = increment.seen(reduced, translations, there)
+    violation = increment.violation(now)
+    if violation <= 1:
+        increment.nearest = now, violation
+        raise NotUnique(f"at a solution, {failed}") from failed
 
 
 def _search(

@@ -111,49 +111,72 @@ class RigidModes:
         rows, pivot = reduced_echelon(motions[:, order])
         return Basis(rows[:, np.argsort(order)], order[pivot])
 
-    def name(self, motion: Array) -> str:
-        """What moves how, in words."""
-        words: dict[str, list[str]] = {}
-        for who, how in self.movers(motion):
-            words.setdefault(how, []).append(who)
-        if list(words.values()) == [["the body"]]:
-            return next(iter(words))
-        return " with ".join(f"{how} of {' and '.join(who)}" for how, who in words.items())
+    def names(self, motions: Array) -> list[str]:
+        """What moves how in each of the motions (k, modes), in words.
 
-    def movers(self, motion: Array) -> list[tuple[str, str]]:
-        """Names of bodies and surfaces that move, and their movements in words."""
-        translations, turning, surfaces = self.parts(motion)
-        nothing, words = NOTHING * np.abs(motion).max(), []
-        for k in range(len(translations)):
-            if np.abs(np.append(translations[k], turning[k])).max() > nothing:
-                around = listed(self.centre[k : k + 1])
-                who = "the body" + (f" around {around}" if len(self.centre) > 1 else "")
-                words.append((who, self._movement(k, translations[k], turning[k])))
-        for k in range(len(surfaces)):
-            if np.abs(surfaces[k]).max() > nothing:
-                words.append((f"the surface of pair {k}", f"translation {direction(surfaces[k])}"))
+        Rotations of a piece are about a point at rest in all of them, if there is one.
+        """
+        words = []
+        for motion in motions:
+            how: dict[str, list[str]] = {}
+            for who, movement in self.movers(motion, motions):
+                how.setdefault(movement, []).append(who)
+            if list(how.values()) == [["the body"]]:
+                words.append(next(iter(how)))
+            else:
+                parts = [f"{what} of {' and '.join(who)}" for what, who in how.items()]
+                words.append(" with ".join(parts))
         return words
 
-    def _movement(self, k: int, moved: Array, turned: Array) -> str:
-        """Translation (dim,) and rotation (1 or 3,) over the length of a piece in words."""
-        nothing = NOTHING * np.abs(np.append(moved, turned)).max()
-        if np.abs(turned).max(initial=0.0) <= nothing:
-            return f"translation {direction(moved)}"
-        pole, pitch = self._pole(k, moved, turned)
-        if len(turned) == 1:
+    def movers(self, motion: Array, motions: Array) -> list[tuple[str, str]]:
+        """Names of bodies and surfaces that move in one of the motions, and how, in words."""
+        translation, turning, surface = self.parts(motion)
+        nothing, words = NOTHING * np.abs(motion).max(), []
+        for k in range(len(translation)):
+            if np.abs(np.append(translation[k], turning[k])).max() > nothing:
+                around = listed(self.centre[k : k + 1])
+                who = "the body" + (f" around {around}" if len(self.centre) > 1 else "")
+                if np.abs(turning[k]).max(initial=0.0) > nothing:
+                    words.append((who, self._rotation(k, motion, motions)))
+                else:
+                    words.append((who, f"translation {direction(translation[k])}"))
+        for k in range(len(surface)):
+            if np.abs(surface[k]).max() > nothing:
+                words.append((f"the surface of pair {k}", f"translation {direction(surface[k])}"))
+        return words
+
+    def _rotation(self, k: int, motion: Array, motions: Array) -> str:
+        """Rotation of a piece in words."""
+        moved, turned = (part[0] for part in self._in_space(k, motion[None]))
+        pole, rest = self._pole(k, motions)
+        if rest > NOTHING:
+            pole, _ = self._pole(k, motion[None])
+        if len(pole) == 2:
             return f"rotation about {listed(pole[None])}"
         axis = direction(turned * np.sign(turned[np.argmax(np.abs(turned))]))
-        along = " and translation along it" if abs(pitch) > nothing else ""
-        return f"rotation about the axis along {axis} through {listed(pole[None])}{along}"
+        along = abs(moved @ turned) > NOTHING * (turned @ turned)
+        return (
+            f"rotation about the axis along {axis} through {listed(pole[None])}"
+            f"{' with a translation along it' if along else ''}"
+        )
 
-    def _pole(self, k: int, moved: Array, turned: Array) -> tuple[Array, float]:
-        """The point at rest, or that of the axis next to the centre; translation along it."""
-        if len(turned) == 1:
-            shift, pitch = np.array([-moved[1], moved[0]]) / turned[0], 0.0
-        else:
-            rate = np.linalg.norm(turned)
-            shift, pitch = np.cross(turned, moved) / rate**2, float(moved @ turned / rate)
-        return self.centre[k] + self.length[k] * shift, pitch
+    def _pole(self, k: int, motions: Array) -> tuple[Array, float]:
+        """The point (dim,) next to a piece's centre that moves least, and how fast it does."""
+        moved, turned = self._in_space(k, motions)
+        turns = np.abs(turned).max(axis=1) > NOTHING * np.abs(motions).max(axis=1)
+        moved, turned = moved[turns], turned[turns]
+        arms = np.cross(turned[:, None], np.eye(3)).transpose(0, 2, 1).reshape(-1, 3)
+        shift = np.linalg.lstsq(arms, -moved.ravel(), rcond=NOTHING)[0]
+        speed = float(np.abs(arms @ shift + moved.ravel()).max())
+        return self.centre[k] + self.length[k] * shift[: self.centre.shape[1]], speed
+
+    def _in_space(self, k: int, motions: Array) -> tuple[Array, Array]:
+        """Translations and rotations (motions, 3) of a piece, the plane being one in space."""
+        parts = [self.parts(motion) for motion in motions]
+        moved = np.array([translation[k] for translation, _, _ in parts])
+        turned = np.array([turning[k] for _, turning, _ in parts])
+        more = ((0, 0), (0, 3 - moved.shape[1]))
+        return np.pad(moved, more), np.pad(turned, ((0, 0), (3 - turned.shape[1], 0)))
 
     def _modes(self, x: Array, piece: npt.NDArray[np.int64]) -> Array:
         """Displacements (n, dim, pieces, modes of one) of nodes x (n, dim) in their pieces."""

@@ -49,7 +49,9 @@ class RigidMotions:
         rows = np.einsum("nab,nbm->nam", constraints, self._relative).reshape(m * dim, motions)
         held = np.pad(self._held, ((0, 0), (0, motions - self._held.shape[1])))
         free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]))
-        return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
+        if not len(free):
+            return []
+        return self.modes.names(self.modes.simplest(free).motions)
 
     def virtual(self) -> tuple[Basis, Array]:
         """Motions in which no forces but loads and contact's do work, whatever the strains.

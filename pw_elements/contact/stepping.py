@@ -165,13 +165,16 @@ class ContactProblem:
             proof = no_equilibrium(increment, place, rigid)
             if proof is not None:
                 raise proof from failure
-            found = None
+            last, found = failure, None
             if "condensed" in self._remedies and not isinstance(failure, NotUnique):
-                found = without_active_sets(
-                    increment, lambda: self._condensed, place, policy, self._most
-                )
+                try:
+                    found = without_active_sets(
+                        increment, lambda: self._condensed, place, policy, self._most
+                    )
+                except NotUnique as unique:
+                    last = unique
             if found is None:
-                raise refusal(failure, increment, state, system.report.since(before)) from failure
+                raise refusal(last, increment, state, system.report.since(before)) from failure
             now, iterations = found, increment.systems
         interface.check_supports(now.translations)
         return contact_state(increment, now, iterations, state, system.report.since(before))
