@@ -137,13 +137,16 @@ def in_parts(
         try:
             now = replace(step(now, between(start, end, share)), increment=state.increment + 1)
         except ContactFailed as failed:
-            log.debug("from %.4g to %.4g of the increment: %s", done, share, failed)
+            if now.displacement.comm.rank == 0:
+                log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
             size /= 2
             if size < _SMALLEST:
                 return None
             continue
         done = share
         parts.append((share, now))
+    if now.displacement.comm.rank == 0:
+        log.info("the increment has been solved in %d parts", len(parts))
     return _joined([part for _, part in parts], tuple(parts[:-1]))
 
 

@@ -10,6 +10,8 @@ import logging
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -83,14 +85,21 @@ def without_active_sets(
             if exact is not None:
                 active = _active_set(problem, increment, exact)
                 try:
-                    return newton(increment, active, place, policy(), most)[0]
+                    solution = newton(increment, active, place, policy(), most)[0]
                 except ContactFailed as failed:
                     _check_unique(problem, increment, exact, failed)
-                    if comm.rank == 0:
-                        log.debug("springs of %.0e: %s", spring, failed)
+                    _log(comm, f"not from springs of {spring:.0e}: {failed}")
+                else:
+                    _log(comm, f"solved without active sets, from springs of {spring:.0e}")
+                    return solution
             reached: Array = z if exact is None else exact
             near, place = reached, increment.kinematics(*problem.split(reached))
     return None
+
+
+def _log(comm: MPI.Comm, message: str) -> None:
+    if comm.rank == 0:
+        log.info(message)
 
 
 def _check_unique(
