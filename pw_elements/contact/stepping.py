@@ -106,12 +106,11 @@ class ContactProblem:
                 the status of the nearest. It is no history.
 
         Raises:
-            ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes or one
-                that is no solution, or a prescribed normal displacement of a node in contact.
+            ValueError: for a load that is not finite, motions that do not fit the pairs, a state
+                of other contact nodes or an error's, or a prescribed normal displacement of a
+                node in contact.
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
-            NoEquilibrium: if no contact forces can balance the loads: they lift or drag a body
-                off. It is a `FreeBody`, and has the proof.
+            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
             NotFound: if none has been found otherwise; it has the state that came nearest.
         """
@@ -127,8 +126,7 @@ class ContactProblem:
         hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
         policy = Policy(hold, interface.comm)
 
-        first = _surfaces(guess or state)
-        translations = np.where(np.isnan(prescribed), first, prescribed)
+        translations = np.where(np.isnan(prescribed), _surfaces(guess or state), prescribed)
         interface.check_supports(translations)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
@@ -137,9 +135,9 @@ class ContactProblem:
         except ContactFailed as failure:
             proof = no_equilibrium(increment, place, rigid)
             if proof is not None:
-                raise proof from failure
+                raise proof from None
             # whatever else may find a solution has its place here
-            raise refusal(failure, increment, state, system.report.since(before)) from failure
+            raise refusal(failure, increment, state, system.report.since(before)) from None
         interface.check_supports(now.translations)
         return contact_state(increment, now, iterations, state, system.report.since(before))
 
