@@ -62,7 +62,10 @@ motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))
 noted("punch", punch.solve(0.6, motions))
 noted("drag", drag())
 noted("stacked", stacked())
-for seed in (158, 316):  # solved without active sets: under a free sphere, and held by contact alone
+for seed in (
+    158,
+    316,
+):  # solved without active sets
     noted(f"seed {seed}", problem(seed, comm).solve())
 if comm.rank == 0:
     print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

@@ -211,7 +211,7 @@ class Problem:
         return self.sketch.description
 
     def solve(self, **options) -> list[ContactState]:
-        """States of all increments, or one of the library's three refusals."""
+        """States of all increments, or one of the library's four refusals."""
         return solve_contact(self.K, self.loads, self.reduction, self.pairs, self.space, **options)
 
 
@@ -842,7 +842,7 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
-    from tests.contact_proofs import flaws
+    from tests.contact_proofs import flaws, sound
     from tests.contact_residuals import residuals, walked, worst
 
     stated = problem(seed)
@@ -853,7 +853,8 @@ def outcome(seed: int) -> dict:
         states = list(error.states)
         result |= {"outcome": type(error).__name__, "message": str(error)}
         if isinstance(error, NoEquilibrium):
-            result["proof"] = flaws(stated, len(states), error)
+            proof = flaws(stated, len(states), error)
+            result |= {"proof": proof, "proved": sound(proof)}
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}
@@ -910,6 +911,8 @@ def summary(outcomes: Sequence[dict]) -> str:
     lines.append(
         f"states without contact force but round-off whose own residuals are above 1e-8: {alarms}"
     )
+    proved = Counter(result["proved"] for result in outcomes if "proved" in result)
+    lines.append(f"proofs against an equilibrium: {proved[True]}, flawed ones: {proved[False]}")
     lines.append("worst residuals:")
     for result in sorted(outcomes, key=lambda result: -result["residual"])[:5]:
         lines.append(f"  {result['residual']:.1e}  {result['description']}")
@@ -947,7 +950,7 @@ def differences(old: Sequence[dict], new: Sequence[dict], tolerance: float = 1e-
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Solves a range of seeds and prints a table; 1 if there was a bug or a large residual."""
+    """Solves seeds and prints a table; 1 if there was a bug, a large residual or a flawed proof."""
     parser = argparse.ArgumentParser(prog="python3 -m tests.random_contact")
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int, help="not included")
@@ -967,6 +970,7 @@ def main(arguments: Sequence[str]) -> int:
         old = [json.loads(line) for line in options.compare.read_text().splitlines()]
         print(*differences(old, outcomes), sep="\n")
     bugs = any(result["outcome"].startswith("BUG") for result in outcomes)
+    bugs |= not all(result.get("proved", True) for result in outcomes)
     return int(bugs or max(result["residual"] for result in outcomes) > 1e-8)
 
 

@@ -187,9 +187,9 @@ def test_meshes_that_are_none():
 def test_cycles_and_exhausted_iterations_are_errors():
     greco = Greco(16)
     with pytest.raises(NotFound, match="runs through the same"):
-        greco.solve(10.0)
+        greco.solve(10.0, remedies=())
     with pytest.raises(NotFound, match="after 3 iterations"):
-        greco.solve(1.0, max_iterations=3)
+        greco.solve(1.0, max_iterations=3, remedies=())
 
 
 def test_cycling_nodes_change_one_at_a_time():
@@ -230,10 +230,10 @@ class OneNode:
         self.corner = corner
         self.stiffness = self.reduction.matrix(self.K)[:, :]
 
-    def solve(self, mu, force, start=()):
+    def solve(self, mu, force, start=(), **options):
         load = nodal_load(self.space, self.corner, force)
         pair = ContactPair(self.corner, FLOOR, mu)
-        return solve_contact(self.K, load, self.reduction, [pair], self.space, start)
+        return solve_contact(self.K, load, self.reduction, [pair], self.space, start, **options)
 
 
 def test_large_friction_has_several_answers_and_says_so():
@@ -246,19 +246,32 @@ def test_large_friction_has_several_answers_and_says_so():
     assert below.unique
     assert below.pairs[0].status.tolist() == [SLIP]
 
-    with pytest.raises(NotUnique, match="too large for a unique answer"):
-        node.solve(critical, (-side * 2 * critical, -1.0))
+    def slipping(state):
+        """The same, as a guess, with a node that slips."""
+        status, force = np.array([SLIP], dtype=np.int8), np.array([[side, 0.0]])
+        return [
+            replace(state, pairs=(replace(state.pairs[0], status=status, force_tangential=force),))
+        ]
+
+    # the equations of slip have no solution, or at the limit of stick one for any slip
+    pushed = (-side * 2 * critical, -1.0)
+    with pytest.raises(NotFound, match="too large there for any answer"):
+        node.solve(critical, pushed, remedies=())
+    (lifted,) = node.solve(critical, pushed)
+    assert lifted.pairs[0].status.tolist() == [OPEN]
+    assert lifted.pairs[0].gap > 0.1
+    limit = (-side * critical, -1.0)
+    (resting,) = node.solve(critical, limit)
+    with pytest.raises(NotUnique, match="too large for a unique answer") as caught:
+        node.solve(critical, limit, slipping(resting))
+    assert caught.value.state.residuals.largest() < 1e-5
+    assert np.abs(caught.value.state.pairs[0].slip).max() > 1e-3
 
     # the node may stick, or slip and thereby relieve itself
     load = (-side * 1.5 * critical, -1.0)
     (stick,) = node.solve(3 * critical, load)
     assert stick.pairs[0].status.tolist() == [STICK]
-    pair = replace(
-        stick.pairs[0],
-        status=np.array([SLIP], dtype=np.int8),
-        force_tangential=np.array([[side, 0.0]]),
-    )
-    (slip,) = node.solve(3 * critical, load, [replace(stick, pairs=(pair,))])
+    (slip,) = node.solve(3 * critical, load, slipping(stick))
     assert slip.pairs[0].status.tolist() == [SLIP]
     assert slip.pairs[0].force_normal < 0.9 * stick.pairs[0].force_normal
     assert max(state.residuals.largest() for state in (stick, slip)) < 1e-12

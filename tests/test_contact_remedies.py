@@ -2,25 +2,48 @@
 
 from itertools import product
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
-from pw_elements.contact import ContactPair, ContactProblem, Motion, NotFound, Parabola, Plane
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    StressState,
+    assemble_matrix,
+    prescribe,
+)
+from pw_elements.contact import (
+    OPEN,
+    ContactPair,
+    ContactProblem,
+    Motion,
+    NotFound,
+    Parabola,
+    Plane,
+    solve_contact,
+)
 from pw_elements.contact.complementarity import lemke, sprung
 from pw_elements.contact.condensed import Condensation, CondensedIncrement, gathered, scattered
-from pw_elements.contact.cutback import Target, between, held_by, homogeneous
+from pw_elements.contact.cutback import Target, between, held_by, homogeneous, in_parts
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.newton import Increment, Reference
 from pw_elements.contact.remedies import without_active_sets
 from pw_elements.linear_solver import Direct
+from pw_elements.meshes import on_lines
+from study.verification.graded_meshes import growing
 from tests.contact_cases import Block, Greco, Punch, at
 from tests.contact_residuals import Step, residuals, walked, worst
 from tests.random_contact import problem
 
-# Random problems on which the iteration cycles or crawls: plane strain under a free sphere, a
-# body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING = [158, 264, 681, 991, 1134, 927, 964]
-CUT = [287, 1088]
+# Random problems on which the iteration cycles, crawls or meets round-off: plane strain
+# under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
+FAILING = [158, 287, 264, 681, 991, 1134, 927, 964]
+# and on which it lets go of a surface or a body that friction can hold
+LOST = [442, 740, 1441]
 
 
 # -- the complementarity problem -------------------------------------------------------------
@@ -182,7 +205,7 @@ def test_the_remedy_alone_finds_what_the_iteration_finds():
 # -- problems on which the iteration fails ---------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", FAILING)
+@pytest.mark.parametrize("seed", [*FAILING, *LOST])
 def test_cycling_and_crawling_problems_are_solved_without_active_sets(seed):
     stated = problem(seed)
     with pytest.raises(NotFound):
@@ -199,6 +222,51 @@ def test_large_friction_from_a_cold_start(mu):
     assert greco.solve(mu).residuals.largest() < 1e-11
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "build", "n"),
+    [
+        (Spaces.galerkin, "quadrilateral", 15),
+        (Spaces.galerkin, "quadrilateral", 30),
+        (Spaces.petrov_galerkin, "quadrilateral", 15),
+        (Spaces.petrov_galerkin, "right_left", 30),
+    ],
+)
+def test_nearly_incompressible_half_plane_is_pressed_and_pushed(method, build, n):
+    """A block 150 a wide for a half plane, nu = 0.4999, Q/(mu P) = 0.4 in two steps."""
+    modulus, nu, radius, mu, P, growth = 1000.0, 0.4999, 20.0, 0.35, 4.0, 1.2
+    a = np.sqrt(4 * P * radius * (1 - nu**2) / (np.pi * modulus))
+    zone = 1.3 * a
+    beside = zone + growing(zone / n * growth, 75 * a - zone, growth)[1:]
+    right = np.concatenate([np.linspace(0, zone, n + 1), beside])
+    lines = np.concatenate([-right[:0:-1], right]), -growing(zone / n, 75 * a, growth)[::-1]
+    cut = () if build == "quadrilateral" else (build,)
+    cell = "triangle" if cut else build
+    body = Body(
+        method(on_lines(MPI.COMM_SELF, *lines, cell, *cut)),
+        Material(modulus, nu),
+        StressState.PLANE_STRAIN,
+    )
+    space = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    base = [prescribe(space, i, at(1, lines[1][0])) for i in (0, 1)]
+    motions = [Motion((0, None), (0, -P))]
+    motions += [Motion((None, None), (share * mu * P, -P)) for share in (0.2, 0.4)]
+    punch = ContactPair(
+        lambda x: np.isclose(x[1], 0) & (np.abs(x[0]) < zone * (1 + 1e-9)),
+        Parabola((0, 0), radius),
+        mu,
+        motions,
+    )
+    arguments = K, [K.createVecLeft()] * 3, Reduction.dirichlet(space, base), punch, space
+    with pytest.raises(NotFound):
+        solve_contact(*arguments, remedies=())
+    states = solve_contact(*arguments)
+    assert not any(state.substates for state in states)
+    assert states[-1].pairs[0].force == pytest.approx((0.4 * mu * P, -P), rel=1e-8)
+    assert max(state.residuals.largest() for state in states) < 1e-8
+
+
 def test_remedies_have_names():
     with pytest.raises(ValueError, match=r"no remedies \['prayer'\]"):
         Greco(4).solve(1.0, remedies=("prayer",))
@@ -207,10 +275,9 @@ def test_remedies_have_names():
 # -- increments in parts ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", CUT)
-def test_increments_in_parts_have_a_true_history(seed):
+def test_increments_in_parts_have_a_true_history():
     """Every part obeys the law with the slip since the part before, at its own loads."""
-    stated = problem(seed)
+    stated = problem(1088)
     with pytest.raises(NotFound):
         stated.solve(remedies=("condensed",))
     states = stated.solve()
@@ -218,6 +285,37 @@ def test_increments_in_parts_have_a_true_history(seed):
     assert worst(residuals(*walked(stated, states))) < 1e-8
     # the parts are needed for it: the ends alone are no solution of whole increments
     assert worst(residuals(stated, [Step.of(state) for state in states])) > 1e-8
+
+
+def test_parts_are_the_increments_that_a_user_would_make():
+    """A step that is refused beyond a third of the way is made in quarters."""
+    case = Punch()
+    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
+    stated = ContactProblem(case.K, case.foot, pair, case.space)
+    nothing = case.K.createVecLeft()
+    pressed = stated.step(stated.undeformed, nothing, [Motion((0, -0.1))])
+    start = held_by(pressed, case.K, stated._interface)
+    end = Target.of(nothing, [Motion((0.08, -0.2))], stated._interface)
+
+    def timid(state, target):
+        if np.abs(target.translations - state.translations).max() > 0.034:
+            raise NotFound("too far")
+        return stated._solved(state, target)
+
+    cut = in_parts(timid, pressed, start, end)
+    by_hand, slip = pressed, 0.0
+    for share in (0.25, 0.5, 0.75, 1.0):
+        by_hand = stated.step(by_hand, nothing, [Motion((0.08 * share, -0.1 - 0.1 * share))])
+        slip = slip + by_hand.pairs[0].slip
+    whole = stated.step(pressed, nothing, [Motion((0.08, -0.2))])
+    size = whole.displacement.norm()
+    assert (cut.displacement - by_hand.displacement).norm() < 1e-12 * size
+    assert (cut.displacement - whole.displacement).norm() > 1e-6 * size  # another path
+    assert [share for share, _ in cut.substates] == [0.25, 0.5, 0.75]
+    closed = cut.pairs[0].status != OPEN
+    assert cut.pairs[0].slip[closed] == pytest.approx(slip[closed], abs=1e-12)
+    assert cut.increment == 2
+    assert in_parts(lambda *_: timid(pressed, end), pressed, start, end) is None
 
 
 def test_a_state_holds_its_load():

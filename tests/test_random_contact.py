@@ -31,9 +31,10 @@ outcome = cache(outcome)
 
 @pytest.mark.random
 def test_law_holds_in_every_state(seed):
-    """Of a refused problem in the states before; no other error than the three may come."""
+    """Of a refused problem in the states before; no other error than the four may come."""
     result = outcome(seed)
     assert result["outcome"] in ("solved", *REFUSALS), result["message"]
+    assert result.get("proved", result["outcome"] != "NoEquilibrium"), result["proof"]
     solved = result["outcome"] == "solved"
     assert len(result["iterations"]) == result["increments"] or not solved
     assert result["residual"] < TOLERANCE, result["residuals"]

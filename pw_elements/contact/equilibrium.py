@@ -188,5 +188,9 @@ def _turning(increment: Increment, place: Kinematics) -> npt.NDArray[np.bool_]:
         for step in (sign * part * extent for part in _STEPS for sign in (-1, 1)):
             moved = place.translations.copy()
             moved[free[:, axis], axis] += step
-            turning |= np.abs(interface.normals(moved) - here).max(axis=1) > _TURNED
+            try:
+                change = np.abs(interface.normals(moved) - here).max(axis=1)
+            except Exception:  # a user's surface may not know its normals so far away
+                change = np.where(free[interface.pair, axis], np.inf, 0.0)
+            turning |= ~(change <= _TURNED)
     return turning

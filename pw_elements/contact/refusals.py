@@ -141,7 +141,7 @@ def _amount(centre: Array, missing: MissingForce) -> str:
             words.append(f"a moment of {_numbers(missing.moment[k])} about {place}{on}")
     for k in range(len(missing.surface)):
         if missing.surface[k].any():
-            words.append(f"a force of {_numbers(missing.surface[k])} on the surface of pair {k}")
+            words.append(f"a force of {_numbers(missing.surface[k])} of the surface of pair {k}")
     return " and ".join(words)
 
 

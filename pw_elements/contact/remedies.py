@@ -64,7 +64,7 @@ def without_active_sets(
         most: linear systems of each ordinary iteration.
 
     Raises:
-        NotUnique: if the tangent is singular at a solution.
+        NotUnique: if the tangent is singular at all solutions met.
     """
     if not _tractable(increment.interface):
         return None
@@ -74,6 +74,8 @@ def without_active_sets(
         return None
     comm = increment.interface.comm
     near: Array | None = None
+    solution: Iterate | None
+    one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
         for _ in range(_ROUNDS):
             problem = CondensedIncrement(increment, condensation, place)
@@ -87,13 +89,17 @@ def without_active_sets(
                 try:
                     solution = newton(increment, active, place, policy(), most)[0]
                 except ContactFailed as failed:
-                    _check_unique(problem, increment, exact, failed)
+                    solution = _at_itself(problem, increment, exact)
+                    if solution is not None and isinstance(failed.__cause__, SingularSystem):
+                        one_of_many, solution = NotUnique(f"at a solution, {failed}"), None
                     _log(comm, f"not from springs of {spring:.0e}: {failed}")
-                else:
+                if solution is not None:
                     _log(comm, f"solved without active sets, from springs of {spring:.0e}")
                     return solution
             reached: Array = z if exact is None else exact
             near, place = reached, increment.kinematics(*problem.split(reached))
+    if one_of_many is not None:
+        raise one_of_many
     return None
 
 
@@ -102,18 +108,19 @@ def _log(comm: MPI.Comm, message: str) -> None:
         log.info(message)
 
 
-def _check_unique(
-    problem: CondensedIncrement, increment: Increment, z: Array, failed: ContactFailed
-) -> None:
-    """Raises NotUnique if z is a solution: then the iteration failed by a singular tangent."""
+def _at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:
+    """The increment at z, if it is a solution as it is; None else.
+
+    Newton's method may leave it for ever by round-off of curved surfaces.
+    """
     translations, moved, force = problem.split(z)
     reduced = problem.condensation.displaced(increment.load, moved - increment.supported)
     there = increment.kinematics(translations, moved, force)
     now = increment.seen(reduced, translations, there)
     violation = increment.violation(now)
-    if violation <= 1:
+    if increment.nearest is None or violation < increment.nearest[1]:
         increment.nearest = now, violation
-        raise NotUnique(f"at a solution, {failed}") from failed
+    return now if violation <= 1 else None
 
 
 def _search(

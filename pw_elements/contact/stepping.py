@@ -116,12 +116,11 @@ class ContactProblem:
                 the status of the nearest. It is no history.
 
         Raises:
-            ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes or one
-                that is no solution, or a prescribed normal displacement of a node in contact.
+            ValueError: for a load that is not finite, motions that do not fit the pairs, a state
+                of other contact nodes or an error's, or a prescribed normal displacement of a
+                node in contact.
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
-            NoEquilibrium: if no contact forces can balance the loads: they lift or drag a body
-                off. It is a `FreeBody`, and has the proof.
+            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
             NotFound: if none has been found otherwise; it has the state that came nearest.
         """
@@ -164,7 +163,7 @@ class ContactProblem:
         except ContactFailed as failure:
             proof = no_equilibrium(increment, place, rigid)
             if proof is not None:
-                raise proof from failure
+                raise proof from None
             last, found = failure, None
             if "condensed" in self._remedies and not isinstance(failure, NotUnique):
                 try:
@@ -174,7 +173,7 @@ class ContactProblem:
                 except NotUnique as unique:
                     last = unique
             if found is None:
-                raise refusal(last, increment, state, system.report.since(before)) from failure
+                raise refusal(last, increment, state, system.report.since(before)) from None
             now, iterations = found, increment.systems
         interface.check_supports(now.translations)
         return contact_state(increment, now, iterations, state, system.report.since(before))
