@@ -193,6 +193,14 @@ class Reduction:
         self.inner.multAdd(unbalanced, self.offset, offset)
         return replace(self, offset=offset)
 
+    def scaled(self, share: float) -> "Reduction":
+        """This reduction with a share of the prescribed values."""
+        if share == 1:
+            return self
+        offset = self.offset.copy()
+        offset.scale(share)
+        return replace(self, offset=offset)
+
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """This condensation for mass matrices, where two left matrices L are in use.
 

@@ -20,7 +20,7 @@ In axisymmetry all forces are those of the whole circumference, as K's are.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.contact import ContactPair, ContactState
+from pw_elements.contact import ContactPair, ContactState, Motion
 
 Array = npt.NDArray[np.float64]
 
@@ -50,12 +50,52 @@ class Step:
         return cls(state.displacement.array_r.reshape(-1, moved.shape[1]).copy(), moved)
 
 
-def residuals(problem, steps: Sequence[Step]) -> list[dict[str, float]]:
+def walked(problem, states: Sequence[ContactState]):
+    """The problem in the parts into which its increments were cut, their steps, and shares.
+
+    Loads and motions are on the straight way from one increment to the next; the shares are of
+    the displacements that supports prescribe, which are there from the first increment on.
+    """
+    loads, steps, supports = [], [], []
+    motions: list[list[Motion]] = [[] for _ in problem.pairs]
+    load = problem.K.createVecLeft()
+    was = [(np.zeros(problem.space.mesh.geometry.dim),) * 2 for _ in problem.pairs]
+    for k, state in enumerate(states):
+        for share, part in [*state.substates, (1.0, state)]:
+            f = load.copy()
+            f.scale(1 - share)
+            f.axpy(share, problem.loads[k])
+            loads.append(f)
+            steps.append(Step.of(part))
+            supports.append(share if k == 0 else 1.0)
+            for number, pair in enumerate(problem.pairs):
+                end = pair.motions[k] if pair.motions else Motion([0.0] * len(was[number][0]))
+                motions[number].append(_part(end, *was[number], share))
+        load = problem.loads[k]
+        was = [(pair.translation, pair.force) for pair in state.pairs]
+    pairs = [replace(p, motions=m) for p, m in zip(problem.pairs, motions, strict=True)]
+    return replace(problem, loads=loads, pairs=pairs), steps, supports
+
+
+def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
+    """A share of the way from a translation and a force to a motion."""
+    translation = [
+        None if u is None else (1 - share) * was + share * u
+        for u, was in zip(end.translation, moved, strict=True)
+    ]
+    force = (1 - share) * pushed + share * end.forces()
+    return Motion(translation, np.where(np.isnan(end.prescribed()), force, 0.0).tolist())
+
+
+def residuals(
+    problem, steps: Sequence[Step], supports: Sequence[float] | None = None
+) -> list[dict[str, float]]:
     """Each condition's largest violation, for every step of a history from its beginning.
 
     Args:
         problem: it has `K`, `space`, `loads`, `conditions` (of the supports) and `pairs`.
         steps: from the first increment on.
+        supports: share of the prescribed displacements in each step; all unless given.
     """
     space, comm = problem.space, problem.space.mesh.comm
     dim = space.mesh.geometry.dim
@@ -80,7 +120,8 @@ def residuals(problem, steps: Sequence[Step]) -> list[dict[str, float]]:
             lost,
             lost_length,
         )
-        found = {"supports": scale.length_of(np.where(held, np.abs(a - prescribed), 0.0))}
+        moved_by = prescribed if supports is None else supports[k] * prescribed
+        found = {"supports": scale.length_of(np.where(held, np.abs(a - moved_by), 0.0))}
         balanced = np.ones(owned, dtype=bool)
         for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
             moved, was = step.translations[number], before.translations[number]

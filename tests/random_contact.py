@@ -45,6 +45,7 @@ from pw_elements.contact import (
     ContactState,
     FlatPunch,
     Motion,
+    NoEquilibrium,
     Parabola,
     Plane,
     Polyline,
@@ -210,7 +211,7 @@ class Problem:
         return self.sketch.description
 
     def solve(self, **options) -> list[ContactState]:
-        """States of all increments, or one of the library's three refusals."""
+        """States of all increments, or one of the library's four refusals."""
         return solve_contact(self.K, self.loads, self.reduction, self.pairs, self.space, **options)
 
 
@@ -841,7 +842,8 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
-    from tests.contact_residuals import Step, residuals, worst
+    from tests.contact_proofs import flaws, sound
+    from tests.contact_residuals import residuals, walked, worst
 
     stated = problem(seed)
     result: dict = {"seed": seed, "description": stated.description, "outcome": "solved"}
@@ -850,14 +852,18 @@ def outcome(seed: int) -> dict:
     except ContactFailed as error:
         states = list(error.states)
         result |= {"outcome": type(error).__name__, "message": str(error)}
+        if isinstance(error, NoEquilibrium):
+            proof = flaws(stated, len(states), error)
+            result |= {"proof": proof, "proved": sound(proof)}
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}
-    found = residuals(stated, [Step.of(state) for state in states])
+    found = residuals(*walked(stated, states))
     return result | {
         "increments": len(stated.loads),
         "driven by force": stated.sketch.driven_by_force,
         "iterations": [state.iterations for state in states],
+        "cut": [len(state.substates) for state in states],
         "norms": [state.displacement.norm() for state in states],
         "forces": [[pair.force.tolist() for pair in state.pairs] for state in states],
         "translations": [[pair.translation.tolist() for pair in state.pairs] for state in states],
@@ -905,6 +911,8 @@ def summary(outcomes: Sequence[dict]) -> str:
     lines.append(
         f"states without contact force but round-off whose own residuals are above 1e-8: {alarms}"
     )
+    proved = Counter(result["proved"] for result in outcomes if "proved" in result)
+    lines.append(f"proofs against an equilibrium: {proved[True]}, flawed ones: {proved[False]}")
     lines.append("worst residuals:")
     for result in sorted(outcomes, key=lambda result: -result["residual"])[:5]:
         lines.append(f"  {result['residual']:.1e}  {result['description']}")
@@ -942,7 +950,7 @@ def differences(old: Sequence[dict], new: Sequence[dict], tolerance: float = 1e-
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Solves a range of seeds and prints a table; 1 if there was a bug or a large residual."""
+    """Solves seeds and prints a table; 1 if there was a bug, a large residual or a flawed proof."""
     parser = argparse.ArgumentParser(prog="python3 -m tests.random_contact")
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int, help="not included")
@@ -962,6 +970,7 @@ def main(arguments: Sequence[str]) -> int:
         old = [json.loads(line) for line in options.compare.read_text().splitlines()]
         print(*differences(old, outcomes), sep="\n")
     bugs = any(result["outcome"].startswith("BUG") for result in outcomes)
+    bugs |= not all(result.get("proved", True) for result in outcomes)
     return int(bugs or max(result["residual"] for result in outcomes) > 1e-8)
 
 

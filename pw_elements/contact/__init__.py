@@ -17,12 +17,16 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     plot(states[-1], body, pair=1)
 """
 
+from pw_elements._compat import renamed
 from pw_elements.contact.errors import (
     ContactFailed,
-    ContactNotConverged,
     DegenerateMesh,
     FreeBody,
+    MissingForce,
+    NoEquilibrium,
+    NotFound,
     NotUnique,
+    RigidVelocity,
     SurfacePassed,
 )
 from pw_elements.contact.fields import ContactFields, write
@@ -48,7 +52,6 @@ __all__ = [
     "STICK",
     "ContactFailed",
     "ContactFields",
-    "ContactNotConverged",
     "ContactPair",
     "ContactProblem",
     "ContactState",
@@ -56,7 +59,10 @@ __all__ = [
     "FlatPunch",
     "FreeBody",
     "MatchingNodes",
+    "MissingForce",
     "Motion",
+    "NoEquilibrium",
+    "NotFound",
     "NotUnique",
     "PairState",
     "Parabola",
@@ -64,6 +70,7 @@ __all__ = [
     "Polyline",
     "Progress",
     "Residuals",
+    "RigidVelocity",
     "SignedDistance",
     "Smallness",
     "Sphere",
@@ -73,3 +80,5 @@ __all__ = [
     "solve_contact",
     "write",
 ]
+
+__getattr__ = renamed(__name__, {"ContactNotConverged": ("NotFound", NotFound)})

@@ -1,19 +1,71 @@
 """Errors of contact computations, and positions in words for their messages."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.contact.state import ContactState
 from pw_elements.linear_solver import SingularSystem
 from pw_elements.mesh_checks import DegenerateMesh, listed
 
 __all__ = [
     "ContactFailed",
-    "ContactNotConverged",
     "DegenerateMesh",
     "FreeBody",
+    "MissingForce",
+    "NoEquilibrium",
+    "NotFound",
     "NotUnique",
+    "RigidVelocity",
+    "SurfacePassed",
     "listed",
 ]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigidVelocity:
+    """A rigid motion of each connected piece, and of the surfaces that are free to move.
+
+    A node at x of piece k moves with translation[k] + rotation[k] × (x - centre[k]); in the plane
+    rotation has one component, w, and w × (x, y) is (-w y, w x). Only the direction of all
+    together has a meaning: the largest of translations and rotations, these times the piece's
+    radius of gyration, is one.
+
+    Args:
+        centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
+        translation: (pieces, dim).
+        rotation: (pieces, 1) in the plane, (pieces, 3) in space.
+        surface: (pairs, dim), zero where a surface's translation is prescribed.
+        power: of the loads and of the forces on the free surfaces, positive.
+    """
+
+    centre: Array
+    translation: Array
+    rotation: Array
+    surface: Array
+    power: float
+
+
+@dataclass(frozen=True)
+class MissingForce:
+    """What would have to be added to the loads, at the least, for an equilibrium to be possible.
+
+    The smallest is that with the smallest sum of components, moments over the piece's radius of
+    gyration. Components that supports balance are zero.
+
+    Args:
+        force: (pieces, dim), on each connected piece.
+        moment: (pieces, 1) in the plane, (pieces, 3) in space, about its `RigidVelocity.centre`.
+        surface: (pairs, dim), on each free surface.
+    """
+
+    force: Array
+    moment: Array
+    surface: Array
 
 
 class ContactFailed(RuntimeError):
@@ -21,21 +73,37 @@ class ContactFailed(RuntimeError):
 
     Attributes:
         states: `ContactState`s of the increments before the one that failed.
+        state: the `ContactState` of this increment that came nearest to a solution, if any did.
+            It is none (`converged` is False; its residuals say by how much), but shows where the
+            iteration got stuck, and may be the `guess` of another attempt.
     """
 
-    states: Sequence[Any] = ()
-
-
-class ContactNotConverged(ContactFailed):
-    """No active set satisfies all contact conditions within the iterations allowed."""
+    states: Sequence[ContactState] = ()
+    state: ContactState | None = None
 
 
 class FreeBody(ContactFailed, SingularSystem):
-    """A rigid motion is held neither by supports nor by contact: never, or no longer."""
+    """A rigid motion is held neither by supports nor by contact, even if every node stuck."""
+
+
+class NoEquilibrium(FreeBody):
+    """No contact forces that the law admits balance the loads: it is proved, by statics alone.
+
+    Attributes:
+        velocity: `RigidVelocity` that no such force can brake, while the loads do work on it.
+        missing: `MissingForce`, the least that would have to be added to the loads.
+    """
+
+    velocity: RigidVelocity
+    missing: MissingForce
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent of the contact problem is singular although no rigid motion is free."""
+    """A solution is met at which the tangent is singular: it is one of many, or none is stable."""
+
+
+class NotFound(ContactFailed):
+    """The iteration found no solution; whether there is one is not known."""
 
 
 class SurfacePassed(ContactFailed):

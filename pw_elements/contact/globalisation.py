@@ -12,7 +12,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.errors import ContactNotConverged, FreeBody
+from pw_elements.contact.errors import NotFound
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ class Cycles:
         """Notes an active set; True if it has been there and the remedy changes something.
 
         Raises:
-            ContactNotConverged: if it has been there with the remedy in force already.
+            NotFound: if it has been there with the remedy in force already.
         """
         digest = blake2b(active.status.tobytes(), digest_size=16)
         for values in (active.direction, active.turning):
@@ -55,11 +55,9 @@ class Cycles:
             self._slow = np.zeros_like(cycling)
         new = self._comm.allreduce(int(np.sum(cycling & ~self._slow)), MPI.SUM)
         if new == 0:
-            raise ContactNotConverged(
+            raise NotFound(
                 f"the iteration runs through the same {len(cycle) - 1} active sets again, also "
-                "when the nodes concerned change one at a time: there may be no solution, or "
-                "several (large friction); smaller increments, or a start from the states of a "
-                "smaller friction, may help"
+                "when the nodes concerned change one at a time"
             )
         self._slow |= cycling
         self._visited.clear()
@@ -85,7 +83,7 @@ class LastHold:
         comm: of the processes.
 
     Attributes:
-        lost: what was to be raised, had nothing else been tried.
+        rescues: how often points that had let go were asked to hold once more.
     """
 
     def __init__(
@@ -97,7 +95,7 @@ class LastHold:
     ) -> None:
         self._free_motions, self._comm = free_motions, comm
         self._pair, self._pairs = pair, pairs
-        self.lost: list[FreeBody] = []
+        self.rescues = 0
 
     def kept(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
         """The new set, less the changes by which the body would lose its last hold.
@@ -108,7 +106,7 @@ class LastHold:
         pair lands: a body may let go at one end to be held by another.
 
         Raises:
-            FreeBody: if nothing of that holds the body.
+            NotFound: if nothing of that holds the body.
         """
         loosened = (new.status != old.status) & (old.status != OPEN) & (new.status != STICK)
         in_space = new.direction.shape[1] > 1  # where a slipping point holds across its slip
@@ -128,19 +126,17 @@ class LastHold:
         pivoted = self._pivoted(new, contact, loosened)
         if pivoted is not None and not self._free_motions(pivoted, contact.frame):
             return pivoted
-        lost = FreeBody(
-            f"{' and '.join(motions)}: the loads lift or drag the body off, nothing holds it once "
-            "the nodes that would have to pull are open and the others slip "
-            f"({counted(new, self._comm)})"
-        )
-        if len(self.lost) < _RESCUES:
-            self.lost.append(lost)
+        if self.rescues < _RESCUES:
+            self.rescues += 1
             gripping = (new.status == SLIP) & ~loosened & (contact.friction > 0)
             for touching in (gripping, gripping | self._landing(new, contact.gap)):
                 held = _gripping(touching, new, contact)
                 if not self._free_motions(held, contact.frame):
                     return held
-        raise lost
+        raise NotFound(
+            f"{' and '.join(motions)}: nothing holds it once the nodes that would have to pull are "
+            f"open and those that cannot hold slip ({counted(new, self._comm)})"
+        )
 
     def _pivoted(self, new: ActiveSet, contact: Contact, loosened: Mask) -> ActiveSet | None:
         """The new set with a point that sticks in place of those that let go, if there is one.
@@ -181,11 +177,6 @@ class Policy:
         self._hold, self._comm = hold, comm
         self._cycles = Cycles(comm)
 
-    @property
-    def lost(self) -> list[FreeBody]:
-        """Holds that were lost and found again."""
-        return self._hold.lost
-
     def restart(self, first: ActiveSet | None = None) -> None:
         """Forgets the active sets visited, as after a new linearisation; notes the first one."""
         self._cycles = Cycles(self._comm)
@@ -196,7 +187,7 @@ class Policy:
         """The set that should follow.
 
         Raises:
-            FreeBody: if it would let the body go.
+            NotFound: if it would let the body go.
         """
         return self._hold.kept(self._cycles.slowed(active, contact), active, contact)
 
@@ -204,8 +195,7 @@ class Policy:
         """Notes the set that follows; takes another one where it has been there before.
 
         Raises:
-            ContactNotConverged: if nothing helps against a cycle.
-            FreeBody: as `wanted`.
+            NotFound: if nothing helps against a cycle, or as `wanted`.
         """
         return self.wanted(active, contact) if self._cycles.repeats(wanted) else wanted
 

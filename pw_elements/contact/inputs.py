@@ -1,6 +1,6 @@
 """What a caller states of a contact computation, checked on all processes at once."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from petsc4py import PETSc
@@ -12,6 +12,7 @@ from pw_elements import arguments
 from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
+from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
 from pw_elements.linear_solver import LinearSolver
 from pw_elements.problem import Problem, check_load, is_finite
@@ -60,6 +61,22 @@ def checked_problem(
     return stated
 
 
+def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:
+    """The remedies of a problem.
+
+    Raises:
+        ValueError: for one that there is not, or what differs between processes.
+    """
+    with collective(space.mesh.comm):
+        each = tuple(remedies) if isinstance(remedies, Collection) else (remedies,)
+        if isinstance(remedies, str) or any(one not in REMEDIES for one in each):
+            raise ValueError(
+                f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
+            )
+    agree(space.mesh.comm, {"the remedies": each})
+    return each
+
+
 def checked_step(
     K: PETSc.Mat,
     space: fem.FunctionSpace,
@@ -90,6 +107,8 @@ def checked_step(
     with collective(comm):
         _each([state], ContactState, "the state")
         check_belongs(state, own, "the state")
+        if not state.converged:
+            raise ValueError("the state at the start is no solution: it can be a guess only")
         if guess is not None:
             _check_guess(guess, pairs)
         moved = list(motions) if isinstance(motions, Iterable) else [motions]

@@ -91,9 +91,16 @@ class Interface:
     """
 
     def __init__(
-        self, points: Sequence[Points], surfaces: Sequence[Surface], space_rows: PETSc.Vec
+        self,
+        points: Sequence[Points],
+        surfaces: Sequence[Surface],
+        space_rows: PETSc.Vec,
+        interfering: Sequence[bool] = (),
     ) -> None:
-        """Puts pairs together; `space_rows` (n,) has the distribution of the displacements."""
+        """Puts pairs together; `space_rows` (n,) has the distribution of the displacements.
+
+        Surfaces may cut the body in pairs that are `interfering`.
+        """
         self.comm: MPI.Comm = space_rows.comm.tompi4py()
         self.surfaces = list(surfaces)
         counts = [len(part.position) for part in points]
@@ -108,6 +115,7 @@ class Interface:
         self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), space_rows)
         transposed = _matrix(sp.vstack([part.force for part in points], "csr"), space_rows)
         self.force = transposed.transpose(PETSc.Mat())
+        self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
 
     @property
     def pairs(self) -> int:
@@ -127,11 +135,18 @@ class Interface:
         wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
         self.check_supports(None)
+        gap = self.gaps(None)
         self.refuse(
-            ~(self.gaps(None) >= -_PENETRATION * diagonal),
-            "lie inside the rigid surface before any motion; a motion has to press it in",
+            ~(gap >= -_PENETRATION * diagonal) & ~self._interfering,
+            "lie inside the rigid surface before any motion; a motion has to press it in, or the "
+            "pair is to say interference=True",
         )
         self._check_sides()
+
+    @cached_property
+    def interference(self) -> Array:
+        """Depth (m,) of the points inside their surface, zero unless that is asked for."""
+        return np.where(self._interfering, np.maximum(0.0, -self.gaps(None)), 0.0)
 
     def check_supports(self, translations: Array | None) -> None:
         """Raises ValueError if a point that a surface faces cannot move along its normal."""

@@ -1,7 +1,7 @@
 """The active-set (semismooth Newton) iteration of one increment: solve, residual, next set."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.errors import ContactNotConverged, NotUnique
+from pw_elements.contact.errors import NotFound, NotUnique
 from pw_elements.contact.globalisation import Policy, counted, same
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
@@ -23,10 +23,12 @@ from pw_elements.progress import doing
 Array = npt.NDArray[np.float64]
 
 # Violation of the law over the largest nodal contact force
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 # What of the violation may be round-off: over stiffness x displacement, and over stiffness x
 # coordinate, for a gap is a difference of coordinates
 _LOST = 1e-13
+# Change of the friction beside a singular tangent, and what may then change by it
+_BESIDE, _NEAR = 1e-6, 1e-3
 ROUND_OFF = 4 * float(np.finfo(float).eps)
 
 
@@ -85,6 +87,14 @@ class Increment:
         prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
         totals: forces of the free translations.
         past: where it starts.
+        stated: share of the displacements that supports and interference prescribe.
+
+    Attributes:
+        load: f, reduced.
+        supported: what supports make of the points' motion, (m, dim).
+        systems: linear systems solved so far.
+        nearest: what came nearest to a solution so far, and its violation of the law, as
+            `violation` gives it.
     """
 
     def __init__(
@@ -95,47 +105,81 @@ class Increment:
         prescribed: Array,
         totals: Array,
         past: Reference,
+        stated: float = 1.0,
     ) -> None:
         self.system, self.past = system, past
         self.interface: Interface = system.interface
-        self.prescribed, self.totals = prescribed, totals
-        self._reduction: Reduction = system.reduction.under(K, load)
-        self._load = self._reduction.load(K, load)
-        self._supported = self.system.motions(self._reduction.offset)
+        self.prescribed, self.totals, self._stated = prescribed, totals, stated
+        self._reduction: Reduction = system.reduction.scaled(stated).under(K, load)
+        self.load = self._reduction.load(K, load)
+        self.systems = 0
+        self.nearest: tuple[Iterate, float] | None = None
+        self.supported = self.system.motions(self._reduction.offset)
 
     def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
         free = np.isnan(self.prescribed)
         past = self.past.displacement - self.past.translations[self.interface.pair]
-        return Kinematics.at(self.interface, past, translations, free, displacement, force)
+        place = Kinematics.at(self.interface, past, translations, free, displacement, force)
+        if self._stated == 1:
+            return place
+        # points inside their surface are pressed out of it little by little
+        return replace(place, gap=place.gap + (1 - self._stated) * self.interface.interference)
 
     def solve(self, active: ActiveSet, place: Kinematics) -> Iterate:
         """Solves for an active set and the kinematics of a place.
 
         Raises:
-            NotUnique: if the tangent is singular.
+            NotUnique: if the tangent is singular at a solution.
+            NotFound: if it is singular elsewhere.
         """
-        A, B = equations(active, self.interface.friction, self.system.scale)
+        try:
+            return self._solved(active, place, self.interface.friction)
+        except SingularSystem as error:
+            raise self._singular(active, place, error) from error
+
+    def _solved(self, active: ActiveSet, place: Kinematics, friction: Array) -> Iterate:
+        self.systems += 1
+        A, B = equations(active, friction, self.system.scale)
         E, C, D, constraint = place.equations(A, B)
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
         constraint += np.einsum("nij,nj->ni", D, known)
-        constraint -= np.einsum("nij,nj->ni", C, self._supported)
-        try:
-            reduced, free = self.system.solve(self._load, E, C, D, constraint, self.totals)
-        except SingularSystem as error:
-            raise NotUnique(
-                f"{error}: no rigid motion is free, so the friction of the "
-                f"{counted(active, self.system.comm)} is too large for a unique answer"
-            ) from error
+        constraint -= np.einsum("nij,nj->ni", C, self.supported)
+        reduced, free = self.system.solve(self.load, E, C, D, constraint, self.totals)
         moved = self.prescribed.copy()
         moved[np.isnan(moved)] = free
         return self.seen(reduced, moved, place)
+
+    def _singular(
+        self, active: ActiveSet, place: Kinematics, error: SingularSystem
+    ) -> NotUnique | NotFound:
+        """What a singular tangent shows, all rigid motions being held.
+
+        With a little more or less friction it is regular. If the equations of the set have
+        solutions, they have about the same one then; else one runs away, to either side.
+        """
+        where = f"{error}: no rigid motion is free, so the friction of the " + counted(
+            active, self.system.comm
+        )
+        beside = []
+        for share in (1 - _BESIDE, 1 + _BESIDE):
+            try:
+                beside.append(self._solved(active, place, share * self.interface.friction))
+            except SingularSystem:
+                break
+        else:
+            less, more = beside
+            apart, wrong = (less.full - more.full).norm(), self.violation(less) * TOLERANCE
+            if apart <= _NEAR * less.full.norm() and wrong <= _NEAR:
+                self.nearest = less, self.violation(less)
+                return NotUnique(f"{where} is too large for a unique answer")
+        return NotFound(f"{where} is too large there for any answer")
 
     def seen(self, reduced: PETSc.Vec, translations: Array, place: Kinematics) -> Iterate:
         """Gaps, slips and forces at the contact points."""
         full = self._reduction.expand(reduced)
         displacement = self.system.motions(full)
-        force, unbalanced = self.system.forces(reduced, self._load)
+        force, unbalanced = self.system.forces(reduced, self.load)
         contact = Contact(
             place.frame,
             place.gaps(displacement, translations),
@@ -152,7 +196,7 @@ class Increment:
         wrong = np.nan_to_num(np.abs(now.contact.violation()), nan=np.inf).max(initial=0.0)
         largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
         wrong = comm.allreduce(wrong, MPI.MAX)
-        allowed = _TOLERANCE * largest + self.round_off(now)
+        allowed = TOLERANCE * largest + self.round_off(now)
         return float(wrong / allowed) if wrong > 0 else 0.0
 
     def round_off(self, now: Iterate) -> float:
@@ -181,7 +225,7 @@ def newton(
         The solution and the number of linear systems, `most` at most.
 
     Raises:
-        FreeBody, NotUnique, ContactNotConverged: as `solve_contact` says.
+        NotUnique, NotFound: as `solve_contact` says.
     """
     system = increment.system
     policy.restart(active)
@@ -194,17 +238,18 @@ def newton(
         if violation <= 1:
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
             now = increment.seen(now.reduced, now.translations, place)
-            if increment.violation(now) <= 1:
+            violation = increment.violation(now)
+            if violation <= 1:
                 return now, iteration
             active = turned(active, old.frame, place.frame)
             policy.restart()
+        if increment.nearest is None or violation < increment.nearest[1]:
+            increment.nearest = now, violation
         wanted = policy.wanted(active, now.contact)
         if not system.own_factors and same(wanted, active, system.comm):
             system.forget_factors()  # corrected factors leave single gaps open
             continue
         active = policy.taken(wanted, active, now.contact)
-    raise ContactNotConverged(
-        f"no active set satisfies the contact conditions after {most} iterations; the last one "
-        f"violates them {increment.violation(now):.1e} times the tolerance: more iterations, "
-        "smaller increments or a start from a coarser mesh may help"
+    raise NotFound(
+        f"no active set satisfies the contact conditions after {most} iterations (max_iterations)"
     )

@@ -59,7 +59,7 @@ def nodal_interface(
             faced.append(owned_nodes(whose, pair.surface.nodes, space))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], mu, body)
         points.append(_points(body, node, mu, opposite))
-    interface = Interface(points, shapes, body.rows)
+    interface = Interface(points, shapes, body.rows, [pair.interference for pair in pairs])
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     return interface

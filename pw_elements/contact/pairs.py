@@ -108,6 +108,8 @@ class ContactPair:
             node, (n,). A node between a smooth and a rough part is thereby assigned to one of them.
         motions: one per increment of `solve_contact`; the surface rests where there are none. A
             single one needs no list.
+        interference: whether the surface may cut the body before any motion, as in a shrink fit:
+            the first increment presses the nodes out of it.
 
     Raises:
         TypeError: for arguments of another kind, exchanged ones, for example.
@@ -118,6 +120,7 @@ class ContactPair:
     surface: Surface | MatchingNodes
     friction: float | Callable[[Array], Array] = 0.0
     motions: Motion | Sequence[Motion] = ()
+    interference: bool = False
 
     def __post_init__(self) -> None:
         _check_nodes(self.nodes, "ContactPair(nodes, surface)")

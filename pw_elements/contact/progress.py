@@ -65,11 +65,13 @@ class Reporter:
 
     Attributes:
         wanted: whether anybody wants to know of iterations.
+        violation: of the last solution, as in `Progress`.
     """
 
     def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
         self._comm, self._increment, self._callback = comm, increment, callback
         logged = comm.rank == 0 and log.isEnabledFor(logging.DEBUG)
+        self.violation = 0.0
         self.wanted: bool = comm.allreduce(callback is not None or logged, MPI.LOR)
 
     def iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
@@ -81,11 +83,11 @@ class Reporter:
         )
         self._call(now)
 
-    def ended(self, state: ContactState, violation: float, seconds: float) -> None:
+    def ended(self, state: ContactState, seconds: float) -> None:
         """Tells of the end of the increment, which took some seconds."""
         status = np.concatenate([pair.status for pair in state.pairs])
         counts = np.bincount(status, minlength=3)
-        now = Progress(self._increment, state.iterations, violation, *_three(counts), state)
+        now = Progress(self._increment, state.iterations, self.violation, *_three(counts), state)
         report = state.report
         self._log(
             logging.INFO,

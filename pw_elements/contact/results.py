@@ -22,6 +22,7 @@ def contact_state(
     before: ContactState,
     report: SolverReport,
     smallness: Smallness,
+    converged: bool = True,
 ) -> ContactState:
     """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
@@ -41,6 +42,7 @@ def contact_state(
         orientations,
         scale,
         smallness,
+        converged,
     )
 
 

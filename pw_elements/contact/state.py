@@ -161,6 +161,10 @@ class ContactState:
         scale: what `residuals` are relative to.
         smallness: largest strain, rotation and slip; a warning is logged where they leave the
             range of small displacements.
+        substates: (share, state) of the inner ends of the parts into which the increment was cut,
+            see `ContactProblem`: share of the way from the loads and motions before it to its own.
+            `slip` and `iterations` are of all parts. Empty in a state that was read from a file.
+        converged: False in the `state` of an error, which is no solution: nothing goes on from it.
     """
 
     displacement: PETSc.Vec
@@ -174,6 +178,9 @@ class ContactState:
     orientations: frozenset[int]
     scale: Scale
     smallness: Smallness
+
+    converged: bool = True
+    substates: tuple[tuple[float, "ContactState"], ...] = ()
 
     @property
     def translations(self) -> Array:

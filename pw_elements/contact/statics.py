@@ -1,42 +1,36 @@
-"""Rigid motions that supports and contact leave free, by name."""
-
-from itertools import combinations
+"""Rigid motions under supports: which ones are free, and what loads and contact do in them."""
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from dolfinx import fem, la
-from scipy.sparse.csgraph import connected_components
+from dolfinx import fem
 
-from pw_elements.contact.errors import listed
 from pw_elements.contact.law import ActiveSet, equations
 from pw_elements.contact.nodes import free_columns
+from pw_elements.contact.rigid import Basis, RigidModes
 from pw_elements.contact.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
 # Stiffness of a motion, over what it would be for an arbitrary one: as good as none below
 _FREE = 1e-8
-_AXES = "xyz"
 
 
 class RigidMotions:
-    """Translations and rotations of each connected piece, and free translations of surfaces."""
+    """Rigid motions of the pieces of a supported body and of free surfaces.
+
+    Attributes:
+        modes: all of them, supported or not.
+    """
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
-        dim = space.mesh.geometry.dim
-        owned = space.dofmap.index_map.size_local
-        x = space.tabulate_dof_coordinates()[:owned, :dim]
-        piece, count = connected_pieces(space)
-        self._planes = list(combinations(range(dim), 2))
-        self._centres, self._lengths = np.zeros((count, dim)), np.zeros(count)
-        modes = [self._modes(x, piece[:owned] == k, k) for k in range(count)]
-        columns = np.concatenate(modes, axis=2).reshape(owned * dim, -1)
-        self._at_points = self._motions(columns)
-        self._held = self._hold_of_supports(columns)
+        self.modes = RigidModes(space, system.free, system.interface.pairs)
+        motion, self._column = system.interface.motion, free_columns(system.reduction.right)
+        self._relative = self._at_points([motion * mode for mode in self._full()])
+        self._held = self._hold_of_supports(transposed=False)
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
@@ -51,90 +45,112 @@ class RigidMotions:
             constraints: (m, dim, dim), rows that act on the motion of each contact point
                 relative to its surface, of unit size.
         """
-        system = self._system
-        m, dim, bodies = self._at_points.shape
-        relative = np.zeros((m, dim, bodies + len(system.free)))
-        relative[..., :bodies] = self._at_points
-        for k, (pair, axis) in enumerate(system.free):
-            relative[system.interface.pair == pair, axis, bodies + k] = -1.0
-        motions = relative.shape[2]
-        rows = np.einsum("nab,nbm->nam", constraints, relative).reshape(m * dim, motions)
-        held = np.pad(self._held, ((0, motions), (0, motions - bodies)))
-        _, values, vectors = np.linalg.svd(np.vstack([held, _triangle(rows, system.comm)]))
-        return [self._name(vector) for vector in vectors[values < _FREE * np.sqrt(motions)]]
+        m, dim, motions = self._relative.shape
+        rows = np.einsum("nab,nbm->nam", constraints, self._relative).reshape(m * dim, motions)
+        held = np.pad(self._held, ((0, 0), (0, motions - self._held.shape[1])))
+        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]))
+        if not len(free):
+            return []
+        return self.modes.names(self.modes.simplest(free).motions)
 
-    def _modes(self, x: Array, mine: npt.NDArray[np.bool_], piece: int) -> Array:
-        """Translations and rotations (n, dim, modes) of size one of a piece's nodes."""
-        comm, dim = self._system.comm, x.shape[1]
-        own = x[mine]
-        count = comm.allreduce(len(own), MPI.SUM)
-        centre = np.array([comm.allreduce(own[:, k].sum(), MPI.SUM) for k in range(dim)]) / count
-        length = float(np.sqrt(comm.allreduce(((own - centre) ** 2).sum(), MPI.SUM) / count))
-        self._centres[piece], self._lengths[piece] = centre, length
-        modes = np.zeros((len(x), dim, dim + len(self._planes)))
-        modes[mine, :, :dim] = np.eye(dim)
-        s = (own - centre) / length
-        for k, (i, j) in enumerate(self._planes):
-            modes[mine, i, dim + k] = -s[:, j]
-            modes[mine, j, dim + k] = s[:, i]
+    def virtual(self) -> tuple[Basis, Array]:
+        """Motions in which no forces but loads and contact's do work, whatever the strains.
+
+        Returns:
+            A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
+            relative to surfaces in which forces at the contact points do work.
+        """
+        held = self._hold_of_supports(transposed=True)
+        pieces, motions = len(self.modes.centre), self.modes.number
+        basis = []
+        for k in range(pieces):
+            mine = self.modes.of_piece(k)
+            free = _null_space(held[:, mine])
+            basis.append(np.zeros((len(free), motions)))
+            basis[-1][:, mine] = free
+        surfaces = np.eye(motions)[held.shape[1] :]
+        chosen = self.modes.simplest(np.concatenate([*basis, surfaces]))
+        force, works = self._system.interface.force, []
+        for mode in self._full():
+            works.append(force.createVecRight())
+            force.multTranspose(mode, works[-1])
+        return chosen, self._at_points(works) @ chosen.motions.T
+
+    def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
+        """What reduced loads and forces on free surfaces do in each mode, and its round-off.
+
+        Returns:
+            Work (modes,), and the sum (modes,) of the magnitudes of its parts.
+        """
+        work, size = np.zeros((2, self.modes.number))
+        magnitude = load.copy()
+        magnitude.abs()
+        for k, mode in enumerate(self._reduced()):
+            work[k] = load.dot(mode)
+            mode.abs()
+            size[k] = magnitude.dot(mode)
+        work[len(work) - len(totals) :] = totals
+        size[len(work) - len(totals) :] = np.abs(totals)
+        return work, size
+
+    def _full(self) -> list[PETSc.Vec]:
+        """Displacements (n,) of the pieces' modes."""
+        modes = []
+        for mode in self.modes.columns.T:
+            modes.append(self._system.interface.motion.createVecRight())
+            modes[-1].setArray(mode)
         return modes
 
-    def _motions(self, modes: Array) -> Array:
-        """Motions (m, dim, modes) of the contact points in modes (owned dofs, modes)."""
-        system, columns = self._system, []
-        for mode in modes.T:
-            full = system.interface.motion.createVecRight()
-            full.setArray(mode)
-            columns.append(system.motions(full))
-        return np.stack(columns, axis=2)
+    def _reduced(self) -> list[PETSc.Vec]:
+        """The same, where they are not prescribed, under the reduction."""
+        stiffness, kept = self._system.stiffness, self._column >= 0
+        own = self._column[kept] - stiffness.getOwnershipRange()[0]
+        modes = []
+        for mode in self.modes.columns.T:
+            vector = stiffness.createVecRight()
+            values = np.zeros(vector.getLocalSize())
+            values[own] = mode[kept]
+            vector.setArray(values)
+            modes.append(vector)
+        return modes
 
-    def _hold_of_supports(self, modes: Array) -> Array:
-        """What modes do at prescribed displacements, and their forces K m, by `_triangle`.
+    def _at_points(self, motions: list[PETSc.Vec]) -> Array:
+        """Of the pieces' modes (points dim,) and the surfaces': (m, dim, modes), relative."""
+        interface, free = self._system.interface, self.modes.free
+        m, dim = interface.position.shape
+        relative = np.zeros((m, dim, self.modes.number))
+        for k, motion in enumerate(motions):
+            relative[..., k] = motion.array_r.reshape(m, dim)
+        for k, (pair, axis) in enumerate(free, start=len(motions)):
+            relative[interface.pair == pair, axis, k] = -1.0
+        return relative
 
-        Forces count over the stiffness; they are there in axisymmetry, say, where only a
-        translation along the axis is without strain.
+    def _hold_of_supports(self, transposed: bool) -> Array:
+        """What pieces' modes do at prescribed displacements, and their forces, by `_triangle`.
+
+        Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
+        translation along the axis is without strain. K^T m tells of which modes no state of
+        strain changes the balance of forces; where it is unsymmetric, they may be fewer.
         """
         system = self._system
-        column = free_columns(system.reduction.right)
-        first = system.stiffness.getOwnershipRange()[0]
-        kept = column >= 0
-        images = []
-        for mode in modes.T:
-            vector = system.stiffness.createVecRight()
-            local = vector.array
-            local[column[kept] - first] = mode[kept]
-            del local
-            image = system.stiffness.createVecLeft()
-            system.stiffness.mult(vector, image)
-            images.append(image.array_r.copy())
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        forces = np.array(images).reshape(modes.shape[1], -1).T / largest
-        return _triangle(np.vstack([forces, modes[column == -1]]), system.comm)
+        forces = []
+        for mode in self._reduced():
+            image = system.stiffness.createVecLeft()
+            if transposed:
+                system.stiffness.multTranspose(mode, image)
+            else:
+                system.stiffness.mult(mode, image)
+            forces.append(image.array_r / largest)
+        prescribed = self.modes.columns[self._column == -1]
+        return _triangle(np.vstack([np.stack(forces, axis=1), prescribed]), system.comm)
 
-    def _name(self, vector: Array) -> str:
-        dim, bodies = self._centres.shape[1], self._at_points.shape[2]
-        pieces = vector[:bodies].reshape(len(self._centres), -1)
-        piece = int(np.argmax(np.linalg.norm(pieces, axis=1)))
-        motion, whose = pieces[piece], ""
-        if len(pieces) > 1:
-            whose = f" of the body around {listed(self._centres[piece : piece + 1])}"
-        turning = motion[dim:]
-        if np.abs(turning).max(initial=0.0) > 1e-6:
-            if dim == 2:
-                return f"rotation{whose} about {self._pole(piece, motion)}"
-            axis = [turning[self._planes.index(p)] for p in ((1, 2), (0, 2), (0, 1))]
-            main = int(np.argmax(np.abs(axis)))
-            return f"rotation{whose} about an axis along {_AXES[main]}"
-        if np.abs(motion[:dim]).max() > 1e-6:
-            return f"translation {_AXES[int(np.argmax(np.abs(motion[:dim])))]}{whose}"
-        pair, axis_of = self._system.free[int(np.argmax(np.abs(vector[bodies:])))]
-        return f"translation {_AXES[axis_of]} of the surface of pair {pair}"
 
-    def _pole(self, piece: int, motion: Array) -> str:
-        """The point of the plane at rest: u = t + w (x - centre) turned by a quarter."""
-        t, w = motion[:2], motion[2] / self._lengths[piece]
-        pole = self._centres[piece] + np.array([-t[1], t[0]]) / w
-        return listed(np.array([pole]))
+def _null_space(rows: Array) -> Array:
+    """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
+    n = rows.shape[1]
+    _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
+    return np.asarray(vectors[values < _FREE * np.sqrt(n)])
 
 
 def _triangle(rows: Array, comm: MPI.Comm) -> Array:
@@ -144,26 +160,3 @@ def _triangle(rows: Array, comm: MPI.Comm) -> Array:
     """
     own = np.linalg.qr(rows, mode="r")
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
-
-
-def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
-    """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
-    comm, cells = space.mesh.comm, space.dofmap.list
-    index_map = space.dofmap.index_map
-    local = index_map.size_local + index_map.num_ghosts
-    row = np.repeat(np.arange(len(cells)), cells.shape[1])
-    shape = (len(cells), local)
-    of_cell = sp.csr_matrix((np.ones(cells.size, dtype=np.int8), (row, cells.ravel())), shape)
-    count, part = connected_components(of_cell.T @ of_cell, directed=False)
-    first = sum(comm.allgather(count)[: comm.rank])
-    # parts of two processes are one piece if they share a node: the owner's number tells which
-    number = la.vector(index_map, 1)
-    number.array[:] = part + first
-    number.scatter_forward()
-    ghosts = np.arange(index_map.size_local, local)
-    ends = np.stack([part[ghosts] + first, number.array[ghosts].astype(np.int64)])
-    total = comm.allreduce(count, MPI.SUM)
-    links = np.unique(np.concatenate(comm.allgather(ends), axis=1), axis=1)
-    graph = sp.csr_matrix((np.ones(links.shape[1]), links), (total, total))
-    pieces, piece = connected_components(graph, directed=False)
-    return piece[part + first].astype(np.int64), int(pieces)

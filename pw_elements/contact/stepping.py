@@ -14,7 +14,8 @@ state, which nothing changes. An explicit one needs no `step`: from `nodal_inter
 the gaps, normals, friction and G, and it corrects the nodes' predicted motion by the law.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
@@ -24,18 +25,23 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.errors import ContactFailed, ContactNotConverged
+from pw_elements.contact.condensed import Condensation
+from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
+from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
     check_belongs,
     checked_increments,
     checked_problem,
+    checked_remedies,
     checked_step,
 )
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
 from pw_elements.contact.progress import Callback, Reporter, checked_callback
+from pw_elements.contact.refusals import no_equilibrium, refusal
+from pw_elements.contact.remedies import REMEDIES, Remedy, without_active_sets
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.starts import first_active_set
 from pw_elements.contact.state import ContactState, Free
@@ -66,9 +72,12 @@ class ContactProblem:
             `solve_contact` and do not count here.
         space: trial space of the displacements.
         solver: of the linear systems; `Direct()` unless given.
-        max_iterations: linear systems per increment.
+        max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; what it raises ends the computation.
+        remedies: what is tried where the iteration fails: "condensed" does without active sets,
+            on the contact points alone (see `remedies`), "cutback" halves the increment (see
+            `cutback` and `ContactState.substates`), which is another path.
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
@@ -85,12 +94,14 @@ class ContactProblem:
         solver: LinearSolver | None = None,
         max_iterations: int = 50,
         callback: Callback | None = None,
+        remedies: Collection[Remedy] = REMEDIES,
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
         self._K, self._reduction, self._space = K, reduction, space
         self._solver, self._most = solver or Direct(), max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
+        self._remedies = checked_remedies(remedies, space)
         self._interface = nodal_interface(self.pairs, space, reduction)
         self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
@@ -119,33 +130,52 @@ class ContactProblem:
                 the pairs, motions of another dimension, a state of other contact nodes, arguments
                 that differ between processes, a surface that fails, or a prescribed normal
                 displacement of a node in contact.
-            FreeBody: if a rigid motion is held by nothing, or no longer once the nodes that
-                would pull have opened and those that cannot hold have slipped.
-            NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
-            ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
+            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
+            NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
+            NotFound: if none has been found otherwise; it has the state that came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
         """
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
+        begun = perf_counter()
+        end = Target.of(load, moved, self._interface)
+        reporter = Reporter(self._interface.comm, state.increment, self._callback)
         with doing(self._interface.comm, f"contact increment {state.increment}"):
-            return self._step(state, load, moved, guess)
+            try:
+                found = self._solved(state, end, guess, reporter)
+            except NotFound:
+                joined = self._cut(state, end, reporter)
+                if joined is None:
+                    raise
+                found = joined
+        reporter.ended(found, perf_counter() - begun)
+        return found
 
-    def _step(
-        self,
-        state: ContactState,
-        load: PETSc.Vec,
-        motions: Sequence[Motion | None],
-        guess: ContactState | None,
+    def _cut(self, state: ContactState, end: Target, reporter: Reporter) -> ContactState | None:
+        """The state at a target, in parts; None if it is not found that way."""
+        if "cutback" not in self._remedies or homogeneous(state):
+            return None
+
+        def part(before: ContactState, target: Target) -> ContactState:
+            return self._solved(before, target, None, reporter)
+
+        return in_parts(part, state, held_by(state, self._K, self._interface), end)
+
+    def _solved(
+        self, state: ContactState, target: Target, guess: ContactState | None, reporter: Reporter
     ) -> ContactState:
-        begun, interface = perf_counter(), self._interface
-        prescribed, forces = _translations(motions, interface.position.shape[1])
-        free: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(prescribed)))
-        system, rigid = self._bound(free)
+        """The state at a target, in one piece."""
+        interface, prescribed = self._interface, target.translations
+        system, rigid = self._bound(target.free)
         before = system.report
-        totals = np.array([forces[at] for at in free])
         past = Reference.of(state, interface)
-        increment = Increment(system, self._K, load, prescribed, totals, past)
-        hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-        policy = Policy(hold, interface.comm)
+        increment = Increment(
+            system, self._K, target.load, prescribed, target.totals, past, target.stated
+        )
+
+        def policy() -> Policy:
+            hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
+            return Policy(hold, interface.comm)
 
         first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
@@ -153,19 +183,32 @@ class ContactProblem:
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
-        reporter = Reporter(interface.comm, state.increment, self._callback)
         told = reporter.iterated if reporter.wanted else None
         try:
-            now, iterations = newton(increment, active, place, policy, self._most, told)
-        except ContactNotConverged:
-            if policy.lost:  # and nothing that was tried instead held the body
-                raise policy.lost[-1] from None
-            raise
+            now, iterations = newton(increment, active, place, policy(), self._most, told)
+        except ContactFailed as failure:
+            proof = no_equilibrium(increment, place, rigid)
+            if proof is not None:
+                raise proof from None
+            last, found = failure, None
+            if "condensed" in self._remedies and not isinstance(failure, NotUnique):
+                try:
+                    found = without_active_sets(
+                        increment, lambda: self._condensed, place, policy, self._most
+                    )
+                except NotUnique as unique:
+                    last = unique
+            if found is None:
+                raise refusal(last, increment, state, system.report.since(before)) from None
+            now, iterations = found, increment.systems
         interface.check_supports(now.translations)
         smallness, report = self._watch.after(increment, now, state), system.report.since(before)
-        found = contact_state(increment, now, iterations, state, report, smallness)
-        reporter.ended(found, increment.violation(now), perf_counter() - begun)
-        return found
+        reporter.violation = increment.violation(now)
+        return contact_state(increment, now, iterations, state, report, smallness)
+
+    @cached_property
+    def _condensed(self) -> Condensation:
+        return Condensation(self._K, self._reduction, self._interface, self._solver)
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
@@ -207,6 +250,7 @@ def solve_contact(
     max_iterations: int = 50,
     solver: LinearSolver | None = None,
     callback: Callback | None = None,
+    remedies: Collection[Remedy] = REMEDIES,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
 
@@ -222,20 +266,21 @@ def solve_contact(
             undeformed body in the first increment, whatever it starts from (`ContactProblem.step`
             goes on from a state). Without it the first increment starts from the nodes that
             touch, every other one from the previous one.
-        max_iterations: linear systems per increment.
+        max_iterations: linear systems of one iteration.
         solver: of the linear systems; `Direct()` unless given.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; what it raises ends the computation.
+        remedies: as in `ContactProblem`.
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
             `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
             per increment, or no iterations.
         DegenerateMesh: for cells without volume or turned inside out.
-        FreeBody, NotUnique, ContactNotConverged, SurfacePassed: as `ContactProblem.step` says. They
-            name the increment, counted from 0, and have the states before it as `states`.
+        FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as `ContactProblem.step` says.
+            They name the increment, counted from 0, and have the states before it as `states`.
     """
-    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback)
+    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
     increments = checked_increments(K, loads, problem.pairs, start, space)
     states = [problem.undeformed]
     for k, (load, motions, guess) in enumerate(increments):
@@ -243,14 +288,7 @@ def solve_contact(
             with doing(space.mesh.comm, bar(k, len(increments))):
                 states.append(problem.step(states[-1], load, motions, guess))
         except ContactFailed as error:
-            named = type(error)(f"increment {k}: {error}")
-            named.states = states[1:]
-            raise named from error
+            error.args = (f"increment {k}: {error}",)
+            error.states = states[1:]
+            raise
     return states[1:]
-
-
-def _translations(motions: Sequence[Motion | None], dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Prescribed translations (pairs, dim), NaN where free, and total forces (pairs, dim)."""
-    rest = np.zeros(dim)
-    prescribed = [rest if m is None else m.prescribed() for m in motions]
-    return np.array(prescribed), np.array([rest if m is None else m.forces() for m in motions])

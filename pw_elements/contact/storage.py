@@ -30,8 +30,11 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
     """Writes a state whole or not at all, on one process.
 
     Raises:
+        ValueError: for the state of an error.
         OSError: on all processes, if the file cannot be written.
     """
+    if not state.converged:
+        raise ValueError("the state is no solution: nothing goes on from it")
     comm = space.mesh.comm
     block = space.dofmap.index_map_bs
     nodes = comm.gather(_places(space))

@@ -1,0 +1,196 @@
+"""Proof, by statics alone, that no contact forces balance the loads.
+
+In a rigid motion of a piece, or of a free surface, only loads and contact forces do work. Let v
+be the velocity of a contact point relative to what it faces, v_n and v_t its parts. If
+
+    v_n >= mu |v_t|    at every point that a surface faces, and    the loads do work,
+
+then no force that the law admits (r_n >= 0, |r_t| <= mu r_n) takes any of that work away, and
+there is no equilibrium: the body is lifted, overturned or dragged off. (Who slides rises by mu
+times as much in such a motion.) By Farkas' lemma there is one whenever statics rule an equilibrium
+out. A linear program looks for it: most work in motions whose components are one at most; in space
+the cones are met by cuts where they are overstepped. Its multipliers are the least loads, in the
+sum of their components, with which there would be balance. What it finds counts for no more than
+plain arithmetic then makes of it.
+
+It is a proof for given normals. Nothing is claimed of what touches a curved surface whose
+translation is free, for its normals turn with that.
+
+Only contact points are gathered, and the program runs on one process.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+from scipy.sparse.csgraph import connected_components
+
+from pw_elements.contact.kinematics import Kinematics
+from pw_elements.contact.newton import Increment
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Work of the loads over the sum of its parts' magnitudes: none below
+_WORK = 1e-9
+# Contact forces over loads that would undo the proof where a cone is overstepped by round-off
+_HUGE = 1e3
+# Overstepping of a cone, a velocity over the largest one, that calls for a cut; rounds of cuts
+_CUT, _ROUNDS = 1e-10, 40
+# What motion costs, over the largest work: nothing moves that the loads do not push
+_PRICE = 1e-7
+# Steps along a free translation, over the extent of the contact points, at which normals are
+# asked, and the change that tells a curved surface
+_STEPS, _TURNED = (1e-4, 1e-2, 1.0), 1e-9
+_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+
+
+@dataclass(frozen=True)
+class Points:
+    """Contact points of all processes (m) that a surface faces, or may come to face.
+
+    Args:
+        pair: (m,).
+        friction: (m,).
+        turning: (m,), whether the normal turns with a free translation.
+        normal: (m, k), v_n in each of k motions.
+        tangential: (m, dim, k), v_t.
+    """
+
+    pair: Indices
+    friction: Array
+    turning: npt.NDArray[np.bool_]
+    normal: Array
+    tangential: Array
+
+    def clusters(self) -> list[Indices]:
+        """Motions that have points in common, directly or by others."""
+        moved = self._moved().astype(float)
+        count, cluster = connected_components(moved.T @ moved > 0, directed=False)
+        return [np.flatnonzero(cluster == k) for k in range(count)]
+
+    def within(self, motions: Indices) -> "Points":
+        """Those which some of the motions move, in these motions."""
+        moved = self._moved()[:, motions].any(axis=1)
+        return Points(
+            self.pair[moved],
+            self.friction[moved],
+            self.turning[moved],
+            self.normal[np.ix_(moved, motions)],
+            self.tangential[moved][..., motions],
+        )
+
+    def rows(self, along: Array) -> Array:
+        """v_n - mu v_t·d over the length of (1, mu), (m, k), d being unit vectors (m, dim)."""
+        sliding = np.einsum("ma,mak->mk", along, self.tangential)
+        return (self.normal - self.friction[:, None] * sliding) / self._length()[:, None]
+
+    def clearance(self, velocity: Array) -> Array:
+        """v_n - mu |v_t| over the length of (1, mu), (m,), of motions together (k,)."""
+        sliding = np.linalg.norm(self.tangential @ velocity, axis=1)
+        return np.asarray((self.normal @ velocity - self.friction * sliding) / self._length())
+
+    def where(self, mask: npt.NDArray[np.bool_]) -> "Points":
+        """Some of them."""
+        return Points(*(values[mask] for values in vars(self).values()))
+
+    def _length(self) -> Array:
+        return np.sqrt(1 + self.friction**2)
+
+    def _moved(self) -> npt.NDArray[np.bool_]:
+        return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
+
+
+def escape(points: Points, power: Array) -> tuple[Array, Array]:
+    """The motion (k,) in which loads do most work and no contact force takes any away.
+
+    Args:
+        points: in these motions.
+        power: of the loads in each, (k,).
+
+    Returns:
+        Its components, one at most, and the least forces (k,) to be added for a balance.
+    """
+    k, scale = len(power), np.abs(power).max() or 1.0
+    price = np.concatenate([-power, power]) / scale + _PRICE  # of each way in each motion
+    axes = np.eye(points.tangential.shape[1])
+    rows = [points.rows(np.tile(d, (len(points.pair), 1))) for d in (*axes, *-axes)]
+    for _ in range(_ROUNDS):
+        limits = np.unique(np.vstack(rows), axis=0)
+        best = linprog(
+            price,
+            A_ub=np.hstack([-limits, limits]),
+            b_ub=np.zeros(len(limits)),
+            bounds=(0, 1),
+            options=_TOLERANCES,
+        )
+        if not best.success:
+            return np.zeros(k), np.zeros(k)
+        velocity = best.x[:k] - best.x[k:]
+        beyond = points.where(points.clearance(velocity) < -_CUT)
+        sliding: Array = beyond.tangential @ velocity
+        size = np.linalg.norm(sliding, axis=1, keepdims=True)
+        if not size.any():
+            break
+        rows.append(beyond.where(size[:, 0] > 0).rows((sliding / size)[size[:, 0] > 0]))
+    least = best.upper.marginals
+    return velocity, scale * (least[:k] - least[k:])
+
+
+def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
+    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic.
+
+    Args:
+        points: in these motions.
+        velocity: of all together.
+        power: of the loads in each, (k,).
+        size: the same of the magnitudes of its parts.
+    """
+    work, parts = power @ velocity, size @ np.abs(velocity)
+    braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
+    return bool(work > _WORK * parts and work > _HUGE * braked * parts)
+
+
+def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
+    """Points of all processes, in an order that does not depend on them.
+
+    Args:
+        increment: where they are.
+        place: their kinematics.
+        works: (m, dim, k), motion of this process' points in each of k motions.
+    """
+    interface, free = increment.interface, np.isnan(increment.prescribed)
+    faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
+    works = np.where(interface.equation[..., None] >= 0, works, 0.0)
+    tangents = place.frame[:, 1:]
+    values = (
+        interface.pair,
+        interface.friction,
+        _turning(increment, place),
+        np.einsum("na,nak->nk", place.frame[:, 0], works),
+        np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
+        faced,
+    )
+    ordered = [
+        np.concatenate([interface.in_order(k, part) for k in range(interface.pairs)])
+        for part in values
+    ]
+    return Points(*ordered[:-1]).where(ordered[-1])
+
+
+def _turning(increment: Increment, place: Kinematics) -> npt.NDArray[np.bool_]:
+    """Whether points' normals change with a free translation, (m,)."""
+    interface, free = increment.interface, np.isnan(increment.prescribed)
+    extent = np.ptp(interface.gathered(interface.position), axis=0).max()
+    here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
+    for axis in np.flatnonzero(free.any(axis=0)):
+        for step in (sign * part * extent for part in _STEPS for sign in (-1, 1)):
+            moved = place.translations.copy()
+            moved[free[:, axis], axis] += step
+            try:
+                change = np.abs(interface.normals(moved) - here).max(axis=1)
+            except Exception:  # a user's surface may not know its normals so far away
+                change = np.where(free[interface.pair, axis], np.inf, 0.0)
+            turning |= ~(change <= _TURNED)
+    return turning

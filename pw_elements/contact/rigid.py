@@ -1,0 +1,244 @@
+"""Rigid motions of the connected pieces of a body and of surfaces: modes, and words for them."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from dolfinx import fem, la
+from scipy.sparse.csgraph import connected_components
+
+from pw_elements.contact.errors import listed
+from pw_elements.contact.state import Free
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+_AXES = "xyz"
+# Part of a motion, over its largest one, that is none
+NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Independent motions.
+
+    Args:
+        motions: (k, modes).
+        pivot: (k,), a mode of each one, of size one, that none of the others has.
+    """
+
+    motions: Array
+    pivot: Indices
+
+
+class RigidModes:
+    """Translations and rotations of each connected piece, and free translations of surfaces.
+
+    Motions are vectors of all modes: piece after piece its translations and its rotations about
+    its centre (over its length, so that displacements are of the translations' size), then the
+    surfaces' translations.
+
+    Args:
+        space: of the displacements.
+        free: (pair, component) of each free translation of a surface.
+        pairs: number of contact pairs.
+
+    Attributes:
+        centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
+        length: (pieces,), radius of gyration of these nodes.
+        columns: (owned dofs, modes of pieces), their displacements.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, free: Free, pairs: int) -> None:
+        dim = space.mesh.geometry.dim
+        owned = space.dofmap.index_map.size_local
+        x = space.tabulate_dof_coordinates()[:owned, :dim]
+        piece, count = connected_pieces(space)
+        piece = piece[:owned]
+        self.free, self._pairs = free, pairs
+        self._planes = list(combinations(range(dim), 2))
+        sums = np.zeros((count, dim + 1))
+        np.add.at(sums, piece, np.column_stack([x, np.ones(owned)]))
+        space.mesh.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+        centre, nodes = sums[:, :dim] / sums[:, dim:], sums[:, dim]
+        squares = np.zeros(count)
+        np.add.at(squares, piece, np.sum((x - centre[piece]) ** 2, axis=1))
+        space.mesh.comm.Allreduce(MPI.IN_PLACE, squares, MPI.SUM)
+        length = np.sqrt(squares / nodes)
+        order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
+        self.centre, self.length = centre[order], length[order]
+        self.columns = self._modes(x, np.argsort(order)[piece]).reshape(owned * dim, -1)
+
+    @property
+    def number(self) -> int:
+        """Of all modes."""
+        return self.columns.shape[1] + len(self.free)
+
+    def of_piece(self, k: int) -> slice:
+        """The modes of a piece."""
+        each = self.columns.shape[1] // len(self.centre)
+        return slice(k * each, (k + 1) * each)
+
+    def parts(self, motion: Array) -> tuple[Array, Array, Array]:
+        """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
+
+        Rotations are over the length; in space they are vectors along the axis.
+        """
+        dim = self.centre.shape[1]
+        pieces = motion[: self.columns.shape[1]].reshape(len(self.centre), -1)
+        turning = pieces[:, dim:]
+        if dim == 3:  # planes xy, xz, yz
+            turning = turning[:, ::-1] * [1.0, -1.0, 1.0]
+        surfaces = np.zeros((self._pairs, dim))
+        for at, value in zip(self.free, motion[self.columns.shape[1] :], strict=True):
+            surfaces[at] = value
+        return pieces[:, :dim], turning, surfaces
+
+    def simplest(self, motions: Array) -> Basis:
+        """Another basis of the motions (k, modes), the one that takes the fewest words.
+
+        Each of its motions has a mode that none of the others has, a rotation if possible. So
+        what turns does not also move along what is free anyhow, and translations are along axes.
+        """
+        dim = self.centre.shape[1]
+        each = np.arange(self.columns.shape[1]) % (dim + len(self._planes))
+        rank = np.concatenate([np.where(each >= dim, 0, 1), np.full(len(self.free), 2)])
+        order = np.argsort(rank, kind="stable")
+        rows, pivot = reduced_echelon(motions[:, order])
+        return Basis(rows[:, np.argsort(order)], order[pivot])
+
+    def names(self, motions: Array) -> list[str]:
+        """What moves how in each of the motions (k, modes), in words.
+
+        Rotations of a piece are about a point at rest in all of them, if there is one.
+        """
+        words = []
+        for motion in motions:
+            how: dict[str, list[str]] = {}
+            for who, movement in self.movers(motion, motions):
+                how.setdefault(movement, []).append(who)
+            if list(how.values()) == [["the body"]]:
+                words.append(next(iter(how)))
+            else:
+                parts = [f"{what} of {' and '.join(who)}" for what, who in how.items()]
+                words.append(" with ".join(parts))
+        return words
+
+    def movers(self, motion: Array, motions: Array) -> list[tuple[str, str]]:
+        """Names of bodies and surfaces that move in one of the motions, and how, in words."""
+        translation, turning, surface = self.parts(motion)
+        nothing, words = NOTHING * np.abs(motion).max(), []
+        for k in range(len(translation)):
+            if np.abs(np.append(translation[k], turning[k])).max() > nothing:
+                around = listed(self.centre[k : k + 1])
+                who = "the body" + (f" around {around}" if len(self.centre) > 1 else "")
+                if np.abs(turning[k]).max(initial=0.0) > nothing:
+                    words.append((who, self._rotation(k, motion, motions)))
+                else:
+                    words.append((who, f"translation {direction(translation[k])}"))
+        for k in range(len(surface)):
+            if np.abs(surface[k]).max() > nothing:
+                words.append((f"the surface of pair {k}", f"translation {direction(surface[k])}"))
+        return words
+
+    def _rotation(self, k: int, motion: Array, motions: Array) -> str:
+        """Rotation of a piece in words."""
+        moved, turned = (part[0] for part in self._in_space(k, motion[None]))
+        pole, rest = self._pole(k, motions)
+        if rest > NOTHING:
+            pole, _ = self._pole(k, motion[None])
+        if len(pole) == 2:
+            return f"rotation about {listed(pole[None])}"
+        axis = direction(turned * np.sign(turned[np.argmax(np.abs(turned))]))
+        along = abs(moved @ turned) > NOTHING * (turned @ turned)
+        return (
+            f"rotation about the axis along {axis} through {listed(pole[None])}"
+            f"{' with a translation along it' if along else ''}"
+        )
+
+    def _pole(self, k: int, motions: Array) -> tuple[Array, float]:
+        """The point (dim,) next to a piece's centre that moves least, and how fast it does."""
+        moved, turned = self._in_space(k, motions)
+        turns = np.abs(turned).max(axis=1) > NOTHING * np.abs(motions).max(axis=1)
+        moved, turned = moved[turns], turned[turns]
+        arms = np.cross(turned[:, None], np.eye(3)).transpose(0, 2, 1).reshape(-1, 3)
+        shift = np.linalg.lstsq(arms, -moved.ravel(), rcond=NOTHING)[0]
+        speed = float(np.abs(arms @ shift + moved.ravel()).max())
+        return self.centre[k] + self.length[k] * shift[: self.centre.shape[1]], speed
+
+    def _in_space(self, k: int, motions: Array) -> tuple[Array, Array]:
+        """Translations and rotations (motions, 3) of a piece, the plane being one in space."""
+        parts = [self.parts(motion) for motion in motions]
+        moved = np.array([translation[k] for translation, _, _ in parts])
+        turned = np.array([turning[k] for _, turning, _ in parts])
+        more = ((0, 0), (0, 3 - moved.shape[1]))
+        return np.pad(moved, more), np.pad(turned, ((0, 0), (3 - turned.shape[1], 0)))
+
+    def _modes(self, x: Array, piece: npt.NDArray[np.int64]) -> Array:
+        """Displacements (n, dim, pieces, modes of one) of nodes x (n, dim) in their pieces."""
+        n, dim = x.shape
+        modes = np.zeros((n, dim, len(self.centre), dim + len(self._planes)))
+        node = np.arange(n)
+        for axis in range(dim):
+            modes[node, axis, piece, axis] = 1.0
+        s = (x - self.centre[piece]) / self.length[piece, None]
+        for k, (i, j) in enumerate(self._planes):
+            modes[node, i, piece, dim + k] = -s[:, j]
+            modes[node, j, piece, dim + k] = s[:, i]
+        return modes
+
+
+def reduced_echelon(rows: Array) -> tuple[Array, Indices]:
+    """Of independent rows (k, n): their reduced echelon form, and its pivots (k,)."""
+    rows = rows.copy()
+    pivot: list[int] = []
+    for column in range(rows.shape[1]):
+        done = len(pivot)
+        if done == len(rows):
+            break
+        best = done + int(np.argmax(np.abs(rows[done:, column])))
+        if abs(rows[best, column]) <= NOTHING * np.abs(rows[best]).max():
+            rows[done:, column] = 0.0
+            continue
+        rows[[done, best]] = rows[[best, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(len(rows)) != done
+        rows[others] -= rows[others, column, None] * rows[done]
+        pivot.append(column)
+    return rows, np.array(pivot, dtype=np.int64)
+
+
+def direction(vector: Array) -> str:
+    """The axis along a vector (dim,), with a sign, or else its unit vector."""
+    vector = vector / np.linalg.norm(vector)
+    main = int(np.argmax(np.abs(vector)))
+    if np.linalg.norm(np.delete(vector, main)) <= NOTHING:
+        return ("-" if vector[main] < 0 else "") + _AXES[main]
+    return listed(vector[None])
+
+
+def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
+    """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
+    comm, cells = space.mesh.comm, space.dofmap.list
+    index_map = space.dofmap.index_map
+    local = index_map.size_local + index_map.num_ghosts
+    row = np.repeat(np.arange(len(cells)), cells.shape[1])
+    shape = (len(cells), local)
+    of_cell = sp.csr_matrix((np.ones(cells.size, dtype=np.int8), (row, cells.ravel())), shape)
+    count, part = connected_components(of_cell.T @ of_cell, directed=False)
+    first = sum(comm.allgather(count)[: comm.rank])
+    # parts of two processes are one piece if they share a node: the owner's number tells which
+    number = la.vector(index_map, 1)
+    number.array[:] = part + first
+    number.scatter_forward()
+    ghosts = np.arange(index_map.size_local, local)
+    ends = np.stack([part[ghosts] + first, number.array[ghosts].astype(np.int64)])
+    total = comm.allreduce(count, MPI.SUM)
+    links = np.unique(np.concatenate(comm.allgather(ends), axis=1), axis=1)
+    graph = sp.csr_matrix((np.ones(links.shape[1]), links), (total, total))
+    pieces, piece = connected_components(graph, directed=False)
+    return piece[part + first].astype(np.int64), int(pieces)
