@@ -162,7 +162,11 @@ class ContactProblem:
         return in_parts(part, state, held_by(state, self._K, self._interface), end)
 
     def _solved(
-        self, state: ContactState, target: Target, guess: ContactState | None, reporter: Reporter
+        self,
+        state: ContactState,
+        target: Target,
+        guess: ContactState | None = None,
+        reporter: Reporter | None = None,
     ) -> ContactState:
         """The state at a target, in one piece."""
         interface, prescribed = self._interface, target.translations
@@ -183,7 +187,7 @@ class ContactProblem:
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
-        told = reporter.iterated if reporter.wanted else None
+        told = reporter.iterated if reporter and reporter.wanted else None
         try:
             now, iterations = newton(increment, active, place, policy(), self._most, told)
         except ContactFailed as failure:
@@ -203,7 +207,8 @@ class ContactProblem:
             now, iterations = found, increment.systems
         interface.check_supports(now.translations)
         smallness, report = self._watch.after(increment, now, state), system.report.since(before)
-        reporter.violation = increment.violation(now)
+        if reporter:
+            reporter.violation = increment.violation(now)
         return contact_state(increment, now, iterations, state, report, smallness)
 
     @cached_property
