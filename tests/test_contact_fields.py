@@ -270,6 +270,8 @@ def test_what_is_no_state_of_the_body():
     held = Reduction.dirichlet(block.space, [prescribe(block.space, 0, at(0, 0.0))])
     (half,) = solve_contact(block.K, block.pressure, held, pair, block.space)
     ContactFields.of(half, block.space)
+    with pytest.raises(ValueError, match="other contact nodes than the fields"):
+        ContactFields.of(state, block.body).fill(half)
     for ask in (ContactFields.of, plot):
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             ask(half, block.body)
