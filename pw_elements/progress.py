@@ -6,9 +6,10 @@ factorisations at DEBUG, on process 0 alone.
 
     logging.basicConfig(level=logging.INFO)
 
-Where logging is not configured and stderr is a terminal, a line there names what is being done,
-and is wiped out when it is done. `logging.getLogger("pw_elements").addHandler(
-logging.NullHandler())` configures it to nothing.
+Where the log does not speak and stderr is a terminal, a line there names what is being done, and
+is wiped out when it is done. For silence say so:
+
+    logging.getLogger("pw_elements").setLevel(logging.ERROR)
 """
 
 import logging
@@ -34,7 +35,7 @@ _since = 0.0
 def doing(comm: MPI.Comm, what: str) -> Iterator[None]:
     """Says on a terminal what is being done in a block, below what is said around it."""
     global _since
-    if comm.rank > 0 or logger.hasHandlers() or not sys.stderr.isatty():
+    if comm.rank > 0 or not sys.stderr.isatty() or _settled():
         yield
         return
     if not _doing:
@@ -59,6 +60,12 @@ def hush() -> None:
     if _doing:
         sys.stderr.write(_WIPE)
         sys.stderr.flush()
+
+
+def _settled() -> bool:
+    """Whether the log tells what goes on, or the user wants it otherwise or not at all."""
+    speaks = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()
+    return speaks or bool(logger.handlers) or logger.level > logging.INFO
 
 
 def _show() -> None:

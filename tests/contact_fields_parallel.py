@@ -11,10 +11,20 @@ from pathlib import Path
 from mpi4py import MPI
 
 import numpy as np
+from dolfinx.mesh import CellType, create_box
 
-from pw_elements import reactions
-from pw_elements.contact import ContactFields, write
-from tests.contact_cases import Block
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    StressState,
+    assemble_matrix,
+    prescribe,
+    reactions,
+)
+from pw_elements.contact import ContactFields, ContactPair, Motion, Sphere, solve_contact, write
+from tests.contact_cases import Block, at
 from tests.test_contact_matching import Blocks
 
 
@@ -34,12 +44,26 @@ def unbalanced(blocks, state, load):
     return np.abs(left.reshape(-1, 2) - owned)[~held].max(initial=0.0), np.abs(owned).max(initial=0)
 
 
+def ball(cell, method, comm=MPI.COMM_SELF):
+    """A sphere pressed on the top of a block and pushed sideways."""
+    mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (6, 6, 2), cell)
+    body = Body(method(mesh), Material(1000.0, 0.3), StressState.SOLID)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    foot = Reduction.dirichlet(U, [prescribe(U, i, at(2, 0.0)) for i in range(3)])
+    motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
+    pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
+    return body, K, solve_contact(K, [K.createVecLeft()] * 2, foot, [pair], U)
+
+
 if __name__ == "__main__":
     comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
     block = Block(12, comm=comm)
     states = block.solve(0.3, 60.0, increments=2)
     states[1] = pickle.loads(pickle.dumps(states[1]))
     write(folder / "block.bp", states, block.body)
+    body, _, states = ball(CellType.tetrahedron, Spaces.petrov_galerkin, comm)
+    write(folder / "ball.bp", states, body)
     blocks, problem, load = blocks_apart(comm)
     state = problem.load(folder / "serial.npz")
     wrong, force = unbalanced(blocks, state, load)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box
+from dolfinx.mesh import CellType
 
 from pw_elements import (
     Body,
@@ -37,7 +37,6 @@ from pw_elements.contact import (
     Motion,
     Parabola,
     Plane,
-    Sphere,
     plot,
     solve_contact,
     write,
@@ -46,7 +45,7 @@ from pw_elements.contact.pictures import _chains
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests import vtx
 from tests.contact_cases import Block, Punch, at
-from tests.contact_fields_parallel import blocks_apart, unbalanced
+from tests.contact_fields_parallel import ball, blocks_apart, unbalanced
 
 PROJECT = Path(__file__).parents[1]
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
@@ -61,18 +60,6 @@ def uneven(x):
 def on(space, where):
     """Local numbers of the nodes of a marker."""
     return fem.locate_dofs_geometrical(space, where)
-
-
-def ball(cell, method):
-    """A sphere pressed on the top of a block and pushed sideways."""
-    mesh = create_box(MPI.COMM_SELF, [(-1, -1, 0), (1, 1, 1)], (6, 6, 2), cell)
-    body = Body(method(mesh), Material(1000.0, 0.3), StressState.SOLID)
-    U = body.spaces.trial
-    K = assemble_matrix(body.stiffness())
-    foot = Reduction.dirichlet(U, [prescribe(U, i, at(2, 0.0)) for i in range(3)])
-    motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
-    pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
-    return body, K, solve_contact(K, [K.createVecLeft()] * 2, foot, [pair], U)
 
 
 @pytest.mark.parametrize(
@@ -270,6 +257,8 @@ def test_what_is_no_state_of_the_body():
     held = Reduction.dirichlet(block.space, [prescribe(block.space, 0, at(0, 0.0))])
     (half,) = solve_contact(block.K, block.pressure, held, pair, block.space)
     ContactFields.of(half, block.space)
+    with pytest.raises(ValueError, match="other contact nodes than the fields"):
+        ContactFields.of(state, block.body).fill(half)
     for ask in (ContactFields.of, plot):
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             ask(half, block.body)
@@ -357,12 +346,12 @@ def test_files_of_one_two_and_three_processes_are_the_same(tmp_path):
         command += ["tests.contact_fields_parallel", str(folder)]
         done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stderr
-        written[processes] = [vtx.read(folder / name) for name in ("block.bp", "blocks.bp")]
-        ((time, stacked),) = written[processes][1]
+        written[processes] = vtx.read(folder / "block.bp") + vtx.read(folder / "ball.bp")
+        ((time, stacked),) = vtx.read(folder / "blocks.bp")
         assert time == 2.5
         assert stacked["pressure"].max() == pytest.approx(3.0)
     for processes in (2, 3):
-        for (time, one), (other, more) in zip(written[1][0], written[processes][0], strict=True):
+        for (time, one), (other, more) in zip(written[1], written[processes], strict=True):
             assert time == other
             one, more = unique(one), unique(more)
             for name, values in one.items():

@@ -119,7 +119,11 @@ PROGRAM = """
 import logging, sys
 if "log" in sys.argv:
     logging.basicConfig(level=logging.INFO)
+if "warnings" in sys.argv:
+    logging.basicConfig()
 if "silent" in sys.argv:
+    logging.getLogger("pw_elements").setLevel(logging.ERROR)
+if "null" in sys.argv:
     logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 from pw_elements import assemble_matrix, solve, vibration_modes
 from tests.test_contact_progress import BLOCK, solved
@@ -148,8 +152,9 @@ def on_a_terminal(*arguments):
     return written.decode()
 
 
-def test_a_line_on_a_terminal_says_what_is_done_and_goes():
-    written = on_a_terminal()
+@pytest.mark.parametrize("words", [(), ("warnings",)])
+def test_a_line_on_a_terminal_says_what_is_done_and_goes(words):
+    written = on_a_terminal(*words)
     lines = written.split("\r\x1b[K")
     size = BLOCK.K.getSize()[0]
     for expected in (
@@ -163,8 +168,8 @@ def test_a_line_on_a_terminal_says_what_is_done_and_goes():
     assert "\n" not in written
 
 
-@pytest.mark.parametrize("word", ["log", "silent"])
-def test_no_line_where_logging_is_configured(word):
+@pytest.mark.parametrize("word", ["log", "silent", "null"])
+def test_no_line_where_the_log_speaks_or_is_to_be_silent(word):
     written = on_a_terminal(word)
     assert "\x1b[K" not in written
     assert ("INFO:pw_elements.contact:increment 2: " in written) == (word == "log")

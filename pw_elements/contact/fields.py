@@ -34,7 +34,7 @@ _STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 @dataclass(frozen=True)
 class ContactFields:
-    """A state as functions of the trial space, or its scalar sibling, with the states' values.
+    """A state as functions: vectors in the trial space, scalars in the space of its components.
 
     What lives on the contact surface is zero elsewhere, except for the gap, which is NaN: zero
     would be contact. ParaView draws NaN in a colour of its own and leaves it out of ranges. Where
@@ -42,9 +42,9 @@ class ContactFields:
 
     Pressures are forces over areas and need the body (thickness, circumference), see
     `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
-    is given. What is known is their values at nodes: if these are interpolated by the test
-    functions, the integral over the surface is the total force. Where the weights are piecewise
-    linear, so is that interpolation, and the trial function's integral is near it only.
+    is given. They are nodal values: interpolated by the *test* functions, linearly between nodes
+    where the weights are, their integral over the surface is the total force. These functions
+    interpolate by the trial functions, and their integrals are near it.
 
     Args:
         displacement: vector.
@@ -112,7 +112,8 @@ class ContactFields:
         space = self.displacement.function_space
         check_state(state, space)
         pairs = state.pairs
-        if self.surfaces and [len(s.node) for s in self.surfaces] != [len(p.node) for p in pairs]:
+        known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
+        if known and known != given:
             raise ValueError("the state has other contact nodes than the fields")
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
@@ -167,7 +168,10 @@ def write(
         given = [float(s.increment) for s in states] if times is None else list(times)
         _check_series(path, states, given, space)
     fields = ContactFields.of(states[0], body)
-    unfinished = path.with_name(f".{comm.bcast(os.getpid())}-{path.name}")
+    unfinished, old = (path.with_name(f".{comm.bcast(os.getpid())}-{k}-{path.name}") for k in "ab")
+    with collective(comm):
+        if comm.rank == 0:
+            unfinished.mkdir()
     try:
         with io.VTXWriter(comm, unfinished, fields.functions()) as file:
             for time, state in zip(given, states, strict=True):
@@ -176,8 +180,10 @@ def write(
         comm.barrier()
         with collective(comm):
             if comm.rank == 0:
-                shutil.rmtree(path, ignore_errors=True)
+                if path.exists():
+                    path.rename(old)
                 unfinished.rename(path)
+                shutil.rmtree(old, ignore_errors=True)
     finally:
         if comm.rank == 0:
             shutil.rmtree(unfinished, ignore_errors=True)
