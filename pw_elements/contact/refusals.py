@@ -77,9 +77,11 @@ def _proof(
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
     for cluster in points.clusters():
         touched, motions = points.within(cluster), basis.motions[cluster]
+        if touched.turning.any():
+            continue
         power = motions @ work
         velocity, lacking = escape(touched, power)
-        if touched.turning.any() or not proves(touched, velocity, power, np.abs(motions) @ size):
+        if not proves(touched, velocity, power, np.abs(motions) @ size):
             continue
         motion += velocity @ motions
         lacking[np.abs(lacking) <= NOTHING * np.abs(lacking).max()] = 0.0

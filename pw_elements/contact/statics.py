@@ -14,8 +14,9 @@ from pw_elements.contact.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-# Stiffness of a motion, over what it would be for an arbitrary one: as good as none below
-_FREE = 1e-8
+# Stiffness of a motion, over what it would be for an arbitrary one: as good as none below, and
+# no more than round-off where something is to be proved by it
+_FREE, _NONE = 1e-8, 1e-11
 
 
 class RigidMotions:
@@ -48,7 +49,7 @@ class RigidMotions:
         m, dim, motions = self._relative.shape
         rows = np.einsum("nab,nbm->nam", constraints, self._relative).reshape(m * dim, motions)
         held = np.pad(self._held, ((0, 0), (0, motions - self._held.shape[1])))
-        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]))
+        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]), _FREE)
         if not len(free):
             return []
         return self.modes.names(self.modes.simplest(free).motions)
@@ -65,7 +66,7 @@ class RigidMotions:
         basis = []
         for k in range(pieces):
             mine = self.modes.of_piece(k)
-            free = _null_space(held[:, mine])
+            free = _null_space(held[:, mine], _NONE)
             basis.append(np.zeros((len(free), motions)))
             basis[-1][:, mine] = free
         surfaces = np.eye(motions)[held.shape[1] :]
@@ -146,11 +147,11 @@ class RigidMotions:
         return _triangle(np.vstack([np.stack(forces, axis=1), prescribed]), system.comm)
 
 
-def _null_space(rows: Array) -> Array:
+def _null_space(rows: Array, tolerance: float) -> Array:
     """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
     n = rows.shape[1]
     _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
-    return np.asarray(vectors[values < _FREE * np.sqrt(n)])
+    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
 
 
 def _triangle(rows: Array, comm: MPI.Comm) -> Array:
