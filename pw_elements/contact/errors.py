@@ -85,7 +85,7 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """A solution is met at which the tangent is singular: it is one of many, or none is stable."""
+    """The tangent is singular at a solution, though no rigid motion is free: there are more."""
 
 
 class NotFound(ContactFailed):
