@@ -106,7 +106,7 @@ class Points:
 
 def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
     """What `escape` finds, if it `proves` that there is no equilibrium."""
-    for price in (_PRICE, 0.0):  # which is more than the work next to the limit
+    for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
         velocity, least = escape(points, power, price)
         if proves(points, velocity, power, size):
             return velocity, least
