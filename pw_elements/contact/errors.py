@@ -73,7 +73,7 @@ class FreeBody(ContactFailed, SingularSystem):
 
 
 class NoEquilibrium(FreeBody):
-    """No contact forces that the law admits balance the loads: it is proved, by statics alone.
+    """No contact forces that the law admits balance the loads: statics prove it.
 
     Attributes:
         velocity: `RigidVelocity` that no such force can brake, while the loads do work on it.
