@@ -277,6 +277,14 @@ def test_free_motions_of_two_bodies_are_named_apart():
     refusal(Stated(mesh), ice, (0.0, -1.0), f"{one} and {other}: held neither", FreeBody)
 
 
+def test_what_moves_together_is_named_together():
+    """A rough plate lies on a block on ice: it is free with the block, not by itself."""
+    ice = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
+    plate = ContactPair(at(1, 1.0), Plane((0, 1), (0, -1)), 0.3, [Motion((None, 0))])
+    words = "0: translation x of the body and the surface of pair 1: held neither"
+    refusal(block(), [ice, plate], (0.0, -1.0), words, FreeBody)
+
+
 def test_free_motions_in_space():
     ice = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)))
     words = r"rotation about the axis along z through \(1, 1, 0\.5\) and translation x and "

@@ -14,9 +14,11 @@ sum of their components, with which there would be balance. What it finds counts
 plain arithmetic then makes of it.
 
 It is a proof for given normals. Nothing is claimed of what touches a curved surface whose
-translation is free, for its normals turn with that.
+translation is free, for its normals turn with that. On curved cells piecewise-linear weights do
+not contain the rotations: moments are not balanced there, and only translations prove anything.
 
-Only contact points are gathered, and the program runs on one process.
+Only contact points are gathered, and the program runs on one process: 3 seconds for 10 000 points
+in space, 0.2 in the plane.
 """
 
 from dataclasses import dataclass
@@ -38,7 +40,7 @@ _WORK = 1e-9
 _HUGE = 1e3
 # Overstepping of a cone, a velocity over the largest one, that calls for a cut; rounds of cuts
 _CUT, _ROUNDS = 1e-10, 40
-# What motion costs, over the largest work: nothing moves that the loads do not push
+# What motion costs, so that only moves what the loads push
 _PRICE = 1e-7
 # Steps along a free translation, over the extent of the contact points, at which normals are
 # asked, and the change that tells a curved surface
@@ -102,24 +104,34 @@ class Points:
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
 
 
-def escape(points: Points, power: Array) -> tuple[Array, Array]:
+def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
+    """What `escape` finds, if it `proves` that there is no equilibrium."""
+    for price in (_PRICE, 0.0):  # which is more than the work next to the limit
+        velocity, least = escape(points, power, price)
+        if proves(points, velocity, power, size):
+            return velocity, least
+    return None
+
+
+def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, Array]:
     """The motion (k,) in which loads do most work and no contact force takes any away.
 
     Args:
         points: in these motions.
         power: of the loads in each, (k,).
+        price: of motion, over the largest power: nothing moves for less.
 
     Returns:
         Its components, one at most, and the least forces (k,) to be added for a balance.
     """
     k, scale = len(power), np.abs(power).max() or 1.0
-    price = np.concatenate([-power, power]) / scale + _PRICE  # of each way in each motion
+    costs = np.concatenate([-power, power]) / scale + price  # of each way in each motion
     axes = np.eye(points.tangential.shape[1])
     rows = [points.rows(np.tile(d, (len(points.pair), 1))) for d in (*axes, *-axes)]
     for _ in range(_ROUNDS):
         limits = np.unique(np.vstack(rows), axis=0)
         best = linprog(
-            price,
+            costs,
             A_ub=np.hstack([-limits, limits]),
             b_ub=np.zeros(len(limits)),
             bounds=(0, 1),

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.equilibrium import Points, escape, gathered, proves
+from pw_elements.contact.equilibrium import Points, gathered, proof
 from pw_elements.contact.errors import (
     ContactFailed,
     MissingForce,
@@ -37,10 +37,10 @@ def no_equilibrium(
     basis, works = rigid.virtual()
     work, size = rigid.power(increment.load, increment.totals)
     points = gathered(increment, place, works)
-    proof: NoEquilibrium | None = None
+    error: NoEquilibrium | None = None
     if increment.system.comm.rank == 0:
-        proof = _proof(points, basis, work, size, rigid.modes)
-    return increment.system.comm.bcast(proof)
+        error = _proved(points, basis, work, size, rigid.modes)
+    return increment.system.comm.bcast(error)
 
 
 def refusal(
@@ -70,17 +70,19 @@ def refusal(
     return failure
 
 
-def _proof(
+def _proved(
     points: Points, basis: Basis, work: Array, size: Array, modes: RigidModes
 ) -> NoEquilibrium | None:
     """What is proved of all clusters of motions, in one."""
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
     for cluster in points.clusters():
         touched, motions = points.within(cluster), basis.motions[cluster]
-        power = motions @ work
-        velocity, lacking = escape(touched, power)
-        if touched.turning.any() or not proves(touched, velocity, power, np.abs(motions) @ size):
+        if touched.turning.any():
             continue
+        found = proof(touched, motions @ work, np.abs(motions) @ size)
+        if found is None:
+            continue
+        velocity, lacking = found
         motion += velocity @ motions
         lacking[np.abs(lacking) <= NOTHING * np.abs(lacking).max()] = 0.0
         missing[basis.pivot[cluster]] = lacking

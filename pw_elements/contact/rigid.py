@@ -1,5 +1,6 @@
 """Rigid motions of the connected pieces of a body and of surfaces: modes, and words for them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -50,7 +51,6 @@ class RigidModes:
     Attributes:
         centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
         length: (pieces,), radius of gyration of these nodes.
-        columns: (owned dofs, modes of pieces), their displacements.
     """
 
     def __init__(self, space: fem.FunctionSpace, free: Free, pairs: int) -> None:
@@ -71,17 +71,36 @@ class RigidModes:
         length = np.sqrt(squares / nodes)
         order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
         self.centre, self.length = centre[order], length[order]
-        self.columns = self._modes(x, np.argsort(order)[piece]).reshape(owned * dim, -1)
+        self._x, self._piece = x, np.argsort(order)[piece]
+        self._each = dim + len(self._planes)
+
+    @property
+    def of_pieces(self) -> int:
+        """Number of the pieces' modes, which come first."""
+        return len(self.centre) * self._each
 
     @property
     def number(self) -> int:
         """Of all modes."""
-        return self.columns.shape[1] + len(self.free)
+        return self.of_pieces + len(self.free)
 
     def of_piece(self, k: int) -> slice:
         """The modes of a piece."""
-        each = self.columns.shape[1] // len(self.centre)
-        return slice(k * each, (k + 1) * each)
+        return slice(k * self._each, (k + 1) * self._each)
+
+    def displacements(self) -> Iterator[Array]:
+        """Of this process' nodes (owned dofs,) in each of the pieces' modes."""
+        for k in range(len(self.centre)):
+            mine = self._piece == k
+            s = (self._x[mine] - self.centre[k]) / self.length[k]
+            for axis in range(self._x.shape[1]):
+                mode = np.zeros_like(self._x)
+                mode[mine, axis] = 1.0
+                yield mode.ravel()
+            for i, j in self._planes:
+                mode = np.zeros_like(self._x)
+                mode[mine, i], mode[mine, j] = -s[:, j], s[:, i]
+                yield mode.ravel()
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -89,12 +108,12 @@ class RigidModes:
         Rotations are over the length; in space they are vectors along the axis.
         """
         dim = self.centre.shape[1]
-        pieces = motion[: self.columns.shape[1]].reshape(len(self.centre), -1)
+        pieces = motion[: self.of_pieces].reshape(len(self.centre), -1)
         turning = pieces[:, dim:]
         if dim == 3:  # planes xy, xz, yz
             turning = turning[:, ::-1] * [1.0, -1.0, 1.0]
         surfaces = np.zeros((self._pairs, dim))
-        for at, value in zip(self.free, motion[self.columns.shape[1] :], strict=True):
+        for at, value in zip(self.free, motion[self.of_pieces :], strict=True):
             surfaces[at] = value
         return pieces[:, :dim], turning, surfaces
 
@@ -104,9 +123,8 @@ class RigidModes:
         Each of its motions has a mode that none of the others has, a rotation if possible. So
         what turns does not also move along what is free anyhow, and translations are along axes.
         """
-        dim = self.centre.shape[1]
-        each = np.arange(self.columns.shape[1]) % (dim + len(self._planes))
-        rank = np.concatenate([np.where(each >= dim, 0, 1), np.full(len(self.free), 2)])
+        turns = np.arange(self.of_pieces) % self._each >= self.centre.shape[1]
+        rank = np.concatenate([np.where(turns, 0, 1), np.full(len(self.free), 2)])
         order = np.argsort(rank, kind="stable")
         rows, pivot = reduced_echelon(motions[:, order])
         return Basis(rows[:, np.argsort(order)], order[pivot])
@@ -177,19 +195,6 @@ class RigidModes:
         turned = np.array([turning[k] for _, turning, _ in parts])
         more = ((0, 0), (0, 3 - moved.shape[1]))
         return np.pad(moved, more), np.pad(turned, ((0, 0), (3 - turned.shape[1], 0)))
-
-    def _modes(self, x: Array, piece: npt.NDArray[np.int64]) -> Array:
-        """Displacements (n, dim, pieces, modes of one) of nodes x (n, dim) in their pieces."""
-        n, dim = x.shape
-        modes = np.zeros((n, dim, len(self.centre), dim + len(self._planes)))
-        node = np.arange(n)
-        for axis in range(dim):
-            modes[node, axis, piece, axis] = 1.0
-        s = (x - self.centre[piece]) / self.length[piece, None]
-        for k, (i, j) in enumerate(self._planes):
-            modes[node, i, piece, dim + k] = -s[:, j]
-            modes[node, j, piece, dim + k] = s[:, i]
-        return modes
 
 
 def reduced_echelon(rows: Array) -> tuple[Array, Indices]:

@@ -1,5 +1,7 @@
 """Rigid motions under supports: which ones are free, and what loads and contact do in them."""
 
+from collections.abc import Iterable, Iterator
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -14,8 +16,9 @@ from pw_elements.contact.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-# Stiffness of a motion, over what it would be for an arbitrary one: as good as none below
-_FREE = 1e-8
+# Stiffness of a motion, over what it would be for an arbitrary one: as good as none below, and
+# no more than round-off where something is to be proved by it
+_FREE, _NONE = 1e-8, 1e-11
 
 
 class RigidMotions:
@@ -29,7 +32,7 @@ class RigidMotions:
         self._system = system
         self.modes = RigidModes(space, system.free, system.interface.pairs)
         motion, self._column = system.interface.motion, free_columns(system.reduction.right)
-        self._relative = self._at_points([motion * mode for mode in self._full()])
+        self._relative = self._at_points(motion * mode for mode in self._full())
         self._held = self._hold_of_supports(transposed=False)
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
@@ -48,7 +51,7 @@ class RigidMotions:
         m, dim, motions = self._relative.shape
         rows = np.einsum("nab,nbm->nam", constraints, self._relative).reshape(m * dim, motions)
         held = np.pad(self._held, ((0, 0), (0, motions - self._held.shape[1])))
-        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]))
+        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]), _FREE)
         if not len(free):
             return []
         return self.modes.names(self.modes.simplest(free).motions)
@@ -65,16 +68,12 @@ class RigidMotions:
         basis = []
         for k in range(pieces):
             mine = self.modes.of_piece(k)
-            free = _null_space(held[:, mine])
+            free = _null_space(held[:, mine], _NONE)
             basis.append(np.zeros((len(free), motions)))
             basis[-1][:, mine] = free
         surfaces = np.eye(motions)[held.shape[1] :]
         chosen = self.modes.simplest(np.concatenate([*basis, surfaces]))
-        force, works = self._system.interface.force, []
-        for mode in self._full():
-            works.append(force.createVecRight())
-            force.multTranspose(mode, works[-1])
-        return chosen, self._at_points(works) @ chosen.motions.T
+        return chosen, self._at_points(self._works()) @ chosen.motions.T
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """What reduced loads and forces on free surfaces do in each mode, and its round-off.
@@ -93,35 +92,40 @@ class RigidMotions:
         size[len(work) - len(totals) :] = np.abs(totals)
         return work, size
 
-    def _full(self) -> list[PETSc.Vec]:
+    def _full(self) -> Iterator[PETSc.Vec]:
         """Displacements (n,) of the pieces' modes."""
-        modes = []
-        for mode in self.modes.columns.T:
-            modes.append(self._system.interface.motion.createVecRight())
-            modes[-1].setArray(mode)
-        return modes
+        for mode in self.modes.displacements():
+            vector = self._system.interface.motion.createVecRight()
+            vector.setArray(mode)
+            yield vector
 
-    def _reduced(self) -> list[PETSc.Vec]:
+    def _reduced(self) -> Iterator[PETSc.Vec]:
         """The same, where they are not prescribed, under the reduction."""
         stiffness, kept = self._system.stiffness, self._column >= 0
         own = self._column[kept] - stiffness.getOwnershipRange()[0]
-        modes = []
-        for mode in self.modes.columns.T:
+        for mode in self.modes.displacements():
             vector = stiffness.createVecRight()
             values = np.zeros(vector.getLocalSize())
             values[own] = mode[kept]
             vector.setArray(values)
-            modes.append(vector)
-        return modes
+            yield vector
 
-    def _at_points(self, motions: list[PETSc.Vec]) -> Array:
+    def _works(self) -> Iterator[PETSc.Vec]:
+        """Motions (points dim,) in which contact forces do work, in the pieces' modes."""
+        force = self._system.interface.force
+        for mode in self._full():
+            work = force.createVecRight()
+            force.multTranspose(mode, work)
+            yield work
+
+    def _at_points(self, motions: Iterable[PETSc.Vec]) -> Array:
         """Of the pieces' modes (points dim,) and the surfaces': (m, dim, modes), relative."""
         interface, free = self._system.interface, self.modes.free
         m, dim = interface.position.shape
         relative = np.zeros((m, dim, self.modes.number))
         for k, motion in enumerate(motions):
             relative[..., k] = motion.array_r.reshape(m, dim)
-        for k, (pair, axis) in enumerate(free, start=len(motions)):
+        for k, (pair, axis) in enumerate(free, start=self.modes.of_pieces):
             relative[interface.pair == pair, axis, k] = -1.0
         return relative
 
@@ -142,15 +146,17 @@ class RigidMotions:
             else:
                 system.stiffness.mult(mode, image)
             forces.append(image.array_r / largest)
-        prescribed = self.modes.columns[self._column == -1]
-        return _triangle(np.vstack([np.stack(forces, axis=1), prescribed]), system.comm)
+        held = self._column == -1
+        prescribed = [mode[held] for mode in self.modes.displacements()]
+        rows = [np.stack(forces, axis=1), np.stack(prescribed, axis=1)]
+        return _triangle(np.vstack(rows), system.comm)
 
 
-def _null_space(rows: Array) -> Array:
+def _null_space(rows: Array, tolerance: float) -> Array:
     """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
     n = rows.shape[1]
     _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
-    return np.asarray(vectors[values < _FREE * np.sqrt(n)])
+    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
 
 
 def _triangle(rows: Array, comm: MPI.Comm) -> Array:
