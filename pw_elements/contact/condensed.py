@@ -7,6 +7,7 @@ then, too, so that it has a stiffness S where it has no compliance. With the fre
 all that the law speaks of is linear in z = (w; U).
 """
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import LinAlgWarning, solve
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.interface import Interface
@@ -28,6 +30,8 @@ Array = npt.NDArray[np.float64]
 
 # Violation of the law and of balances over the largest contact force
 _TOLERANCE = 1e-9
+# Singular values that count as none, over the largest
+_SINGULAR = 1e-12
 # Smallest part of a step that a line search tries, and decrease that it asks for
 _SHORTEST = 1e-6
 _DECREASE = 1e-4
@@ -193,19 +197,21 @@ class CondensedIncrement:
             self.frame, gap, self.slip.at(z), self.force.at(z), self.friction, self.scale
         )
 
-    def solution(self, active: ActiveSet) -> Array:
-        """The z of an active set.
-
-        Raises:
-            LinAlgError: if there is none.
-        """
+    def step(self, active: ActiveSet, z: Array) -> Array:
+        """The way from z to the solution of an active set; the shortest if there are many."""
         A, B = equations(active, self.friction, self.scale)
         slope = np.concatenate([self.gap.slope[:, None], self.slip.slope], axis=1)
         value = np.concatenate([self.gap.value[:, None], self.slip.value], axis=1)
         law = _sum(_through(A, self.force), _through(B, Affine(slope, value)))
         law = self.in_components(law)
         matrix = np.vstack([law.slope, self.balance.slope])
-        return np.linalg.solve(matrix, -np.append(law.value, self.balance.value))
+        right = -np.append(law.at(z), self.balance.at(z))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", LinAlgWarning)  # singular but for round-off
+            try:
+                return np.asarray(solve(matrix, right))
+            except (np.linalg.LinAlgError, LinAlgWarning):
+                return np.asarray(np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0])
 
     def in_components(self, framed: Affine) -> Affine:
         """What is stated of each point along its frame, in the stated components: (p, ...)."""
@@ -233,10 +239,7 @@ class CondensedIncrement:
         for _ in range(most):
             if self.solved_by(z):
                 return z
-            try:
-                step = self.solution(self.contact(z).active_set()) - z
-            except np.linalg.LinAlgError:
-                return None
+            step = self.step(self.contact(z).active_set(), z)
             if not np.isfinite(step).all():
                 return None
             part, wrong = 1.0, np.linalg.norm(self.residual(z))
