@@ -21,7 +21,7 @@ BLOCK = Block(8)
 
 
 def solved(callback=None):
-    loads = BLOCK.pulled(60.0, 2)
+    loads = [0.01 * load for load in BLOCK.pulled(60.0, 2)]  # small displacements
     pair = BLOCK.pair(0.3)
     return solve_contact(BLOCK.K, loads, BLOCK.free, [pair], BLOCK.space, callback=callback)
 
