@@ -619,6 +619,7 @@ CASES |= {
     "buckling by zeros": lambda w: w.buckles(K_sigma=w.scaled(w.K_sigma, 0.0)),
     "buckling by NaN": lambda w: w.buckles(K_sigma=w.matrix(NAN)),
     "buckling of another size": lambda w: w.buckles(K_sigma=w.empty()),
+    "buckling by other weights": lambda w: w.buckles(K=w.galerkin[0]),
     "buckling of negative K": lambda w: w.buckles(K=w.scaled(w.K, -1.0)),
     "buckling without supports": lambda w: w.buckles(reduction=Reduction.dirichlet(w.U, [])),
     "buckling under None": lambda w: w.buckles(reduction=None),
