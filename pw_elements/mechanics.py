@@ -340,7 +340,8 @@ def prescribe(
         number("the prescribed value", value)
     agree(comm, {"the component": component, "the prescribed value": value})
     dofs = _nodes(space, where, "the prescribed nodes") * components + int(component)
-    return fem.dirichletbc(default_scalar_type(value), dofs, space.sub(int(component)))
+    part = space.sub(int(component)) if space.num_sub_spaces else space
+    return fem.dirichletbc(default_scalar_type(value), dofs, part)
 
 
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:

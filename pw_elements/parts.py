@@ -40,7 +40,7 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
             f"{whose} gave {given.dtype} of the shape {given.shape} for {n} points: it takes "
             "points as columns (3, n) and gives True or False for each, (n,)"
         )
-    return given
+    return np.ascontiguousarray(given)
 
 
 def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # noqa: ANN401
@@ -59,7 +59,7 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # 
     if isinstance(given, MeshTags):
         raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(given)
-    if numbers.shape == (0,):  # of any type: a list without entries, say
+    if numbers.shape == (0,) and numbers.dtype != bool:  # a list without entries is of floats
         return np.zeros(0, dtype=np.int32)
     here = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
     if numbers.ndim != 1 or numbers.dtype.kind not in "iub":

@@ -122,6 +122,19 @@ def test_facets_of_any_integer_type_and_masks(kind):
 def test_no_facets_at_all():
     with pytest.raises(ValueError, match="no exterior facet"):
         boundary_measure(MESH, [])
+    with pytest.raises(ValueError, match="a mask of 0"):
+        boundary_measure(MESH, np.zeros(0, dtype=bool))
+
+
+def test_a_marker_may_give_every_second_value_of_an_array():
+    marked = boundary_measure(MESH, lambda x: np.repeat(np.isclose(x[1], 0.0), 2)[::2])
+    load = assemble_vector(BLOCK.body.surface_load((0, 1.0), marked))
+    assert load.sum() == pytest.approx(4.0)
+
+
+def test_a_friction_function_may_give_one_number():
+    (state,) = contact(ContactPair(BOTTOM, FLOOR, lambda _: 0.25))
+    assert np.all(state.pairs[0].friction == 0.25)
 
 
 def steps(**arguments):
@@ -306,6 +319,12 @@ def test_numbers_may_be_of_any_type():
     assert integers.prescribed().dtype == integers.forces().dtype == float
     mask = prescribe(U, np.int64(1), BOTTOM, np.float32(0.5))
     assert np.all(mask.g.value == 0.5)
+
+
+def test_scalar_spaces_have_a_component_to_prescribe():
+    V = fem.functionspace(MESH, ("Lagrange", 2))
+    one = prescribe(V, 0, BOTTOM, 2.0)
+    assert Reduction.dirichlet(V, one).offset.sum() == 2.0 * len(one.dof_indices()[0]) > 0
 
 
 def test_conditions_that_say_the_same_do_not_contradict():

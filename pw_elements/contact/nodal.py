@@ -16,7 +16,7 @@ from pw_elements.contact.matching import opposite_nodes
 from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
-from pw_elements.values import field
+from pw_elements.values import field, is_number
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -119,4 +119,6 @@ def _friction(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array
     points[: x.shape[1]] = x.T
     whose = f"the friction of contact pair {number}"
     given = answer(comm, whose, pair.friction, points) if len(x) else points[0]
+    if is_number(given):  # the same everywhere
+        return np.full(len(x), given, dtype=float)
     return field(whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)")
