@@ -435,7 +435,7 @@ def _prescribed(
     free = np.ones(owned, dtype=bool)
     difference = np.zeros(owned)
     with collective(comm):
-        arguments.of_type("the conditions", each, Sequence, "give fem.DirichletBCs, `prescribe`'s")
+        arguments.of_type("the list of conditions", each, Sequence, "`prescribe` makes its items")
         for condition in each:
             _check_condition(condition, space)
             own = np.zeros(len(values))

@@ -152,7 +152,7 @@ def processes(*things: object) -> MPI.Comm:
         if isinstance(thing, MPI.Intracomm):
             found = thing
         if isinstance(thing, fem.Function):
-            thing = thing.function_space
+            found = thing.function_space.mesh.comm
         if isinstance(thing, fem.FunctionSpace):
             found = thing.mesh.comm
         known = getattr(thing, "offset", thing)

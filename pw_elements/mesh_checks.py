@@ -6,11 +6,13 @@ cells, parts that overlap, and hanging nodes. Coinciding facets that face each o
 or two bodies that touch: both are legitimate, so that they are logged only, by the logger
 `pw_elements`, a crack as a warning.
 
-Inside, the outward area vectors of both cells of a facet cancel; then the volumes of the cells
-add up to the boundary's integral of x·n / dim, and a mesh of the right volume is left. What
-cannot be told: an overlap that covers no centre of a cell at the boundary (bodies in contact
+The outward area vectors of both cells of an inner facet have to cancel; the cells' volumes then
+add up to the boundary's integral of x·n / dim, which need not be computed.
+
+What cannot be told: an overlap that covers no centre of a cell at the boundary (bodies in contact
 whose round sides are made of straight ones overlap a little), bodies meant to be joined that
-merely touch, a crack that was not meant, and whether cells follow the shape that was meant.
+merely touch, a crack that was not meant, hanging nodes on curved facets, and whether cells follow
+the shape that was meant.
 """
 
 import logging
@@ -244,10 +246,8 @@ class _Surface:
                 at[v].add(f)
         torn = []
         for f in suspects:
-            on, own = (
-                set(vertex[near[inside & (facet == f)]].tolist()),
-                set(self.vertex[f].tolist()),
-            )
+            on = set(vertex[near[inside & (facet == f)]].tolist())
+            own = set(self.vertex[f].tolist())
             around = set().union(*(at[v] for v in on)) - {f}
             beside = [g for g in around if on.issuperset(self.vertex[g].tolist())]
             shared = set(self.vertex[beside].ravel().tolist())
