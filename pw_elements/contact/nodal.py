@@ -92,12 +92,12 @@ def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
     unique, times = np.unique(node, return_counts=True)
     body.refuse(unique[times > 1], "belong to two contact pairs")
     body.refuse(node[~body.on_boundary[node]], "lie inside of the body, not on its boundary")
-    combined = bool(np.any(body.column[node] < -1))
-    if body.space.mesh.comm.allreduce(int(combined), MPI.MAX):
-        raise ValueError(
-            "the reduction combines the displacements of a contact node with others: it may "
-            "prescribe them or keep them"
-        )
+    with collective(body.space.mesh.comm):
+        if np.any(body.column[node] < -1):
+            raise ValueError(
+                "the reduction combines the displacements of a contact node with others: it may "
+                "prescribe them or keep them"
+            )
 
 
 def _check_dimension(number: int, surface: Surface, dim: int) -> None:
