@@ -103,7 +103,7 @@ class Reduction:
     space: fem.FunctionSpace | None = None
 
     def __post_init__(self) -> None:
-        with collective(arguments.processes(self.space, self.offset)):
+        with collective(arguments.processes(self.offset, self.space)):
             for name, matrix in (("left", self.left), ("right", self.right)):
                 arguments.of_type(f"the {name} matrix", matrix, PETSc.Mat, "give a PETSc matrix")
             arguments.petsc_vector("the offset", self.offset)
@@ -392,15 +392,13 @@ def factorise(
     return prepared
 
 
-def _compiled(form: ufl.Form, arguments_: int, of: str) -> fem.Form:
+def _compiled(form: ufl.Form, rank: int, of: str) -> fem.Form:
     """A form of the right rank on one mesh, compiled."""
     arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     found = len(form.arguments())
-    if found != arguments_:
-        raise ValueError(
-            f"{of} needs a {kinds[arguments_]} form; this one is {kinds.get(found, found)}"
-        )
+    if found != rank:
+        raise ValueError(f"{of} needs a {kinds[rank]} form; this one is {kinds.get(found, found)}")
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
         arguments.space(space, "the space of a form's argument")
@@ -447,7 +445,7 @@ def _prescribed(
     free = np.ones(owned, dtype=bool)
     difference = np.zeros(owned)
     with collective(comm):
-        arguments.of_type("the conditions", each, Sequence, "give fem.DirichletBCs, `prescribe`'s")
+        arguments.of_type("the list of conditions", each, Sequence, "`prescribe` makes its items")
         for condition in each:
             _check_condition(condition, space)
             own = np.zeros(len(values))

@@ -75,43 +75,47 @@ def petsc_vector(name: str, value: object) -> None:
         raise ValueError(f"{name} is an empty vector: {_MADE}")
 
 
-def coefficient(name: str, value: object) -> float | Expr:
-    """A number as a float, or a scalar UFL expression.
+def coefficient(
+    name: str,
+    value: object,
+    holds: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]],
+    what: str,
+    comm: MPI.Comm = MPI.COMM_SELF,
+) -> float | Expr:
+    """A number as a float, or a scalar UFL expression, in range as far as its values are known.
 
-    Values of a `fem.Constant`, and those of a `fem.Function` on all processes, have to be finite;
-    what other expressions are worth cannot be told.
+    Known are numbers, the value of a `fem.Constant`, and nodal values of a Lagrange `fem.Function`.
+
+    Args:
+        name: in messages.
+        value: of any type.
+        holds: which of some values (m,) are in range.
+        what: the range in words, "has to be positive" say.
+        comm: of the processes on which it is to be refused at once; a function's are known.
+
+    Raises:
+        ValueError: for anything else.
     """
-    if not isinstance(value, Expr):
-        return number(name, value)
-    if value.ufl_shape != ():
-        raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
-    require(name, value, np.isfinite, "has to be finite")
+    with collective(processes(comm, value)):
+        if not isinstance(value, Expr):
+            value = number(name, value)
+        elif value.ufl_shape != ():
+            raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
+        values = _known(value)
+        wrong = ~(np.isfinite(values) & holds(values))
+        if wrong.any():
+            raise ValueError(f"{name} = {values[wrong][0]}: {what}")
     return value
 
 
-def require(
-    name: str,
-    value: float | Expr,
-    holds: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]],
-    what: str,
-) -> None:
-    """Raises ValueError, for functions on all processes, if a known value does not fit.
-
-    Known are numbers, the value of a Constant, and the nodal values of a Lagrange function.
-    """
-    comm, values = MPI.COMM_SELF, np.empty(0)
+def _known(value: float | Expr) -> npt.NDArray[np.float64]:
+    """Values of a coefficient as far as they are known, on this process."""
     if isinstance(value, fem.Function):
-        comm = value.function_space.mesh.comm
-        if value.function_space.element.basix_element.family is ElementFamily.P:
-            values = value.x.array
-    elif isinstance(value, fem.Constant):
-        values = np.atleast_1d(value.value)
-    elif not isinstance(value, Expr):
-        values = np.array([value])
-    with collective(comm):
-        wrong = ~holds(values)
-        if wrong.any():
-            raise ValueError(f"{name} = {values[wrong][0]}: {what}")
+        lagrange = value.function_space.element.basix_element.family is ElementFamily.P
+        return value.x.array if lagrange else np.empty(0)
+    if isinstance(value, fem.Constant):
+        return np.atleast_1d(value.value)
+    return np.empty(0) if isinstance(value, Expr) else np.array([value])
 
 
 def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.float64]:
@@ -142,14 +146,19 @@ def same_sizes(
 
 
 def processes(*things: object) -> MPI.Comm:
-    """Communicator of the first of some spaces, reductions, matrices and vectors that has one."""
+    """Communicator of the last of some things (spaces, reductions, matrices ...) that has one."""
+    found = MPI.COMM_SELF
     for thing in things:
+        if isinstance(thing, MPI.Intracomm):
+            found = thing
+        if isinstance(thing, fem.Function):
+            found = thing.function_space.mesh.comm
         if isinstance(thing, fem.FunctionSpace):
-            return thing.mesh.comm
+            found = thing.mesh.comm
         known = getattr(thing, "offset", thing)
         if isinstance(known, PETSc.Mat | PETSc.Vec) and known.handle:
-            return known.comm.tompi4py()
-    return MPI.COMM_SELF
+            found = known.comm.tompi4py()
+    return found
 
 
 def described(value: object) -> str:

@@ -18,12 +18,13 @@ from pw_elements.algebra import Reduction, factorise, symmetric_part
 from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
 from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
-from pw_elements.problem import Problem, refuse_negative
+from pw_elements.problem import Problem, check_weights, refuse_negative
 from pw_elements.progress import doing
 from pw_elements.values import number, whole
 
 log = logging.getLogger(__name__)
 
+_STIFFNESS, _MASS, _INITIAL_STRESS = "the stiffness", "the mass", "the initial stress"
 _TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
 # Eigenvalues that have to converge beyond those asked for: further copies of a multiple one come
@@ -125,7 +126,8 @@ def vibration_modes(
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
-    _check({"the stiffness": K, "the mass": M}, reduction, count, symmetrised, solver)
+    _check(K, (_MASS, M), reduction, count, symmetrised, solver)
+    refuse_negative(_MASS, M)
     if shift is not None:
         shift = number("shift", shift)
     A, B = reduction.matrix(M), reduction.matrix(K)
@@ -190,9 +192,8 @@ def buckling(
         SingularSystem: if the supports leave the body a rigid motion.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
-    _check(
-        {"the stiffness": K, "the initial stress": K_sigma}, reduction, count, symmetrised, solver
-    )
+    _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
+    check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
     A, B = reduction.matrix(K_sigma), reduction.matrix(K)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
@@ -219,17 +220,18 @@ def buckling(
 
 
 def _check(
-    matrices: dict[str, PETSc.Mat],
+    K: PETSc.Mat,
+    other: tuple[str, PETSc.Mat],
     reduction: Reduction,
     count: int,
     symmetrised: bool,
     solver: LinearSolver | None,
 ) -> None:
-    Problem(matrices, reductions=(reduction,), solver=solver)
+    Problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
     with collective(processes(reduction)):
         whole("count", count, 1)
         flag("symmetrised", symmetrised)
-    refuse_negative({name: M for name, M in matrices.items() if name != "the initial stress"})
+    refuse_negative(_STIFFNESS, K)
 
 
 def _largest(

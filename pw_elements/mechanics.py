@@ -68,10 +68,9 @@ class Material:
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
             _set(self, name, _positive(name, getattr(self, name)))
-        nu = arguments.coefficient("poissons_ratio", self.poissons_ratio)
-        arguments.require(
+        nu = arguments.coefficient(
             "poissons_ratio",
-            nu,
+            self.poissons_ratio,
             lambda values: (values > -1) & (values <= 0.5),
             "has to lie between -1 and 0.5",
         )
@@ -135,16 +134,17 @@ class Body:
             if radius < -_ROUND_OFF * size:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         if self.state is not StressState.PLANE_STRESS:
-            arguments.require(
+            arguments.coefficient(
                 "poissons_ratio",
                 self.material.poissons_ratio,
                 lambda values: values < 0.5,
                 "in plane stress only may it be 0.5",
+                mesh.comm,
             )
-        _set(self, "thickness", _positive("thickness", self.thickness))
-        degree = self.quadrature_degree
-        if degree is not None:
-            _set(self, "quadrature_degree", whole("quadrature_degree", degree, 0))
+        _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
+        if self.quadrature_degree is not None:
+            with collective(mesh.comm):
+                whole("quadrature_degree", self.quadrature_degree, 0)
         plain = {name: value for name, value in vars(self).items() if name != "spaces"}
         agree(mesh.comm, plain)
 
@@ -424,11 +424,8 @@ def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[n
     return nodes
 
 
-def _positive(name: str, value: Scalar) -> Scalar:
-    """A number as a float, or an expression, above zero as far as its values are known."""
-    value = arguments.coefficient(name, value)
-    arguments.require(name, value, lambda values: values > 0, "has to be positive")
-    return value
+def _positive(name: str, value: Scalar, comm: MPI.Comm = MPI.COMM_SELF) -> Scalar:
+    return arguments.coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
 
 
 def _set(instance: object, name: str, value: object) -> None:

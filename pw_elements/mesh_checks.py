@@ -6,11 +6,13 @@ cells, parts that overlap, and hanging nodes. Coinciding facets that face each o
 or two bodies that touch: both are legitimate, so that they are logged only, by the logger
 `pw_elements`, a crack as a warning.
 
-Inside, the outward area vectors of both cells of a facet cancel; then the volumes of the cells
-add up to the boundary's integral of x·n / dim, and a mesh of the right volume is left. What
-cannot be told: an overlap that covers no centre of a cell at the boundary (bodies in contact
+The outward area vectors of both cells of an inner facet have to cancel; the cells' volumes then
+add up to the boundary's integral of x·n / dim, which need not be computed.
+
+What cannot be told: an overlap that covers no centre of a cell at the boundary (bodies in contact
 whose round sides are made of straight ones overlap a little), bodies meant to be joined that
-merely touch, a crack that was not meant, and whether cells follow the shape that was meant.
+merely touch, a crack that was not meant, hanging nodes on curved facets, and whether cells follow
+the shape that was meant.
 """
 
 import logging
@@ -40,8 +42,10 @@ _FLAT = 1e-10
 _CANCELS = 1e-6
 # Distance of places that are the same, over the size of a facet
 _SAME = 1e-6
-# A direction of which no mesh is likely to have a facet
-_GENERIC = np.linalg.qr(np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1))[0]
+# Cells whose Jacobians are in memory at the same time
+_AT_ONCE = 20_000
+# Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
+_TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
 logger = logging.getLogger("pw_elements")
 _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
@@ -109,24 +113,28 @@ class _Cells:
 
     def check(self) -> None:
         """Raises DegenerateMesh for flat, inverted, folded and duplicate cells."""
-        kind, dim = self.element.cell_type, self.dim
+        kind, dim, cells = self.element.cell_type, self.dim, len(self.middle)
         corners = basix.geometry(kind)
         sides = np.array([corners[c].mean(axis=0) for c in basix.topology(kind)[dim - 1]])
         straight = self.element.degree == 1 and len(corners) == dim + 1
         inner = np.vstack([self.element.points, basix.make_quadrature(kind, 4)[0]])
-        points = sides[:1] if straight else np.vstack([sides, corners, inner])
+        points = sides[:1] if straight else np.vstack([sides, inner])
         slopes = self.element.tabulate(1, points)[1:, :, :, 0]
-        jacobian = np.einsum("jpn,inc->ijpc", slopes, self._x, optimize=True)
-        cofactor = _cofactors(jacobian)
-        determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
-        size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
-        flat = np.abs(determinant).min(axis=0) <= _FLAT * size**dim
+        at_sides = np.empty((dim, dim, 1 if straight else len(sides), cells))
+        flat, turned = np.zeros((2, cells), dtype=bool)
+        for first in range(0, cells, _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            jacobian = np.einsum("jpn,inc->ijpc", slopes, self._x[:, :, some], optimize=True)
+            cofactor = _cofactors(jacobian)
+            determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
+            size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
+            flat[some] = np.abs(determinant).min(axis=0) <= _FLAT * size**dim
+            turned[some] = determinant.min(axis=0) * determinant.max(axis=0) < 0
+            at_sides[..., some] = cofactor[:, :, : at_sides.shape[2]] * np.sign(determinant[0])
         self._refuse(flat, "have no volume")
-        turned = determinant.min(axis=0) * determinant.max(axis=0) < 0
         self._refuse(turned, "are turned inside out in a part of them")
         if dim > 1:
-            at_sides = cofactor[:, :, : 1 if straight else len(sides)] * np.sign(determinant[0])
-            self._check_facets(np.broadcast_to(at_sides, (dim, dim, len(sides), len(self.middle))))
+            self._check_facets(np.broadcast_to(at_sides, (dim, dim, len(sides), cells)))
 
     def _check_facets(self, cofactor: Array) -> None:
         """Looks for folds and more than two cells at a facet, cells of other processes too."""
@@ -238,10 +246,8 @@ class _Surface:
                 at[v].add(f)
         torn = []
         for f in suspects:
-            on, own = (
-                set(vertex[near[inside & (facet == f)]].tolist()),
-                set(self.vertex[f].tolist()),
-            )
+            on = set(vertex[near[inside & (facet == f)]].tolist())
+            own = set(self.vertex[f].tolist())
             around = set().union(*(at[v] for v in on)) - {f}
             beside = [g for g in around if on.issuperset(self.vertex[g].tolist())]
             shared = set(self.vertex[beside].ravel().tolist())
@@ -276,27 +282,19 @@ class _Surface:
         A ray from each centre upwards leaves the body once oftener than it enters it.
         """
         cells, mesh = self._cells, self._cells.mesh
-        turn = np.linalg.qr(_GENERIC[: cells.dim, : cells.dim])[0]
+        turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
         centre = cells.middle[np.unique(self._cell)]
         x, corner, up = centre @ turn, self.corner @ turn, (self.area @ turn)[:, -1]
         if corner.shape[1] == 4:
             corner, up = np.concatenate([corner[:, :3], corner[:, 1:]]), np.tile(up, 2)
-        flat = corner[:, :, :-1]
-        middle = flat.mean(axis=1)
-        facet, point = (
-            _near(
-                cKDTree(x[:, :-1]),
-                middle,
-                np.linalg.norm(flat - middle[:, None], axis=2).max(axis=1),
-            )
-            if len(x)
-            else (np.empty(0, int), np.empty(0, int))
-        )
-        spans = np.linalg.inv(np.swapaxes(flat[:, 1:] - flat[:, :1], 1, 2))
-        share = np.einsum("nij,nj->ni", spans[facet], x[point, :-1] - flat[facet, 0])
-        height = corner[facet, 0, -1] + np.einsum(
-            "ni,ni->n", share, (corner[:, 1:, -1] - corner[:, :1, -1])[facet]
-        )
+        shadow, under = corner[:, :, :-1], x[:, :-1]  # seen along the ray
+        middle = shadow.mean(axis=1)
+        radius = np.linalg.norm(shadow - middle[:, None], axis=2).max(axis=1)
+        facet, point = _near(cKDTree(under), middle, radius)
+        spans = np.linalg.inv(np.swapaxes(shadow[:, 1:] - shadow[:, :1], 1, 2))
+        share = np.einsum("nij,nj->ni", spans[facet], under[point] - shadow[facet, 0])
+        rise = (corner[:, 1:, -1] - corner[:, :1, -1])[facet]
+        height = corner[facet, 0, -1] + np.sum(share * rise, axis=1)
         hit = (share >= 0).all(axis=1) & (share.sum(axis=1) < 1) & (height > x[point, -1])
         times = np.bincount(point[hit], np.sign(up[facet[hit]]), len(x))
         suspects = self._gathered(centre[times > 1.5])

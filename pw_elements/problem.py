@@ -73,7 +73,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         everything = [*self._vectors.values(), *self.matrices.values()]
-        with collective(arguments.processes(self.space, *self.reductions, *everything)):
+        with collective(arguments.processes(*everything, *self.reductions, self.space)):
             self._check_types()
             self._check_sizes()
             self._check_meshes()
@@ -144,18 +144,23 @@ def check_load(name: str, load: PETSc.Vec, stiffness: str, K: PETSc.Mat) -> None
     """Raises unless a load is a vector (n,) made with the weight functions of K (n, n); local."""
     arguments.petsc_vector(name, load)
     arguments.same_sizes(name, load.getSizes(), stiffness, K.getSizes()[0])
-    matrix, vector = K.getAttr("form"), load.getAttr("form")
-    if matrix is None or vector is None:
+    check_weights(name, load, stiffness, K)
+
+
+def check_weights(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PETSc.Mat) -> None:
+    """Raises ValueError unless a load or matrix has the mesh and weight functions of K; local."""
+    own, other = K.getAttr("form"), thing.getAttr("form")
+    if own is None or other is None:
         return
-    (test, trial), (other,) = matrix.function_spaces, vector.function_spaces
-    if other.mesh is not test.mesh:
+    (test, trial), theirs = own.function_spaces, other.function_spaces[0]
+    if theirs.mesh is not test.mesh:
         raise ValueError(f"{name} belongs to another mesh than {stiffness}")
-    if other.element != test.element:
+    if theirs.element != test.element:
         standard = test.element == trial.element
         raise ValueError(
             f"{name} was made with other weight functions than {stiffness}: nodal forces differ by "
             "some per cent; take the test space of "
-            + ("Spaces.galerkin" if standard else "one Spaces.petrov_galerkin")
+            + ("Spaces.galerkin" if standard else "Spaces.petrov_galerkin")
             + " in both"
         )
 
@@ -193,12 +198,11 @@ def is_finite(vector: PETSc.Vec) -> bool:
     return bool(vector.comm.tompi4py().allreduce(own, MPI.LAND))
 
 
-def refuse_negative(matrices: Mapping[str, PETSc.Mat]) -> None:
-    """Raises ValueError where the sum of a matrix's diagonal, that of its eigenvalues, is < 0."""
-    for name, matrix in matrices.items():
-        trace = matrix.getDiagonal().sum()
-        if trace < 0:
-            raise ValueError(
-                f"the diagonal of {name} adds up to {trace:.3g}: a body's is positive; look at the "
-                "sign of its form and its material"
-            )
+def refuse_negative(name: str, matrix: PETSc.Mat) -> None:
+    """Raises ValueError if the sum of a matrix's diagonal, that of its eigenvalues, is negative."""
+    trace = matrix.getDiagonal().sum()
+    if trace < 0:
+        raise ValueError(
+            f"the diagonal of {name} adds up to {trace:.3g}: a body's is positive; look at the "
+            "sign of its form and its material"
+        )

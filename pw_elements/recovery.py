@@ -113,8 +113,8 @@ def forces_along(
     with collective(comm):
         if not (is_number(axis) and axis in range(3)):
             raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
-        arguments.petsc_vector("the forces", forces)
-        arguments.same_sizes("the forces", forces.getSizes(), "the space", space)
+        arguments.petsc_vector("the vector of forces", forces)
+        arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
         nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
     agree(comm, {"axis": axis})
     nodes = nodes[nodes < index_map.size_local]

@@ -1,6 +1,7 @@
 """What a caller states of a contact computation, checked on all processes at once."""
 
 from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from petsc4py import PETSc
@@ -166,6 +167,24 @@ def checked_increments(
             raise ValueError(f"the load of increment {k} is not finite")
     steps = map(list, zip(*motions, strict=True))
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
+
+
+def check_state(state: ContactState, own: ContactState, space: fem.FunctionSpace) -> None:
+    """Raises unless a state is one of a problem's contact nodes."""
+    with collective(space.mesh.comm):
+        _each([state], ContactState, "the state")
+        check_belongs(state, own, "the state")
+
+
+def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
+    """A file's path.
+
+    Raises:
+        TypeError: for what is none.
+    """
+    with collective(space.mesh.comm):
+        arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    return Path(path)
 
 
 def check_belongs(state: ContactState, own: ContactState, what: str) -> None:

@@ -31,7 +31,9 @@ from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
     check_belongs,
+    check_state,
     checked_increments,
+    checked_path,
     checked_problem,
     checked_remedies,
     checked_step,
@@ -219,18 +221,22 @@ class ContactProblem:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
 
         Raises:
+            TypeError: for what is no state or path.
+            ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        write_state(Path(path), state, self._space)
+        check_state(state, self.undeformed, self._space)
+        write_state(checked_path(path, self._space), state, self._space)
 
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
 
         Raises:
+            TypeError: for what is no path.
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """
-        state = read_state(Path(path), self._space)
+        state = read_state(checked_path(path, self._space), self._space)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 

@@ -60,7 +60,10 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
         arrays["state"] = np.array(json.dumps(numbers))
     with collective(comm):
         if arrays:
-            _write(path, arrays)
+            try:
+                _write(path, arrays)
+            except OSError as failed:
+                raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
 
 
 def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
@@ -72,7 +75,10 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     """
     comm = space.mesh.comm
     with collective(comm):
-        data = path.read_bytes() if comm.rank == 0 else b""
+        try:
+            data = path.read_bytes() if comm.rank == 0 else b""
+        except OSError as failed:
+            raise type(failed)(f"the state cannot be read from {path}: {failed}") from failed
     data = comm.bcast(data)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
