@@ -315,7 +315,7 @@ def test_free_motion_in_axisymmetry_is_along_the_axis():
 def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
     greco = Greco(16)
     with pytest.raises(NotFound, match="came nearest violates the law by") as caught:
-        greco.solve(1.0, max_iterations=3)
+        greco.solve(1.0, max_iterations=3, remedies=())
     state = caught.value.state
     assert not state.converged
     assert state.iterations == 3
@@ -335,7 +335,7 @@ def test_old_name_of_not_found_still_catches_it():
     with pytest.warns(DeprecationWarning, match="ContactNotConverged is now called NotFound"):
         from pw_elements.contact import ContactNotConverged
     with pytest.raises(ContactNotConverged):
-        Greco(16).solve(1.0, max_iterations=3)
+        Greco(16).solve(1.0, max_iterations=3, remedies=())
 
 
 # -- another program, other forces ---------------------------------------------------------------
