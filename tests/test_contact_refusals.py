@@ -39,7 +39,7 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.contact.equilibrium import Points, escape, proves
+from pw_elements.contact.equilibrium import Points, escape, proof
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, at
 from tests.contact_proofs import flaws, sound
@@ -98,12 +98,10 @@ def assert_proof(stated, increment, error):
 
 @pytest.mark.parametrize("mu", [0.1, 0.5, 1.5])
 def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
-    """Gravity (s, -c) per weight on a level plane; what is missing follows from s - mu c."""
+    """Weight (s, -c) at the middle of its base; what is missing follows from s - mu c."""
     body, floor = block(), ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)
     for share, slides in ((0.99, False), (1.01, True), (1.001, True)):
         s, c = share * mu / np.hypot(1, mu * share), 1 / np.hypot(1, mu * share)
-        if mu > 1:  # it would topple first
-            c, s = 10 * c, 10 * s
         load = nodal_load(body.space, lambda x: np.isclose(x[0], 1) & np.isclose(x[1], 0), (s, -c))
         if not slides:
             assert body.solve(floor, load).residuals.largest() < 1e-10
@@ -376,7 +374,7 @@ def balanced(n, mu, modes, power, directions):
     return found.status == 0
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(120))
 def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed):
     """Coulomb's cones in the plane are two edges; in space between two polygons."""
     rng = np.random.default_rng((7, seed))
@@ -386,8 +384,8 @@ def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed)
     if rng.random() < 0.6:  # loads that near admissible forces balance
         forces = n + 0.5 * mu[:, None] * rng.normal(size=n.shape)
         power = -np.einsum("nak,na->k", modes, forces) + 0.3 * rng.normal() * power
-    velocity, missing = escape(points, power)
-    proved = proves(points, velocity, power, np.abs(power))
+    found = proof(points, power, np.abs(power))
+    proved = found is not None
     if dim == 2:
         assert proved is not balanced(n, mu, modes, power, np.array([[1.0], [-1.0]]))
     else:
@@ -397,7 +395,8 @@ def test_proof_is_found_where_no_forces_balance_the_loads_and_nowhere_else(seed)
             assert not proved
         if not balanced(n, mu, modes, power, circle / np.cos(np.pi / 64)):
             assert proved
-    if proved:  # the least that is missing suffices
+    if found is not None:  # the least that is missing suffices
+        velocity, missing = found
         more = 1e-5 * np.abs(power).max()
         assert -missing @ velocity == pytest.approx(power @ velocity, abs=more)
         again = power + missing

@@ -6,12 +6,12 @@ be the velocity of a contact point relative to what it faces, v_n and v_t its pa
     v_n >= mu |v_t|    at every point that a surface faces, and    the loads do work,
 
 then no force that the law admits (r_n >= 0, |r_t| <= mu r_n) takes any of that work away, and
-there is no equilibrium: the body is lifted, overturned or dragged off. (Who slides rises by mu
-times as much in such a motion.) By Farkas' lemma there is one whenever statics rule an equilibrium
-out. A linear program looks for it: most work in motions whose components are one at most; in space
-the cones are met by cuts where they are overstepped. Its multipliers are the least loads, in the
-sum of their components, with which there would be balance. What it finds counts for no more than
-plain arithmetic then makes of it.
+there is no equilibrium: the body is lifted, overturned or dragged off. (What slides along x in such
+a motion rises as well, by mu times as much.) By Farkas' lemma there is one whenever statics rule an
+equilibrium out. A linear program looks for it: most work in motions whose components are one at
+most; in space a cut is added wherever a cone is overstepped. Its multipliers give the least loads,
+in the sum of their components, that would have to be added for a balance. Nothing is claimed that
+plain arithmetic does not confirm afterwards.
 
 It is a proof for given normals. Nothing is claimed of what touches a curved surface whose
 translation is free, for its normals turn with that. On curved cells piecewise-linear weights do
@@ -106,7 +106,7 @@ class Points:
 
 def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
     """What `escape` finds, if it `proves` that there is no equilibrium."""
-    for price in (_PRICE, 0.0):  # which is more than the work next to the limit
+    for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
         velocity, least = escape(points, power, price)
         if proves(points, velocity, power, size):
             return velocity, least

@@ -73,7 +73,7 @@ class FreeBody(ContactFailed, SingularSystem):
 
 
 class NoEquilibrium(FreeBody):
-    """No contact forces that the law admits balance the loads: it is proved, by statics alone.
+    """No contact forces that the law admits balance the loads: statics prove it.
 
     Attributes:
         velocity: `RigidVelocity` that no such force can brake, while the loads do work on it.
@@ -85,7 +85,7 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """A solution is met at which the tangent is singular: it is one of many, or none is stable."""
+    """The tangent is singular at a solution, though no rigid motion is free: there are more."""
 
 
 class NotFound(ContactFailed):

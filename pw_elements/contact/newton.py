@@ -25,9 +25,9 @@ TOLERANCE = 1e-9
 # What of the violation may be round-off: over stiffness x displacement, and over stiffness x
 # coordinate, for a gap is a difference of coordinates
 _LOST = 1e-13
-# Change of the friction beside a singular tangent, and what may then change by it
-_BESIDE, _NEAR = 1e-6, 1e-3
 ROUND_OFF = 4 * float(np.finfo(float).eps)
+# Relative change of friction beside a singular tangent, and of a solution that goes on there
+_BESIDE, _NEAR = 1e-6, 1e-3
 
 
 @dataclass(frozen=True)
@@ -156,10 +156,7 @@ class Increment:
         With a little more or less friction it is regular. If the equations of the set have
         solutions, they have about the same one then; else one runs away, to either side.
         """
-        where = f"{error}: no rigid motion is free, so the friction of the " + counted(
-            active, self.system.comm
-        )
-        beside = []
+        where, beside = counted(active, self.system.comm), []
         for share in (1 - _BESIDE, 1 + _BESIDE):
             try:
                 beside.append(self._solved(active, place, share * self.interface.friction))
@@ -170,8 +167,14 @@ class Increment:
             apart, wrong = (less.full - more.full).norm(), self.violation(less) * TOLERANCE
             if apart <= _NEAR * less.full.norm() and wrong <= _NEAR:
                 self.nearest = less, self.violation(less)
-                return NotUnique(f"{where} is too large for a unique answer")
-        return NotFound(f"{where} is too large there for any answer")
+                return NotUnique(
+                    f"{error}: no rigid motion is free, so the friction of the {where} is too "
+                    "large for a unique answer"
+                )
+        return NotFound(
+            f"{error}, though no rigid motion is free: with the friction of the {where} the "
+            "equations have no solution"
+        )
 
     def seen(self, reduced: PETSc.Vec, translations: Array, place: Kinematics) -> Iterate:
         """Gaps, slips and forces at the contact points."""
