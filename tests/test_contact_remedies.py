@@ -24,6 +24,7 @@ from pw_elements.contact import (
     NotFound,
     Parabola,
     Plane,
+    remedies,
     solve_contact,
 )
 from pw_elements.contact.complementarity import lemke, sprung
@@ -212,6 +213,19 @@ def test_cycling_and_crawling_problems_are_solved_without_active_sets(seed):
         stated.solve(remedies=())
     states = stated.solve(remedies=("condensed",))
     assert worst(residuals(stated, [Step.of(state) for state in states])) < 1e-8
+
+
+def test_too_many_contact_points_are_left_alone(monkeypatch, caplog):
+    monkeypatch.setattr(remedies, "_MOST", 10)
+    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound):
+        problem(158).solve(remedies=("condensed",))
+    assert "too many contact points" in caplog.text
+
+
+def test_remedies_say_what_they_do(caplog):
+    with caplog.at_level("INFO", "pw_elements.contact"):
+        problem(158).solve()
+    assert "solved without active sets, from springs of 1e-03" in caplog.text
 
 
 @pytest.mark.parametrize("mu", [10.0, 30.0])

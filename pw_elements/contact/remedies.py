@@ -66,13 +66,14 @@ def without_active_sets(
     Raises:
         NotUnique: if the tangent is singular at all solutions met.
     """
+    comm = increment.interface.comm
     if not _tractable(increment.interface):
+        _log(comm, "too many contact points to do without active sets")
         return None
     try:
         condensation = condensed()
     except SingularSystem:
         return None
-    comm = increment.interface.comm
     near: Array | None = None
     solution: Iterate | None
     one_of_many: NotUnique | None = None
