@@ -79,7 +79,8 @@ SAID = {
     "state of a step": "the state belongs to other contact nodes than this problem's",
     "state of a step differs": f"the state: {DIFFERS}",
     "state of a step with NaN": "the state has forces or displacements that are not finite",
-    "file": r"\[Errno 2\] No such file or directory: '/nowhere/.*'",
+    "file": r"the state cannot be written to /nowhere/.*: \[Errno 2\] No such file or directory: "
+    "'/nowhere/.*'",
 }
 
 

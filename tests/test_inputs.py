@@ -257,7 +257,7 @@ OF_ANOTHER_KIND = {
     "translation for motions": (lambda: steps(motions=[(0, 0.1)]), "pair 0 is of the type tuple"),
     "guess": (lambda: steps(guess=LOAD), "a state to start from is of the type"),
     "condition": (lambda: Reduction.dirichlet(U, [None]), "a condition is None"),
-    "no list": (lambda: Reduction.dirichlet(U, 1.0), "the conditions is 1.0"),
+    "no list": (lambda: Reduction.dirichlet(U, 1.0), "the list of conditions is 1.0"),
 }
 
 
