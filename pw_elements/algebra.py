@@ -27,6 +27,7 @@ from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
+from pw_elements.quadrature import with_cell_rules
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -43,7 +44,7 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
         ValueError: if it is not bilinear.
     """
     _check_rank(form, 2, "a matrix")
-    compiled = fem.form(form)
+    compiled = fem.form(with_cell_rules(form))
     matrix = _assemble_matrix(compiled)
     matrix.assemble()
     matrix.setAttr("form", compiled)
@@ -57,7 +58,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
         ValueError: if it is not linear.
     """
     _check_rank(form, 1, "a vector")
-    compiled = fem.form(form)
+    compiled = fem.form(with_cell_rules(form))
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
     vector.setAttr("form", compiled)

@@ -15,6 +15,7 @@ from dolfinx.mesh import Mesh
 from pw_elements.elements import (
     composite_element,
     macro_element,
+    one_cut_element,
     quadratic_element,
     serendipity_element,
 )
@@ -48,6 +49,12 @@ class Spaces:
         """
         trial = _lagrange(mesh, components)
         return cls(trial, test_space(trial))
+
+    @classmethod
+    def one_cut(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
+        """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`."""
+        trial = _lagrange(mesh, components)
+        return cls(trial, fem.functionspace(mesh, one_cut_element(_shape(mesh, components))))
 
     @classmethod
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
