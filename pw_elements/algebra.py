@@ -38,10 +38,11 @@ _ROUND_OFF = 1e-13
 def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
-    The form (and by it mesh and spaces) lives as long as the matrix.
+    Integrals over tetrahedra with piecewise-linear functions get the rule these need. The form
+    (and by it mesh and spaces) lives as long as the matrix.
 
     Raises:
-        ValueError: if it is not bilinear.
+        ValueError: if it is not bilinear, or a measure names a rule that is wrong for it.
     """
     _check_rank(form, 2, "a matrix")
     compiled = fem.form(with_cell_rules(form))
@@ -54,8 +55,10 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Vector of a linear form, contributions of all processes added.
 
+    Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+
     Raises:
-        ValueError: if it is not linear.
+        ValueError: if it is not linear, or a measure names a rule that is wrong for it.
     """
     _check_rank(form, 1, "a vector")
     compiled = fem.form(with_cell_rules(form))

@@ -340,7 +340,8 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Diagonal matrix (n, n) of the row sums of a mass matrix.
 
     They are integrals of density times test function: positive with piecewise-linear weights
-    (A/12 and A/4 on a 6-node triangle), zero at the vertices of the standard triangle.
+    (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
+    vertices of the standard triangle.
 
     In explicit dynamics combine it with the symmetric part of the stiffness or with the standard
     one: with the unsymmetric stiffness the upper spectrum is complex, and undamped vibrations

@@ -39,18 +39,26 @@ def with_cell_rules(form: ufl.Form) -> ufl.Form:
     Raises:
         ValueError: for a measure that names a rule of the whole cell.
     """
-    return ufl.Form([_with_cell_rule(integral) for integral in form.integrals()])
+    integrals = form.integrals()
+    lacking = [_lacks_rule(integral) for integral in integrals]
+    if not any(lacking):
+        return form
+    return ufl.Form(
+        [_with_rule(i) if lacks else i for i, lacks in zip(integrals, lacking, strict=True)]
+    )
 
 
-def _with_cell_rule(integral: ufl.Integral) -> ufl.Integral:
+def _lacks_rule(integral: ufl.Integral) -> bool:
+    return (
+        integral.integral_type() == "cell"
+        and integral.metadata().get("quadrature_rule") != "custom"
+        and any(map(_is_halved_tetrahedron, extract_elements(integral)))
+    )
+
+
+def _with_rule(integral: ufl.Integral) -> ufl.Integral:
     metadata = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
-    if (
-        integral.integral_type() != "cell"
-        or rule == "custom"
-        or not any(map(_is_halved_tetrahedron, extract_elements(integral)))
-    ):
-        return integral
     if rule != "default":
         raise ValueError(
             f"the measure's quadrature_rule {rule!r} is one of the whole tetrahedron, but weights "

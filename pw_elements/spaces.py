@@ -84,7 +84,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Piecewise-linear test functions for a user's own quadratic Lagrange space.
 
     Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
-    assembled row i then belongs to the node of column i.
+    assembled row i then belongs to the node of column i. On tetrahedra see `macro_element`.
 
     Raises:
         ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.

@@ -24,10 +24,6 @@ _CELL = CellType.tetrahedron
 _ON_SIDE = 1e-10
 
 
-class PointsError(ValueError):
-    """Points at which weights on tetrahedra would be integrated wrongly."""
-
-
 def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     """Quadrature points (12 n, 3) and weights (12 n,) of the reference tetrahedron.
 
@@ -50,8 +46,7 @@ class TwelveCellElement(basix.ufl._BasixElement):
     """The one-cut element, tabulated as the mean of the three cuts; FFCx tabulates through it.
 
     FFCx by itself would integrate over the eight cells of one cut, which is wrong here: points
-    of such rules are refused. DOLFINx's C++ knows the one-cut element only: `Function.eval` and
-    interpolation into other spaces take it in the octahedron (nodes and faces are the same).
+    of such rules are refused.
     """
 
     def __repr__(self) -> str:
@@ -69,7 +64,7 @@ class TwelveCellElement(basix.ufl._BasixElement):
         Slopes on a side between two of the twelve cells are those of one of them.
 
         Raises:
-            PointsError: for slopes at points within the tetrahedron that are not equally many
+            ValueError: for slopes at points within the tetrahedron that are not equally many
                 in each of the twelve cells, and for values at the points of Basix's rules.
         """
         inverse, nodal = _barycentric_maps(), _corner_values()
@@ -93,11 +88,11 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
     inner = depth[:, within] > _ON_SIDE
     counts = inner.sum(axis=1)
     if np.any(counts != counts[0]) or counts.sum() != within.sum():
-        raise PointsError(
-            "weights on tetrahedra are linear on twelve cells, and these points are no rule for "
-            "them: an integral over them would be wrong. Assemble with pw_elements.assemble_matrix "
-            "or assemble_vector, or integrate over pw_elements.cell_measure(space, degree); "
-            "one_cut_element has DOLFINx's own rule"
+        raise ValueError(
+            "piecewise-linear functions on tetrahedra are linear on twelve sub-cells, and these "
+            "points are not equally many in each: an integral would be wrong. Assemble with "
+            "pw_elements.assemble_matrix or assemble_vector, or integrate over "
+            "pw_elements.cell_measure(space, degree)"
         )
 
 

@@ -25,9 +25,11 @@ from pw_elements import (
     macro_element,
     one_cut_element,
     prescribe,
+    quadratic_element,
     reactions,
     solve,
 )
+from pw_elements.meshes import curved
 from pw_elements.tetrahedron import twelve_cell_rule
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 from tests.properties import Elastic, dense
@@ -217,6 +219,24 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
     assert np.abs(dense(crude) - dense(same)).max() == 0
     exact = dense(assemble_matrix(u * v * ufl.dx))
     assert np.abs(dense(crude) - exact).max() > 1e-2 * np.abs(exact).max()
+
+
+def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
+    scalar = basix.ufl.element("Lagrange", "tetrahedron", 1)
+    weights = macro_element("tetrahedron", (3,))
+    for degree in (1, 2):
+        box = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
+        mesh = box if degree == 1 else curved(box, lambda x: x + 0.1 * x**2)
+        V = fem.functionspace(
+            mesh, basix.ufl.mixed_element([quadratic_element("tetrahedron", (3,)), scalar])
+        )
+        W = fem.functionspace(mesh, basix.ufl.mixed_element([weights, scalar]))
+        (u, p), (w, q) = ufl.TrialFunctions(V), ufl.TestFunctions(W)
+        integrand = ufl.inner(ufl.grad(u), ufl.grad(w)) - p * ufl.div(w) - q * ufl.div(u)
+        ours = assemble_matrix(integrand * ufl.dx)
+        fine = assemble_matrix(integrand * cell_measure(W, 14))
+        fine.axpy(-1.0, ours)
+        assert fine.norm() < (1e-13 if degree == 1 else 1e-3) * ours.norm()
 
 
 def test_subdomains_are_kept():

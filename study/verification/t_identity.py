@@ -198,10 +198,10 @@ def vertex_order(element: str) -> Result:
             continue
         for name, value in values.items():
             changes.setdefault(name, []).append(np.abs(value - first[name]) / sizes[name])
-    scalars = {f"{name}_change": float(np.max(moved)) for name, moved in changes.items()}
+    scalars = {f"{name}_difference": float(np.max(moved)) for name, moved in changes.items()}
     loaded = np.abs(first["contact"]).max(axis=1) > 1e-9 * sizes["contact"]
     by_node = np.max(changes["contact"], axis=2)
-    scalars["contact_change_median"] = float(np.median(by_node[:, loaded]))
+    scalars["contact_difference_median"] = float(np.median(by_node[:, loaded]))
     return Result(scalars, dimensionless(scalars), dofs=a.size)
 
 
