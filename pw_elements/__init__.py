@@ -29,6 +29,7 @@ from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, 
 from pw_elements.elements import (
     composite_element,
     macro_element,
+    one_cut_element,
     quadratic_element,
     serendipity_element,
 )
@@ -43,6 +44,7 @@ from pw_elements.mechanics import (
     prescribe,
 )
 from pw_elements.mesh_checks import DegenerateMesh
+from pw_elements.quadrature import cell_measure
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
 __all__ = [
@@ -65,10 +67,12 @@ __all__ = [
     "assemble_vector",
     "boundary_measure",
     "buckling",
+    "cell_measure",
     "composite_element",
     "lumped_mass",
     "macro_element",
     "nodal_load",
+    "one_cut_element",
     "prescribe",
     "quadratic_element",
     "reactions",

@@ -33,6 +33,7 @@ from pw_elements.mesh_checks import listed
 from pw_elements.parts import numbered
 from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
+from pw_elements.quadrature import with_cell_rules
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -45,11 +46,13 @@ _ROUND_OFF = 1e-13
 def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
-    The form (and by it mesh and spaces) lives as long as the matrix.
+    Integrals over tetrahedra with piecewise-linear functions get the rule these need. The form
+    (and by it mesh and spaces) lives as long as the matrix.
 
     Raises:
         TypeError: if it is no UFL form.
-        ValueError: if it is not bilinear, or cannot be compiled.
+        ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
+            that is wrong for it.
     """
     compiled = _compiled(form, 2, "a matrix")
     matrix = _assemble_matrix(compiled)
@@ -61,9 +64,12 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Vector of a linear form, contributions of all processes added.
 
+    Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+
     Raises:
         TypeError: if it is no UFL form.
-        ValueError: if it is not linear, or cannot be compiled.
+        ValueError: if it is not linear, cannot be compiled, or has a measure that names a rule
+            that is wrong for it.
     """
     compiled = _compiled(form, 1, "a vector")
     vector = _assemble_vector(compiled)
@@ -406,9 +412,10 @@ def _compiled(form: ufl.Form, rank: int, of: str) -> fem.Form:
     meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
     if any(mesh is not meshes[0] for mesh in meshes) or len(form.ufl_domains()) != 1:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
+    ruled = with_cell_rules(form)
     try:
         with doing(spaces[0].mesh.comm, "compiling a form"):
-            return fem.form(form)
+            return fem.form(ruled)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error
 

@@ -17,6 +17,7 @@ from basix import CellType, ElementFamily, LagrangeVariant, MapType, PolysetType
 from basix.polynomials import tabulate_polynomial_set
 
 from pw_elements.arguments import extents
+from pw_elements.tetrahedron import TwelveCellElement
 
 _SIMPLICES = ("triangle", "tetrahedron")
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -28,36 +29,38 @@ PAPER_NODES = (0, 1, 2, 5, 3, 4)
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Piecewise-linear weight functions on the cell halved once, Eq. (15) to Eq. (20).
 
+    On tetrahedra they are the mean over the three ways to cut the octahedron inside, linear on
+    twelve sub-cells, and do not depend on the order of the vertices. Integrals need a rule for
+    these: `assemble_matrix` and `assemble_vector` take it by themselves, DOLFINx's own assembly
+    does with `cell_measure` and is refused without. `Function.eval` and DOLFINx's interpolation
+    know the one-cut element only; it has the same values at nodes and on faces.
+
     Args:
         cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
             sub-cells), "tetrahedron" (10) or "hexahedron" (27). The nodes and their order
-            are those of the quadratic Lagrange element. The octahedron inside of a tetrahedron
-            is cut along one of its three diagonals: which, depends on the order of the vertices.
+            are those of the quadratic Lagrange element.
         shape: value shape, () for a scalar, (d,) for a vector field.
 
     Raises:
         ValueError: for any other cell.
     """
-    celltype, shape = _cell(cell), extents("shape", shape)
-    nodes, entities = _quadratic_nodes(celltype)
-    x, M = _point_evaluations(nodes, entities)
-    element = basix.ufl.custom_element(
-        celltype,
-        [],
-        np.eye(len(nodes)),  # the whole macro space: linear on sub-cells and continuous
-        x,
-        M,
-        0,
-        MapType.identity,
-        SobolevSpace.H1,
-        False,
-        1,
-        1,
-        polyset_type=PolysetType.macroedge,
-    )
-    if cell not in _SIMPLICES:
+    shape = extents("shape", shape)
+    element = _halved_element(_cell(cell))
+    if cell == "tetrahedron":
+        element = TwelveCellElement(element._element)
+    elif cell not in _SIMPLICES:
         element = _HalvedTensorElement(element._element)
     return _blocked(element, shape)
+
+
+def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Piecewise-linear weights on tetrahedra cut into eight, P1-iso-P2; for comparisons.
+
+    The order of a cell's vertices says along which of three diagonals the octahedron inside is
+    cut, and nodal forces move by some per cent with it. DOLFINx's own integrals of its slopes
+    are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
+    """
+    return _blocked(_halved_element(CellType.tetrahedron), extents("shape", shape))
 
 
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
@@ -171,6 +174,26 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
                 node = int(np.abs(nodes - place).sum(axis=1).argmin())
                 result[:, inside, node] = table[:, inside, corner]
         return result
+
+
+def _halved_element(cell: CellType) -> basix.ufl._BasixElement:
+    """Basix's macro polynomials of degree 1 with point evaluations at the quadratic nodes."""
+    nodes, entities = _quadratic_nodes(cell)
+    x, M = _point_evaluations(nodes, entities)
+    return basix.ufl.custom_element(
+        cell,
+        [],
+        np.eye(len(nodes)),  # the whole macro space: linear on sub-cells and continuous
+        x,
+        M,
+        0,
+        MapType.identity,
+        SobolevSpace.H1,
+        False,
+        1,
+        1,
+        polyset_type=PolysetType.macroedge,
+    )
 
 
 def _cell(name: str) -> CellType:

@@ -28,6 +28,7 @@ from pw_elements.collective import agree, collective
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.problem import Problem
+from pw_elements.quadrature import cell_measure
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number, number, vector, whole
 
@@ -172,12 +173,12 @@ class Body:
     def stiffness(self) -> ufl.Form:
         """Stiffness form, Eq. (10)."""
         u, v = self._arguments()
-        return self._integral(ufl.inner(self.stress(u), self.strain(v)), 2)
+        return self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
 
     def mass(self) -> ufl.Form:
         """Consistent mass form, Eq. (11)."""
         u, v = self._arguments()
-        return self._integral(self._value(self.material.density) * ufl.inner(u, v), 4)
+        return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
         """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
@@ -222,7 +223,7 @@ class Body:
         integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
         if form == "J":
             integrand -= 2 * ufl.inner(stress, ufl.dot(self.strain(v), self.strain(u)))
-        return self._integral(integrand, 3)
+        return self._bilinear(integrand, 3)
 
     def _arguments(self) -> tuple[Expr, Expr]:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
@@ -247,13 +248,18 @@ class Body:
             return 1.0
         return self._value(self.thickness)
 
+    def _bilinear(self, integrand: Expr, exact_degree: int) -> ufl.Form:
+        """As `_integral`; linear weights take a degree less, which pays on tetrahedra."""
+        pair = self.spaces.test is not self.spaces.trial
+        tetrahedra = self.spaces.mesh.topology.cell_name() == "tetrahedron"
+        return self._integral(integrand, exact_degree - (pair and tetrahedra))
+
     def _integral(self, integrand: Expr, exact_degree: int) -> ufl.Form:
         """Integral over the volume; `exact_degree` is the integrand's on a straight simplex."""
         degree = self.quadrature_degree
         if degree is None:
             degree = self._sufficient_degree(exact_degree)
-        measure = ufl.dx(domain=self.spaces.mesh, metadata={"quadrature_degree": degree})
-        return integrand * self._depth() * measure
+        return integrand * self._depth() * cell_measure(self.spaces.test, degree)
 
     def _sufficient_degree(self, exact_degree: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
@@ -381,7 +387,8 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Diagonal matrix (n, n) of the row sums of a mass matrix.
 
     They are integrals of density times test function: positive with piecewise-linear weights
-    (A/12 and A/4 on a 6-node triangle), zero at the vertices of the standard triangle.
+    (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
+    vertices of the standard triangle.
 
     In explicit dynamics combine it with the symmetric part of the stiffness or with the standard
     one: with the unsymmetric stiffness the upper spectrum is complex, and undamped vibrations

@@ -17,6 +17,7 @@ from pw_elements.collective import collective
 from pw_elements.elements import (
     composite_element,
     macro_element,
+    one_cut_element,
     quadratic_element,
     serendipity_element,
 )
@@ -53,6 +54,12 @@ class Spaces:
         """
         trial = _lagrange(mesh, components)
         return cls(trial, test_space(trial))
+
+    @classmethod
+    def one_cut(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
+        """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`."""
+        trial = _lagrange(mesh, components)
+        return cls(trial, fem.functionspace(mesh, one_cut_element(_shape(mesh, components))))
 
     @classmethod
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
@@ -95,7 +102,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Piecewise-linear test functions for a user's own quadratic Lagrange space.
 
     Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
-    assembled row i then belongs to the node of column i.
+    assembled row i then belongs to the node of column i. On tetrahedra see `macro_element`.
 
     Raises:
         ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.

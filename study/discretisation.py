@@ -45,6 +45,7 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     # on tetrahedra
     "galerkin-T10": Spaces.galerkin,
     "pw-T10": Spaces.petrov_galerkin,
+    "onecut-T10": Spaces.one_cut,
 }
 
 # The quadrilaterals with piecewise-linear weights have an inner node more than the standard one:

@@ -33,6 +33,7 @@ ELEMENTS = {
     "pw-Q9": Element("new Q9, condensed centre", "P", "#6A4C93"),
     "galerkin-T10": Element("standard T10", "<", "#8C3B00"),
     "pw-T10": Element("new T10", ">", "#00406B"),
+    "onecut-T10": Element("new T10, one cut", "X", "#4D8FB8"),
     "exact": Element("exact", "", "#000000"),
 }
 

@@ -15,6 +15,8 @@ from dolfinx.mesh import create_mesh
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay, cKDTree
 
+from tests.oracle.elements import ELEMENTS
+
 DIMENSION = {"interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 CELLS = tuple(DIMENSION)
 BODIES = CELLS[1:]  # cells of elastic bodies
@@ -68,7 +70,7 @@ class Grid:
         """Relative error of slopes of shape functions: vertices are rounded, heights are small."""
         return EPS * np.abs(self.x).max() / self.altitude()
 
-    def renumbered(self, seed, within_cells=True):
+    def renumbered(self, seed):
         """The same cells: vertices and cells in another order, and the vertices within cells.
 
         Within quadrilaterals and hexahedra the cube's symmetries may change it.
@@ -78,8 +80,7 @@ class Grid:
         x = np.empty_like(self.x)
         x[new] = self.x
         cells = new[self.cells[rng.permutation(len(self.cells))]]
-        if within_cells:
-            cells = np.array([c[_turned(self.cell, rng)] for c in cells])
+        cells = np.array([c[_turned(self.cell, rng)] for c in cells])
         return replace(self, x=x, cells=cells)
 
 
@@ -140,6 +141,17 @@ def same_nodes(x, y, placement=None):
     assert distance.max() <= 8 * EPS * np.abs(x).max() * x.shape[1]
     assert len(np.unique(at)) == len(x) == len(y)
     return at
+
+
+def points_within(cell, count, seed):
+    """Some `count` points of a reference cell; as many in each sub-cell of a tetrahedron."""
+    rng, corners = np.random.default_rng(seed), basix.geometry(basix.CellType[cell])
+    if cell != "tetrahedron":
+        return rng.dirichlet(np.ones(len(corners)), count) @ corners
+    nodes, parts = np.array(ELEMENTS["T10"].nodes) / 2, np.array(ELEMENTS["T10"].parts)
+    nodes = np.vstack([nodes, nodes[4:].mean(axis=0)])
+    weights = rng.dirichlet(np.ones(4), (len(parts), -(-count // len(parts))))
+    return (weights @ nodes[parts]).reshape(-1, 3)
 
 
 # -- builders ------------------------------------------------------------------------------------

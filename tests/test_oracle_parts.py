@@ -30,7 +30,6 @@ def test_shape_functions_have_basixs_order(name):
 
 @pytest.mark.parametrize("name", CELLS)
 def test_weight_functions_are_those_of_the_library(name):
-    """On tetrahedra this is how it was found along which diagonal Basix cuts the octahedron."""
     points, functions = places(name, 2)
     tabulated = macro_element(CELLS[name]).tabulate(1, points)
     np.testing.assert_allclose(functions.weights, tabulated[0], atol=1e-14)

@@ -2,11 +2,9 @@
 
 import functools
 
-import basix
 import numpy as np
 import pytest
 import ufl
-from basix import CellType
 from dolfinx import fem
 from dolfinx.fem.petsc import interpolation_matrix
 from dolfinx.mesh import exterior_facet_indices
@@ -35,6 +33,7 @@ from tests.random_meshes import (
     SIMPLICES,
     Placement,
     grids,
+    points_within,
     skew,
 )
 
@@ -59,8 +58,7 @@ def bodies(draw, cells=BODIES, methods=tuple(METHODS)):
 
 @given(st.sampled_from(CELLS), SEEDS)
 def test_weights_sum_to_one_and_reproduce_linear_functions(cell, seed):
-    element, corners = weights_of(cell), basix.geometry(CellType[cell])
-    points = np.random.default_rng(seed).dirichlet(np.ones(len(corners)), 20) @ corners
+    element, points = weights_of(cell), points_within(cell, 20, seed)
     nodes = element._element.points
     values, *slopes = element.tabulate(1, points)
     # sums of at most 27 numbers of size one; each is made from 27 others

@@ -37,6 +37,7 @@ QUICK = [
     "P/block-native",
     "P/two-triangles",
     "T/composite-mass",
+    "T/order-pw-T10",
     "T/point-load",
     "T/statics-2d",
     "T/statics-3d",

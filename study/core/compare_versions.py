@@ -44,8 +44,7 @@ KINDS: tuple[Kind, ...] = (
         r"^C/.*-(curved-ring|ball)\b",
         "value",
         2e-4,
-        "versions of Gmsh move some nodes, and number the vertices of some tetrahedra otherwise, "
-        "which cuts these into other sub-tetrahedra",
+        "versions of Gmsh move some nodes",
     ),
     Kind(
         "residuals and identities",

@@ -134,7 +134,7 @@ NEARLY_INCOMPRESSIBLE = {
     "incompressible-axisymmetric": replace(AXISYMMETRIC, elements=TRIANGLES),
     "incompressible-ring": PLANE_STRAIN_RING,
     "incompressible-curved-ring": PLANE_STRAIN_CURVED_RING,
-    "incompressible-solid": SOLID,
+    "incompressible-solid": replace(SOLID, elements=(*TETRAHEDRA, "onecut-T10")),
 }
 SETTINGS |= {
     name: replace(setting, poissons_ratio=0.4999) for name, setting in NEARLY_INCOMPRESSIBLE.items()

@@ -31,10 +31,12 @@ from pw_elements import (
     solve,
 )
 from pw_elements._compat import cell_nodes
+from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.meshes import curved, mapped, triangles
 from pw_elements.recovery import force_transfer
 from study.core.cases import Case
 from study.core.store import Result
+from study.discretisation import spaces
 from study.units import dimensionless
 
 TITLE = "What the element is: the identity K_PW = T K_Galerkin"
@@ -43,6 +45,7 @@ Array = npt.NDArray[np.float64]
 
 YOUNGS_MODULUS, POISSONS_RATIO = 1.0, 0.3
 DIVISIONS = (6, 6)
+ORDERS = 2
 CONSTANT_STRESS = ((-1.0, 0.4), (0.4, -0.3))
 
 
@@ -168,32 +171,73 @@ def statics_2d() -> Result:
 
 
 def statics_3d() -> Result:
-    """Displacements of both elements on a clamped cube of tetrahedra.
-
-    Four of the eight sub-tetrahedra share one of three diagonals of an octahedron. Which one is a
-    matter of the vertices' order: `numbering_difference` compares an element with itself, its
-    cells' vertices in another order.
-    """
-    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (3, 3, 3), CellType.tetrahedron)
-    cells = cell_nodes(mesh)[:, [1, 2, 0, 3]].astype(np.int64)
-    geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
-    turned = create_mesh(MPI.COMM_SELF, cells=cells, x=mesh.geometry.x, e=geometry)
+    """Displacements of both elements on a clamped cube of tetrahedra."""
+    mesh = _tetrahedra((3, 3, 3))
     a, _ = _clamped(Spaces.galerkin(mesh), StressState.SOLID)
     a_pw, _ = _clamped(Spaces.petrov_galerkin(mesh), StressState.SOLID)
     scalars = {"displacement_difference": _relative(a_pw, a)}
-    for element, spaces in (("standard", Spaces.galerkin), ("new", Spaces.petrov_galerkin)):
-        ours, other = (_by_place(spaces(m)) for m in (mesh, turned))
-        scalars[f"numbering_difference_{element}"] = float(
-            np.linalg.norm(ours - other) / np.linalg.norm(ours)
-        )
     return Result(scalars, dimensionless(scalars), dofs=a.getSize())
 
 
-def _by_place(spaces: Spaces) -> Array:
-    """Displacements (n, 3) of the clamped cube, its nodes sorted by their coordinates."""
-    a, _ = _clamped(spaces, StressState.SOLID)
-    places = spaces.trial.tabulate_dof_coordinates().round(9)
-    return np.asarray(a.array_r.reshape(-1, 3)[np.lexsort(places.T)])
+def vertex_order(element: str) -> Result:
+    """How far nodal values move with the order of the vertices within tetrahedra.
+
+    Over `ORDERS` random orders: the largest change of a displacement and a reaction of the clamped
+    cube, and of a nodal force below a rough sphere, each over the largest one of its kind; of the
+    latter also the median over the nodes that carry one.
+    """
+    changes: dict[str, list[Array]] = {}
+    sizes: dict[str, float] = {}
+    for order in range(ORDERS + 1):
+        cube = spaces(element, _tetrahedra((3, 3, 3), order))
+        a, r = (_by_place(cube, values) for values in _clamped(cube, StressState.SOLID))
+        force = _below_sphere(spaces(element, _tetrahedra((4, 4, 2), order)))
+        values = {"displacement": a, "reaction": r, "contact": force}
+        if order == 0:
+            first, sizes = values, {name: np.abs(v).max() for name, v in values.items()}
+            continue
+        for name, value in values.items():
+            changes.setdefault(name, []).append(np.abs(value - first[name]) / sizes[name])
+    scalars = {f"{name}_difference": float(np.max(moved)) for name, moved in changes.items()}
+    loaded = np.abs(first["contact"]).max(axis=1) > 1e-9 * sizes["contact"]
+    by_node = np.max(changes["contact"], axis=2)
+    scalars["contact_difference_median"] = float(np.median(by_node[:, loaded]))
+    return Result(scalars, dimensionless(scalars), dofs=a.size)
+
+
+def _tetrahedra(divisions: tuple[int, int, int], order: int = 0) -> Mesh:
+    """A unit cube; vertices in the order of their places within cells, or in a random one."""
+    box = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], divisions, CellType.tetrahedron)
+    x = box.geometry.x.round(12)
+    by_place = np.lexsort(x.T)
+    number = np.empty_like(by_place)
+    number[by_place] = np.arange(len(x))
+    cells = np.sort(number[cell_nodes(box)], axis=1)
+    cells = cells[np.lexsort(cells.T)]  # versions of DOLFINx number them differently
+    if order > 0:
+        cells = np.random.default_rng(order).permuted(cells, axis=1)
+    geometry = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
+    return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x[by_place], e=geometry)
+
+
+def _by_place(cube: Spaces, values: PETSc.Vec) -> Array:
+    """Nodal values (n, 3), nodes sorted by their coordinates."""
+    places = cube.trial.tabulate_dof_coordinates().round(9)
+    return np.asarray(values.array_r.reshape(-1, 3)[np.lexsort(places.T)])
+
+
+def _below_sphere(block: Spaces) -> Array:
+    """Nodal forces (m, 3) between a block and a rough rigid sphere that is pressed and dragged."""
+    U = block.trial
+    body = Body(block, Material(YOUNGS_MODULUS, POISSONS_RATIO), StressState.SOLID)
+    K = assemble_matrix(body.stiffness())
+    foot = [prescribe(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
+    motions = [Motion((0.01, 0.005, -0.05))]
+    top = ContactPair(lambda x: np.isclose(x[2], 1.0), Sphere((0.5, 0.5, 2.0), 1.0), 0.3, motions)
+    held = Reduction.dirichlet(U, foot)
+    (state,) = solve_contact(K, K.createVecLeft(), held, [top], U)
+    (contact,) = state.pairs
+    return np.column_stack([contact.force_normal, contact.force_tangential])
 
 
 def distorted(x: Array) -> Array:
@@ -278,4 +322,8 @@ _SOLID = {"compared": ["galerkin-T10", "pw-T10"], "state": "solid"}
 CASES += [
     Case("T", "statics-2d", statics_2d, implied=_PLANE),
     Case("T", "statics-3d", statics_3d, implied=_SOLID),
+]
+CASES += [
+    Case("T", f"order-{element}", vertex_order, {"element": element}, {"state": "solid"})
+    for element in ("galerkin-T10", "pw-T10", "onecut-T10")
 ]

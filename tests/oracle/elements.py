@@ -2,8 +2,8 @@
 
 Nodes have Basix's order: vertices first; mid-sides of simplices after the vertex or edge they
 lie opposite to; those of quadrilaterals, whose vertices are 00 10 01 11, below, left, right,
-above; the centre last. A tetrahedron's inner octahedron is cut from the middle of the edge 1-3
-to that of the edge 0-2 (nodes 5 and 8): `tests/test_oracle_parts.py` finds that Basix does so.
+above; the centre last. The octahedron inside of a tetrahedron has a centre, where weights are the
+mean of those of the mid-sides, and eight sub-cells around it.
 """
 
 from dataclasses import dataclass
@@ -25,6 +25,7 @@ class Element:
         parts: nodes of its sub-cells (s, corners); none where weights are never linear.
         facets: nodes of its facets, in the order of the element `facet`.
         facet: name of that element.
+        centre: nodes whose mean is node n of the sub-cells, in its place and its weights.
     """
 
     simplex: bool
@@ -33,6 +34,7 @@ class Element:
     parts: tuple = ()
     facets: tuple = ()
     facet: str = ""
+    centre: tuple = ()
 
 
 _TRIANGLE = ((0, 0), (2, 0), (0, 2), (1, 1), (0, 1), (1, 0))
@@ -75,10 +77,12 @@ ELEMENTS = {
         _TETRAHEDRON,
         (
             *((0, 9, 8, 7), (9, 1, 6, 5), (8, 6, 2, 4), (7, 5, 4, 3)),
-            *((5, 8, 4, 6), (5, 8, 6, 9), (5, 8, 9, 7), (5, 8, 7, 4)),
+            *((10, 9, 8, 7), (10, 9, 6, 5), (10, 8, 6, 4), (10, 7, 5, 4)),  # next to the corners
+            *((10, 4, 5, 6), (10, 4, 7, 8), (10, 5, 7, 9), (10, 6, 8, 9)),  # below the facets
         ),
         ((1, 2, 3, 4, 5, 6), (0, 2, 3, 4, 7, 8), (0, 1, 3, 5, 7, 9), (0, 1, 2, 6, 8, 9)),
         "T6",
+        centre=(4, 5, 6, 7, 8, 9),
     ),
 }
 
@@ -105,16 +109,17 @@ def table(name: str, linear_weights: bool, count: int) -> Table:
     if not linear_weights:
         values, slopes = shapes(name, points)
         return Table(values, slopes, values, slopes, measure)
-    nodes = np.array(element.nodes) / 2
+    nodes, nodal = np.array(element.nodes) / 2, np.eye(len(element.nodes))
+    if element.centre:
+        centre = list(element.centre)
+        nodes, nodal = (np.vstack([a, a[centre].mean(axis=0)]) for a in (nodes, nodal))
     hats, hat_slopes = _corner_functions(element.simplex, points)
     collected = []
-    for part in element.parts:
-        jacobian = np.einsum("ka,qkb->qab", nodes[list(part)], hat_slopes)
-        weights = np.zeros((len(points), len(nodes)))
-        weight_slopes = np.zeros((*weights.shape, points.shape[1]))
-        weights[:, part] = hats
-        weight_slopes[:, part] = hat_slopes @ np.linalg.inv(jacobian)
-        inside = shapes(name, hats @ nodes[list(part)])
+    for part in map(list, element.parts):
+        jacobian = np.einsum("ka,qkb->qab", nodes[part], hat_slopes)
+        weights = hats @ nodal[part]
+        weight_slopes = np.einsum("qka,kn->qna", hat_slopes @ np.linalg.inv(jacobian), nodal[part])
+        inside = shapes(name, hats @ nodes[part])
         size = np.abs(np.linalg.det(jacobian))
         collected.append((*inside, weights, weight_slopes, measure * size))
     return Table(*(np.concatenate(arrays) for arrays in zip(*collected, strict=True)))
