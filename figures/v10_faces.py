@@ -52,8 +52,8 @@ def caption(results: Results) -> str:
         "A quarter of the contact of a rigid sphere with a half space, five elements over its "
         "radius a (dashed): nodal forces over tributary areas, as node-to-surface codes report "
         "them. On the faces of standard tetrahedra corners carry next to nothing "
-        f"({weightless:.0f} of the {nodes:.0f} nodes with r < 0.8 a have no weight) and mid-side nodes four thirds; "
-        "the other ways show Hertz's pressure."
+        f"({weightless:.0f} of the {nodes:.0f} nodes with r < 0.8 a have no weight) "
+        "and mid-side nodes four thirds; the other ways show Hertz's pressure."
     )
 
 

@@ -121,14 +121,6 @@ class Solid:
         near = np.isclose(x[:, 2], 0.0)
         return _Corrected(surface, cKDTree(x[near, :2]), change[near])
 
-    def displacement(self, state: ContactState) -> PETSc.Vec:
-        """Nodal displacements (n,)."""
-        if self.T is None or not self.is_sibling:
-            return state.displacement
-        moved = state.displacement.duplicate()
-        self.T.multTranspose(state.displacement, moved)
-        return moved
-
     def nodal_forces(self, state: ContactState, load: PETSc.Vec, where: Marker) -> Array:
         """Contact forces (m, 3) of the last increment at the nodes that `SurfaceNodes` has."""
         if self.T is None or self.is_sibling:
