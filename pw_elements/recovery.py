@@ -19,6 +19,7 @@ from petsc4py import PETSc
 import basix
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial import cKDTree
@@ -40,40 +41,56 @@ _STAYS, _GOES = 3 / 4, 1 / 8
 
 
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
-    """T, (n, n): nodal forces of the standard T6 to those of the piecewise-linear weights.
+    """T, (n, n): nodal forces of the standard quadratic element, evened out.
 
-    On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G
-    and f_PW = T f_G exactly, since piecewise-linear and quadratic weight functions see the
-    same averages of a linear stress field. T is the 1/8 basis transformation of
-    B. Wohlmuth's quadratic mortar spaces, applied to equations. It knows no counterpart in 3-D.
+    Three quarters of a mid-side node's force stay with it and an eighth goes to either vertex;
+    on quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under even
+    tractions on straight sides the result is the nodal forces of the piecewise-linear weights:
+    T f_G = f_PW on every cell.
+
+    On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G,
+    too, since piecewise-linear and quadratic weight functions see the same averages of a linear
+    stress field. The identity has no counterpart on other cells: there T K_G is another
+    stiffness than K_PW, though both even out forces. T is the 1/8 basis transformation of
+    B. Wohlmuth's quadratic mortar spaces, applied to equations.
 
     Raises:
-        ValueError: if the space is not quadratic on triangles.
+        ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
+            each face and cell of quadrilaterals and hexahedra).
     """
     arguments.space(space)
     element = space.element.basix_element
-    if element.cell_type is not basix.CellType.triangle or element.dim != 6:
-        raise ValueError("the force transfer T exists for quadratic triangles only")
-    block = space.dofmap.index_map_bs
-    index_map = space.dofmap.index_map
-    owned = (index_map.size_local * block, index_map.size_global * block)
-    T = PETSc.Mat().createAIJ((owned, owned), nnz=(32, 32), comm=space.mesh.comm)
-    T.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    sizes = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
+    if element.dim != sizes.get(element.cell_type.name):
+        raise ValueError("the force transfer T exists for quadratic Lagrange spaces only")
+    shares = sp.csr_matrix(_shares(element)).tocoo()
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    cells, owned = space.dofmap.list, index_map.size_local
+    goes, comes = cells[:, shares.row].ravel(), cells[:, shares.col].ravel()
+    own = comes < owned  # some cell here has each of them, and whatever they give to
+    transposed, first = np.unique(np.stack([comes[own], goes[own]]), axis=1, return_index=True)
+    value = np.tile(shares.data, len(cells))[own][first]
+    column = index_map.local_to_global(transposed[1].astype(np.int32))
+    shape = (owned, index_map.size_global)
+    rows = sp.kron(sp.csr_matrix((value, (transposed[0], column)), shape), np.eye(block), "csr")
+    local = (owned * block, index_map.size_global * block)
+    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+    T = PETSc.Mat().createAIJ((local, local), csr=csr, comm=space.mesh.comm)
+    return T.transpose()
 
-    ends = basix.topology(basix.CellType.triangle)[1]
-    vertex, midside = (element.entity_dofs[d] for d in (0, 1))
-    for cell in space.dofmap.list:
-        nodes = index_map.local_to_global(cell).astype(PETSc.IntType)
-        for component in range(block):
-            dofs = nodes * block + component
-            for corner in vertex:
-                T.setValue(dofs[corner[0]], dofs[corner[0]], 1.0)
-            for edge, (start, end) in zip(midside, ends, strict=True):
-                middle = dofs[edge[0]]
-                T.setValue(middle, middle, _STAYS)
-                for end_vertex in (start, end):
-                    T.setValue(dofs[vertex[end_vertex][0]], middle, _GOES)
-    T.assemble()
+
+def _shares(element: basix.finite_element.FiniteElement) -> Array:
+    """T of one cell: of the node of each column, what goes to the node of each row."""
+    inside = np.zeros(element.dim, dtype=int)  # dimension of each node's entity
+    for dimension, of_dimension in enumerate(element.entity_dofs):
+        inside[[dof for dofs in of_dimension for dof in dofs]] = dimension
+    T = np.zeros((element.dim, element.dim))
+    for dimension, of_dimension in enumerate(element.entity_dofs):
+        for entity, dofs in enumerate(of_dimension):
+            closure = element.entity_closure_dofs[dimension][entity]
+            for dof in dofs:  # in the middle of the entity, along each of its directions
+                stays = inside[closure]
+                T[closure, dof] = _STAYS**stays * _GOES ** (dimension - stays)
     return T
 
 

@@ -42,10 +42,14 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pwsym-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,
     "composite-T6": _composite,
-    # on tetrahedra
+    # on tetrahedra and hexahedra; what becomes of the standard element's forces is the study's
     "galerkin-T10": Spaces.galerkin,
+    "transferred-T10": Spaces.galerkin,
+    "sibling-T10": Spaces.galerkin,
     "pw-T10": Spaces.petrov_galerkin,
     "onecut-T10": Spaces.one_cut,
+    "galerkin-H27": Spaces.galerkin,
+    "pw-H27": Spaces.petrov_galerkin,
 }
 
 # The quadrilaterals with piecewise-linear weights have an inner node more than the standard one:

@@ -21,7 +21,8 @@ class Element:
     colour: str
 
 
-# By the names of result files; T: triangles or tetrahedra, Q: quadrilaterals, with their nodes
+# By the names of result files; T: triangles or tetrahedra, Q: quadrilaterals, H: hexahedra, with
+# their nodes
 ELEMENTS = {
     "galerkin-T6": Element("standard T6", "^", "#D55E00"),
     "pw-T6": Element("new T6", "o", "#0072B2"),
@@ -32,8 +33,12 @@ ELEMENTS = {
     "pwsym-Q8": Element("new Q8, symmetrised", "p", "#5FB596"),
     "pw-Q9": Element("new Q9, condensed centre", "P", "#6A4C93"),
     "galerkin-T10": Element("standard T10", "<", "#8C3B00"),
+    "transferred-T10": Element("standard T10, forces times T", "X", "#E07B39"),
+    "sibling-T10": Element("symmetric sibling T10", "H", "#3A9BD9"),
     "pw-T10": Element("new T10", ">", "#00406B"),
-    "onecut-T10": Element("new T10, one cut", "X", "#4D8FB8"),
+    "onecut-T10": Element("new T10, one cut", "P", "#4D8FB8"),
+    "galerkin-H27": Element("standard H27", "8", "#806000"),
+    "pw-H27": Element("new H27", "*", "#00543D"),
     "exact": Element("exact", "", "#000000"),
 }
 

@@ -2,7 +2,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType, create_box
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, create_rectangle, create_unit_square
 
 from pw_elements import (
     Body,
@@ -15,7 +16,7 @@ from pw_elements import (
 )
 from pw_elements.mechanics import exterior_facets
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes, by_position
+from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
 from tests.contact_cases import Block, at
 
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
@@ -162,3 +163,38 @@ def test_vector_as_a_function():
     function = as_function(body.spaces.trial, f, "load")
     assert function.name == "load"
     assert function.x.array == pytest.approx(f.array_r)
+
+
+@pytest.mark.parametrize(
+    "cell", [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
+)
+def test_transferred_loads_are_those_of_the_weights(cell):
+    """Of an even traction, on faces of cells that are no two alike."""
+    dim = 3 if cell in (CellType.tetrahedron, CellType.hexahedron) else 2
+    if dim == 3:
+        mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)
+    else:
+        mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 2)], (2, 3), cell)
+    mapped(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
+    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
+    state = "solid" if dim == 3 else "plane strain"
+    everywhere = boundary_measure(mesh, lambda x: np.full(x.shape[1], True))
+    loads = [
+        assemble_vector(
+            Body(s, Material(1.0), state).surface_load(np.arange(dim) + 1.0, everywhere)
+        )
+        for s in (galerkin, pw)
+    ]
+    T = force_transfer(galerkin.trial)
+    assert (T * loads[0]).array == pytest.approx(loads[1].array, abs=1e-14)
+    even = T.createVecLeft()
+    even.set(1.0)
+    given = T.createVecRight()
+    T.multTranspose(even, given)
+    assert given.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
+
+
+def test_transfer_needs_a_quadratic_space():
+    space = fem.functionspace(create_unit_square(MPI.COMM_SELF, 2, 2), ("Lagrange", 1, (2,)))
+    with pytest.raises(ValueError, match="quadratic Lagrange spaces only"):
+        force_transfer(space)

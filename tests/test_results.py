@@ -59,6 +59,11 @@ QUICK = [
     "V8/strip-pw-Q9-nine",
     "V8/tube-galerkin-Q8",
     "V9/pw-consistent-2",
+    "V10/patch-pw-H27",
+    "V10/tilted-sibling-T10",
+    "V10/sphere-transferred-T10-3",
+    "V10/punch-galerkin-T10-2",
+    "V10/mindlin-pw-T10-2",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -73,6 +78,7 @@ SYSTEMS = {
     "V7": SI,
     "V8": NONE,
     "V9": NONE,
+    "V10": NONE,
 }
 # What names say, whatever the section; the first pattern counts
 NAMED = {

@@ -35,6 +35,7 @@ SECTIONS = {
     "V7": "study.verification.v7_wedge",
     "V8": "study.verification.v8_vibration",
     "V9": "study.verification.v9_explicit",
+    "V10": "study.verification.v10_space",
     "P": "study.peers.p_compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""

@@ -123,6 +123,7 @@ class _Page:
         self.environment.filters |= words
         self.environment.globals |= words | {
             "elements": [(key, ELEMENTS[key].name) for key in PLANE_ELEMENTS],
+            "names": {key: element.name for key, element in ELEMENTS.items()},
             "s": results.scalar,
             "curves": self.curves,
             "measure": self.measure,

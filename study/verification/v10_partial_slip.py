@@ -1,0 +1,106 @@
+"""Partial slip of two equal bodies in space: Mindlin's sphere, with matching nodes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements import Material, Reduction, prescribe
+from pw_elements.contact import (
+    STICK,
+    ContactPair,
+    MatchingNodes,
+    Motion,
+    Parabola,
+    solve_contact,
+)
+from pw_elements.recovery import SurfaceNodes
+from study.core.store import Result
+from study.verification.half_space import Elastic, HertzSphere
+from study.verification.half_space_shear import MindlinSphere, hertz_force
+from study.verification.solid_meshes import OUTER, box, cell_of, graded, with_mirror_image
+from study.verification.solids import INNER, Solid, face_result
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Lengths over the contact's radius, stresses over E; both spheres have twice the radius of their
+# relative curvature
+YOUNGS_MODULUS, RADIUS = 1.0, 1e3
+SHARE, SLIDING = 0.5, 0.4  # Q/(mu P), mu
+DISTANCE = 1.0  # between both meshes
+APART = 0.15  # from the border of the disc that sticks, where shear is compared
+
+
+def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
+    """Half of two equal bodies, pressed and then pushed along x; they would slide at twice that.
+
+    The outer sides have the displacements of half spaces under the known tractions. Errors of
+    the shear are over mu p0, away from the border of the disc that sticks; `sticking_area` is over
+    that disc's.
+    """
+    body = Elastic(YOUNGS_MODULUS, poissons_ratio)
+    known = MindlinSphere(
+        HertzSphere(body, 2 * RADIUS, hertz_force(body, 2 * RADIUS)), SLIDING, SHARE
+    )
+    lines = graded(elements)
+    along = np.concatenate([-lines.beside[:0:-1], lines.beside])
+    lower = box(cell_of(element), along, lines.beside, lines.below)
+    solid = Solid.of(
+        element, with_mirror_image(lower, DISTANCE), Material(YOUNGS_MODULUS, poissons_ratio)
+    )
+
+    def facing(height: float) -> Callable[[Array], Mask]:
+        def marker(p: Array) -> Mask:
+            near = np.maximum(np.abs(p[0]), p[1]) < lines.zone + 1e-9
+            return np.isclose(p[2], height) & near
+
+        return marker
+
+    def beyond(p: Array) -> Mask:
+        ends = np.isclose(np.abs(p[2] - DISTANCE / 2), OUTER + DISTANCE / 2)
+        return ends | np.isclose(np.abs(p[0]), OUTER) | np.isclose(p[1], OUTER)
+
+    def field(pushed: bool) -> Callable[[Array], Array]:
+        def displacement(x: Array) -> Array:
+            upper = (x[:, 2] > DISTANCE / 2)[:, None]
+            turned = np.where(upper, [0.0, 0.0, DISTANCE] + x * [-1.0, 1.0, -1.0], x)
+            moved = known.displacement(turned, pushed)
+            return np.where(upper, moved * [-1.0, 1.0, -1.0], moved)
+
+        return displacement
+
+    middle = prescribe(solid.space, 1, lambda p: np.isclose(p[1], 0.0))
+    shape = solid.facing(Parabola((0.0, 0.0, 0.0), RADIUS))
+    upper = MatchingNodes(facing(DISTANCE), shape, offset=(0.0, 0.0, DISTANCE))
+    # two far fields: loads stand for their prescribed values
+    loads = [solid.held_by_load(beyond, field(pushed)) for pushed in (False, True)]
+    sides = [prescribe(solid.space, i, beyond) for i in range(3)]
+    supports = Reduction.dirichlet(solid.space, [middle, *sides])
+    down = -2 * known.normal.approach
+    motions = [Motion((0.0, 0.0, down)), Motion((2 * known.shift, 0.0, down))]
+    pair = ContactPair(facing(0.0), upper, SLIDING, motions)
+    states = solve_contact(solid.K, loads, supports, [pair], solid.space)
+
+    surface = SurfaceNodes.of(solid.body, facing(0.0))
+    forces = solid.nodal_forces(states[-1], loads[-1], facing(0.0))
+    forces = forces * [1.0, 1.0, -1.0]  # pressing is positive, and pulling
+    r = np.linalg.norm(surface.position[:, :2], axis=1)
+    away = (r < INNER) & (np.abs(r - known.stick) > APART)
+    shear = solid.tractions(surface, forces)[:, 0]
+    pulled = np.abs(shear - known.shear(r))[away] / (SLIDING * known.normal.peak)
+    return face_result(
+        states,
+        solid,
+        surface,
+        forces,
+        known.pressure(r),
+        known.normal.peak,
+        INNER,
+        force_error=abs(2 * forces[:, 2].sum() / known.normal.force - 1),
+        shear_force_error=abs(2 * forces[:, 0].sum() / known.force - 1),
+        shear_error_median=np.nanmedian(pulled),
+        shear_error_max=np.nanmax(pulled),
+        sticking_area=surface.tributary_area[states[-1].pairs[0].status == STICK].sum()
+        / (np.pi / 2 * known.stick**2),
+    )
