@@ -36,7 +36,7 @@ ELEMENTS = {
     "transferred-T10": Element("standard T10, forces times T", "X", "#E07B39"),
     "sibling-T10": Element("symmetric sibling T10", "H", "#3A9BD9"),
     "pw-T10": Element("new T10", ">", "#00406B"),
-    "onecut-T10": Element("new T10, one cut", "P", "#4D8FB8"),
+    "onecut-T10": Element("new T10, one cut", "h", "#4D8FB8"),
     "galerkin-H27": Element("standard H27", "8", "#806000"),
     "pw-H27": Element("new H27", "*", "#00543D"),
     "exact": Element("exact", "", "#000000"),

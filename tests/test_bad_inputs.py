@@ -633,7 +633,9 @@ CASES |= {
     "buckling 1.5 times": lambda w: w.buckles(count=1.5),
     "buckling by a solver's name": lambda w: w.buckles(solver="mumps"),
     # recovery
-    "force transfer on quadrilaterals": lambda w: force_transfer(Spaces.galerkin(w.quads).trial),
+    "force transfer on 8-node quadrilaterals": lambda w: force_transfer(
+        Spaces.serendipity(w.quads).trial
+    ),
     "force transfer on None": lambda w: force_transfer(None),
     "force transfer on linear triangles": lambda w: force_transfer(w.P1),
     "forces along None": lambda w: forces_along(None, w.f, left),

@@ -42,7 +42,7 @@ from tests.random_contact import problem
 
 # Random problems on which the iteration cycles, crawls or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING = [158, 287, 264, 681, 991, 1134, 927, 964]
+FAILING = [158, 287, 264, 681, 991, 1134, 927, 132]
 # and on which it lets go of a surface or a body that friction can hold
 LOST = [667, 740, 799, 1441]
 

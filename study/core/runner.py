@@ -18,7 +18,8 @@ from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
 from study.core.store import CorruptResult, Results, discard, save
 
-# Cases run beside each other: their lines on what goes on would cross those of the runner
+# Cases run beside each other: their lines on what goes on would cross those of the runner, and that
+# the paper's displacements are not small is no news in each of several hundred
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
@@ -135,8 +136,6 @@ def run(
 
 def compute(case: Case, mark: str, out: Path) -> Done:
     """Run one case and store its result under its fingerprint; an exception becomes one line."""
-    # that the paper's displacements are not small is no news in each of several hundred cases
-    logging.getLogger("pw_elements.contact").setLevel(logging.ERROR)
     try:
         start = time.perf_counter()
         result = case.run(**case.parameters)
