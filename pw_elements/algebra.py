@@ -26,7 +26,9 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 
+from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
+from pw_elements.multigrid import Supports
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -81,12 +83,14 @@ class Reduction:
         right: R, (n, n_r); kept unknowns have rows of the identity.
         offset: a_0, (n,): prescribed values.
         inner: Q, (n, n), of a condensation.
+        supports: what `dirichlet` was told, which an iterative solver needs; None of others.
     """
 
     left: PETSc.Mat
     right: PETSc.Mat
     offset: PETSc.Vec
     inner: PETSc.Mat | None = None
+    supports: Supports | None = None
 
     @classmethod
     def dirichlet(
@@ -101,7 +105,7 @@ class Reduction:
         free, offset = _prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
         selection = _selection(free, offset)
-        return cls(selection, selection, offset)
+        return cls(selection, selection, offset, supports=Supports(space, free))
 
     @classmethod
     def condensation(
@@ -150,6 +154,17 @@ class Reduction:
         offset = self.offset.duplicate()
         self.inner.multAdd(unbalanced, self.offset, offset)
         return replace(self, offset=offset)
+
+    def masked(self) -> "Reduction":
+        """The same supports, the unknowns being numbered as before and zero where prescribed.
+
+        Raises:
+            ValueError: if this reduction does more than prescribe values.
+        """
+        if self.supports is None:
+            raise ValueError(NO_SUPPORTS)
+        kept = _selection(self.supports.free, self.offset, renumbered=False)
+        return replace(self, left=kept, right=kept)
 
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """This condensation for mass matrices, where two left matrices L are in use.
@@ -215,9 +230,7 @@ class Reduction:
         )
 
 
-def solve(
-    K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver | None = None
-) -> PETSc.Vec:
+def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Displacements a (n,) of K a = f under a reduction.
 
     The vector's attribute "report", `a.getAttr("report")`, is the `SolverReport`.
@@ -226,22 +239,31 @@ def solve(
         K: stiffness (n, n), all rows and columns free.
         f: load (n,).
         reduction: supports, condensation.
-        solver: `Direct()` unless given.
+        solver: `Direct()`, `Iterative()`, or "auto" for the latter in space from 15 000 unknowns
+            on, which is taken unless one is given.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
-        ValueError: if the load is not finite.
+        SolverNotConverged: if an iterative solver does not come near enough to it.
+        ValueError: if the load is not finite, or the solver does not serve the reduction.
     """
+    taken = chosen(solver, reduction.supports)
+    if isinstance(taken, Iterative):
+        reduction = reduction.masked()
     reduction = reduction.under(K, f)
     load = reduction.load(K, f)
     if not is_finite(load):
         raise ValueError("the load vector or a prescribed value is not finite")
-    matrix = reduction.matrix(K)
-    prepared = factorise(matrix, solver=solver)
-    solution = load.duplicate()
-    prepared.ksp.solve(load, solution)
+    if isinstance(taken, Iterative):
+        prepared = ready(taken.prepare(K, supports=reduction.supports))
+        solution = prepared.solve(load)
+    else:
+        matrix = reduction.matrix(K)
+        prepared = factorise(matrix, solver=taken)
+        solution = load.duplicate()
+        prepared.ksp.solve(load, solution)
+        _check_residual(matrix, solution, load)
     prepared.ksp.destroy()
-    _check_residual(matrix, solution, load)
     full = reduction.expand(solution)
     full.setAttr("report", prepared.report)
     return full
@@ -272,7 +294,15 @@ def factorise(
     Raises:
         SingularSystem: if a known solution does not come back, or a pivot is zero.
     """
-    prepared = (solver or Direct()).prepare(matrix, symmetric)
+    return ready((solver or Direct()).prepare(matrix, symmetric))
+
+
+def ready(prepared: PreparedSolver) -> PreparedSolver:
+    """A solver that has been set up.
+
+    Raises:
+        SingularSystem: if its matrix is singular.
+    """
     try:
         prepared.set_up()
     except SingularSystem as error:
@@ -389,15 +419,18 @@ def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -
     return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
 
 
-def _selection(free: np.ndarray, rows: PETSc.Vec) -> PETSc.Mat:
-    """Columns of the identity that belong to the free ones of the owned rows."""
+def _selection(free: np.ndarray, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+    """Columns of the identity that belong to the free ones of the owned rows.
+
+    Those of the others are left out, or else zero.
+    """
     comm = rows.comm.tompi4py()
-    count = int(free.sum())
+    count = int(free.sum()) if renumbered else len(free)
     first = comm.scan(count) - count
     indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
-    columns = np.arange(first, first + count, dtype=PETSc.IntType)
+    columns = np.arange(count) if renumbered else np.flatnonzero(free)
     return PETSc.Mat().createAIJ(
         (rows.getSizes(), (count, PETSc.DETERMINE)),
-        csr=(indptr, columns, np.ones(count)),
+        csr=(indptr, (first + columns).astype(PETSc.IntType), np.ones(len(columns))),
         comm=rows.comm,
     )
