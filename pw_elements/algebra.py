@@ -25,10 +25,11 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
+from dolfinx.fem.petsc import create_matrix
 
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
-from pw_elements.multigrid import Supports
+from pw_elements.multigrid import Masked, Projection, Supports, is_blocked, python_matrix
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -36,17 +37,23 @@ _RESIDUAL = 1e-10
 _ROUND_OFF = 1e-13
 
 
-def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
+def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
     The form (and by it mesh and spaces) lives as long as the matrix.
+
+    Args:
+        form: of trial and test functions.
+        blocked: stores a vector field's matrix by nodes (PETSc's BAIJ), in 0.7 of the memory, as
+            `Iterative` needs it: another format is copied by it. Everything else converts it.
 
     Raises:
         ValueError: if it is not bilinear.
     """
     _check_rank(form, 2, "a matrix")
     compiled = fem.form(form)
-    matrix = _assemble_matrix(compiled)
+    matrix = create_matrix(compiled, "baij" if blocked else None)
+    _assemble_matrix(matrix, compiled)
     matrix.assemble()
     matrix.setAttr("form", compiled)
     return matrix
@@ -129,6 +136,7 @@ class Reduction:
                 another space, nothing is left free, or a prescribed value is not finite.
             SingularSystem: if an inner node has no stiffness.
         """
+        K = unblocked(K)
         free, offset = _prescribed(space, conditions)
         block = space.dofmap.index_map_bs
         inner = np.zeros(len(free), dtype=bool)
@@ -166,6 +174,17 @@ class Reduction:
         kept = _selection(self.supports.free, self.offset, renumbered=False)
         return replace(self, left=kept, right=kept)
 
+    def supported(self, K: PETSc.Mat) -> PETSc.Mat:
+        """What `matrix` is of `masked` supports, not assembled: ones where values are prescribed.
+
+        Raises:
+            ValueError: as `masked` says.
+        """
+        if self.supports is None:
+            raise ValueError(NO_SUPPORTS)
+        projection = Projection(self.supports.free, self.supports.space.dofmap.index_map_bs)
+        return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
+
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """This condensation for mass matrices, where two left matrices L are in use.
 
@@ -183,7 +202,7 @@ class Reduction:
 
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """L^T K R."""
-        reduced = self.left.transposeMatMult(K.matMult(self.right))
+        reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
         reduced.setAttr("form", K.getAttr("form"))
         return reduced
 
@@ -284,6 +303,15 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     part.scale(0.5)
     part.setAttr("form", matrix.getAttr("form"))
     return part
+
+
+def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix, or a copy of one stored in blocks, in the format that products need."""
+    if not is_blocked(matrix):
+        return matrix
+    converted = matrix.convert("aij", PETSc.Mat())
+    converted.setAttr("form", matrix.getAttr("form"))
+    return converted
 
 
 def factorise(

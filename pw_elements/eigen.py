@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements._compat import renamed
-from pw_elements.algebra import Reduction, factorise, symmetric_part
-from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen
+from pw_elements.algebra import Reduction, factorise, symmetric_part, unblocked
+from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen, free_motion
 from pw_elements.linear_solver import (
     Direct,
     LinearSolver,
     PreparedSolver,
+    SingularSystem,
     SolverNotConverged,
     SolverReport,
 )
@@ -130,6 +131,7 @@ def vibration_modes(
             of a symmetrised pair, if one lies below the shift.
     """
     taken = _chosen(solver, reduction, symmetrised)
+    K, M = unblocked(K), unblocked(M)
     A, B, reduced_by, supports = _pair(M, K, reduction, taken)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
@@ -192,7 +194,9 @@ def buckling(
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     taken = _chosen(solver, reduction, symmetrised)
-    A, B, reduced_by, supports = _pair(K_sigma, K, reduction, taken)
+    A, B, reduced_by, supports = _pair(K_sigma, unblocked(K), reduction, taken)
+    if supports is not None and free_motion(B, supports):
+        raise SingularSystem("the supports leave a rigid motion free: add Dirichlet conditions")
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     size = A.norm(PETSc.NormType.FROBENIUS)
@@ -259,8 +263,9 @@ def _largest(
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
     inverse: PreparedSolver
     if supports is not None and isinstance(solver, Iterative):
-        inverse = solver.prepare(B, symmetric, supports)
-        B = inverse.operator
+        inverse = krylov = solver.prepare(B, symmetric, supports)
+        krylov.multigrid.ready()
+        B = krylov.operator
     else:
         ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
         inverse = factorise(B, ldl, solver)

@@ -1,7 +1,7 @@
 """Krylov's method with two-level p-multigrid, and the choice between it and factors.
 
-In space, factors of quadratic elements take memory that grows with the power 4/3 of the number
-of unknowns; this method takes a few times that of the matrix, and time in proportion to it.
+In space, factors of quadratic elements take memory that grows faster than the power 4/3 of the
+number of unknowns; this method takes a few times that of the matrix, and time in proportion to it.
 """
 
 import logging
@@ -61,6 +61,7 @@ class Iterative:
 
     Args:
         tolerance: residual over load, both in the Euclidean norm, at which a solution is done.
+            Contact has one of its own, over the largest nodal contact force.
         options: PETSc options without prefix and hyphen, such as
             `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` and
             `ksp_max_it` are the method's and its iterations'.
@@ -114,24 +115,32 @@ class Krylov:
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self.multigrid = Multigrid(matrix, supports)
         self.operator = self.multigrid.operator
-        self.ksp = PETSc.KSP().create(matrix.comm)
-        self.ksp.setType("gmres")
-        self.ksp.setGMRESRestart(_KEPT)
-        self.ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        self.ksp.setTolerances(rtol=how.tolerance, atol=0.0, max_it=_MOST)
-        counted = self._counted  # a method would make a cycle that is never freed
-        self.ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
-        self.use(self.operator)
-        self._method = f"{self.ksp.getType().upper()} with p-multigrid"
-
-    def use(self, operator: PETSc.Mat) -> None:
-        """Solves with another operator from now on, with the same preconditioner."""
-        self.ksp.setOperators(operator, self.operator)
-        # the levels take over the prefix; residuals are judged here, not by an error of PETSc's
-        set_options(self.ksp, {"ksp_converged_maxits": True} | dict(self._how.options))
+        self.ksp = self._method_for(self.operator)
+        # the levels take over the prefix
         self.multigrid.set_up(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
+        self._method = f"{self.ksp.getType().upper()} with p-multigrid"
+
+    def preconditioned(self, operator: PETSc.Mat, preconditioner: object) -> PETSc.KSP:
+        """The same method with another matrix, and a preconditioner in Python."""
+        ksp = self._method_for(operator)
+        ksp.getPC().setType("python")
+        ksp.getPC().setPythonContext(preconditioner)
+        return ksp
+
+    def _method_for(self, operator: PETSc.Mat) -> PETSc.KSP:
+        ksp = PETSc.KSP().create(operator.comm)
+        ksp.setOperators(operator)
+        ksp.setType("gmres")
+        ksp.setGMRESRestart(_KEPT)
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        ksp.setTolerances(rtol=self._how.tolerance, atol=0.0, max_it=_MOST)
+        counted = self._counted  # a method would make a cycle that is never freed
+        ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
+        # residuals are judged here, not by an error of PETSc's
+        set_options(ksp, {"ksp_converged_maxits": True} | dict(self._how.options))
+        return ksp
 
     @property
     def report(self) -> SolverReport:
@@ -154,9 +163,9 @@ class Krylov:
         Raises:
             SingularSystem: if a rigid motion is free.
         """
-        if _free_motion(self._matrix, self._supports):
+        if free_motion(self._matrix, self._supports):
             raise SingularSystem("the system matrix is singular")
-        self.ksp.setUp()
+        self.multigrid.ready()
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
         """Solution (n,); the right-hand side is zero where values are prescribed.
@@ -166,20 +175,24 @@ class Krylov:
             SolverNotConverged: if the residual does not become small.
         """
         self.set_up()
-        solution = right.duplicate()
-        size = right.norm()
+        solution, step = right.duplicate(), right.duplicate()
+        rest, size = right.copy(), right.norm()
         # Rounding makes the residual that GMRES updates drift from the true one
-        for again in (False, True):
-            self.ksp.setInitialGuessNonzero(again)
-            self.ksp.solve(right, solution)
-            if not residual(self.operator, solution, right) > self._how.tolerance * size:
+        for _ in range(2):
+            self.ksp.solve(rest, step)
+            solution.axpy(1.0, step)
+            self.operator.mult(solution, rest)
+            rest.aypx(-1.0, right)
+            left = rest.norm()
+            if left <= self._how.tolerance * size:
                 break
-        self.ksp.setInitialGuessNonzero(False)
-        left = residual(self.operator, solution, right)
-        round_off = _EPSILON * self._matrix.norm(PETSc.NormType.INFINITY) * solution.norm()
-        if not left <= _DRIFT * (self._how.tolerance * size + round_off):
+        if not left <= _DRIFT * self._how.tolerance * size + self.round_off(solution.norm()):
             raise self.not_converged(left / size)
         return solution
+
+    def round_off(self, size: float) -> float:
+        """Residual that may be nothing but round-off, of a solution with the norm `size`."""
+        return float(_DRIFT * _EPSILON * self._matrix.norm(PETSc.NormType.INFINITY) * size)
 
     def not_converged(self, left: float) -> SolverNotConverged:
         """What is to be raised where the relative residual `left` remains."""
@@ -232,20 +245,12 @@ def chosen(
     return taken
 
 
-def residual(operator: PETSc.Mat, solution: PETSc.Vec, right: PETSc.Vec) -> float:
-    """|A x - b|, computed anew."""
-    left = right.duplicate()
-    operator.mult(solution, left)
-    left.axpy(-1.0, right)
-    return float(left.norm())
-
-
 def _direct_memory(dofs: int) -> float:
     """Bytes that LU factors in space take, by a fit: within a factor of two."""
     return float(_BYTES * dofs**_POWER)
 
 
-def _free_motion(K: PETSc.Mat, supports: Supports) -> bool:
+def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
     """Whether a rigid motion of a connected piece meets neither supports nor stiffness.
 
     A field that is no displacement has its constants in place of rigid motions.

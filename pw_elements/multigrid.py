@@ -20,6 +20,14 @@ from scipy.sparse.csgraph import connected_components
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+# Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
+# and the most parts in which it is done, for their sum takes time
+_AT_ONCE, _PARTS = 12_000, 32
+# Part of the held nodes whose change is worth a new coarse level
+_RENEWED = 0.02
+# Change of a projector that counts: open to closed is one
+_TURNED = 0.3
+
 
 @dataclass(frozen=True)
 class Supports:
@@ -39,11 +47,15 @@ class Projection:
 
     def __init__(self, free: npt.NDArray[np.bool_], block: int) -> None:
         self._free, self._block = free.astype(float), block
-        self.hold(np.empty(0, dtype=np.int64), np.empty((0, block, block)))
+        none = np.empty(0)
+        self.hold(none.astype(np.int64), none.reshape(0, block, block), none)
 
-    def hold(self, nodes: Indices, held: Array) -> None:
-        """Holds at local nodes (m,) what the projectors (m, block, block) leave of a vector."""
-        self._nodes, self._held = nodes, held
+    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+        """Holds at local nodes (m,) what the projectors (m, block, block) leave of a vector.
+
+        They get the stiffness `weight` (m,), prescribed unknowns 1.
+        """
+        self._nodes, self._held, self._weight = nodes, held, weight[:, None]
 
     def __call__(self, values: Array) -> Array:
         """What is free of a vector (owned dofs,)."""
@@ -53,20 +65,35 @@ class Projection:
             at[self._nodes] -= np.einsum("nij,nj->ni", self._held, at[self._nodes])
         return kept
 
-    def all_blocks(self) -> Array:
-        """The projectors (nodes, block, block) onto what is free."""
-        every = np.tile(np.eye(self._block), (len(self._free) // self._block, 1, 1))
-        nodes, free = self.blocks()
-        every[nodes] = free
-        return every
+    def rest(self, values: Array) -> Array:
+        """What is held of it, weighted."""
+        kept = values * self._free
+        rest: Array = values - kept
+        if len(self._nodes):
+            at, to = kept.reshape(-1, self._block), rest.reshape(-1, self._block)
+            to[self._nodes] += self._weight * np.einsum("nij,nj->ni", self._held, at[self._nodes])
+        return rest
 
-    def blocks(self) -> tuple[Indices, Array]:
-        """Nodes with anything held, and the projectors (k, block, block) onto what is free."""
+    def blocks(self) -> tuple[Indices, Array, Array]:
+        """Nodes with anything held, projectors (k, block, block) onto what is free, and the rest.
+
+        The latter is weighted.
+        """
         free = self._free.reshape(-1, self._block)
         some = np.union1d(np.flatnonzero((free == 0).any(axis=1)), self._nodes)
         blocks = np.eye(self._block) * free[some][:, None, :]
-        blocks[np.searchsorted(some, self._nodes)] -= self._held
-        return some, blocks
+        rest = np.eye(self._block) - blocks
+        at = np.searchsorted(some, self._nodes)
+        blocks[at] -= self._held
+        rest[at] += self._weight[:, :, None] * self._held
+        return some, blocks, rest
+
+    def all_blocks(self) -> Array:
+        """The projectors (nodes, block, block) onto what is free."""
+        every = np.tile(np.eye(self._block), (len(self._free) // self._block, 1, 1))
+        nodes, free, _ = self.blocks()
+        every[nodes] = free
+        return every
 
 
 class Masked:
@@ -78,11 +105,31 @@ class Masked:
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
-        given = x.array_r
-        kept = self._projection(given)
-        self._kept.array[:] = kept
+        self._kept.array[:] = self._projection(x.array_r)
         self._K.mult(self._kept, y)
-        y.array[:] = self._projection(y.array_r) + given - kept
+        y.array[:] = self._projection(y.array_r) + self._projection.rest(x.array_r)
+
+
+class _NodeBlocks:
+    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python."""
+
+    def __init__(self, inverse: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> None:
+        self._inverse, self._every = inverse, block_diagonal(inverse, sizes, comm)
+        self._nodes: Indices = np.empty(0, dtype=np.int64)
+        self._other: Array = inverse[:0]
+
+    def update(self, projection: Projection) -> None:
+        """Takes over what is held; only those nodes differ."""
+        self._nodes, free, rest = projection.blocks()
+        own = np.linalg.inv(self._inverse[self._nodes])
+        self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x."""
+        self._every.mult(x, y)
+        block = self._inverse.shape[1]
+        given = x.array_r.reshape(-1, block)[self._nodes]
+        y.array.reshape(-1, block)[self._nodes] = np.einsum("nij,nj->ni", self._other, given)
 
 
 class _Interpolation:
@@ -122,8 +169,7 @@ class Multigrid:
 
     Attributes:
         operator: Pi K Pi + (1 - Pi).
-        coarse: linear elements' matrix under what is held.
-        coarse_set_ups: how often the coarse level was made.
+        blocked: K in blocks, with which it multiplies.
 
     Raises:
         ValueError: if a node has no stiffness.
@@ -131,31 +177,43 @@ class Multigrid:
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         space = supports.space
-        self._block = space.dofmap.index_map_bs
-        # multiplies twice as fast
-        blocked = K.convert("baij", PETSc.Mat()) if self._block > 1 else K
-        self.projection = Projection(supports.free, self._block)
-        self.operator = _python(K.getSizes(), Masked(blocked, self.projection), K.comm)
-        linear, self._fine_node = _linear_space(space)
-        self._coarse_projection = Projection(self._at_vertices(supports.free), self._block)
-        P = interpolation_matrix(linear, space)
-        P.assemble()
-        self._K, self._P = K, P
+        self._K, self._block = K, space.dofmap.index_map_bs
+        # twice as fast
+        copied = self._block > 1 and not is_blocked(K)
+        self.blocked = K.convert("baij", PETSc.Mat()) if copied else K
+        self._projection = Projection(supports.free, self._block)
+        self.operator = python_matrix(K.getSizes(), Masked(self.blocked, self._projection), K.comm)
+        linear, self._vertex_node = _linear_space(space)
+        at_vertices = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
+        self._at_vertices = Projection(at_vertices, self._block)
+        self._P = interpolation_matrix(linear, space)
+        self._P.assemble()
+        interpolation = _Interpolation(self._P, self._projection, self._at_vertices)
+        self._interpolation = python_matrix(self._P.getSizes(), interpolation, K.comm)
         self._near_null = _near_null_space(linear)
-        context = _Interpolation(P, self.projection, self._coarse_projection)
-        self._interpolation = _python(P.getSizes(), context, K.comm)
         # a copy, for PETSc keeps this array for itself
-        self._inverse = np.array(blocked.invertBlockDiagonal()).reshape(
-            -1, self._block, self._block
-        )
-        finite = bool(np.isfinite(self._inverse).all())
+        inverse = np.array(self.blocked.invertBlockDiagonal())
+        inverse = inverse.reshape(-1, self._block, self._block)
+        finite = bool(np.isfinite(inverse).all())
         if not K.comm.tompi4py().allreduce(finite, MPI.LAND):
             raise ValueError("a node has no stiffness")
-        self._smoothing = _block_diagonal(self._inverse, K.getSizes()[0], K.comm)
-        self._changed: Indices = np.empty(0, dtype=np.int64)
+        self._smoother = _NodeBlocks(inverse, K.getSizes()[0], K.comm)
+        self._smoother.update(self._projection)
+        self._held_before: Array = np.empty((0, self._block, self._block))
+        self._coarse: PETSc.Mat | None = None
         self._coarse_ksp: PETSc.KSP | None = None
-        self.coarse_set_ups = 0
-        self.update()
+
+    @property
+    def coarse(self) -> PETSc.Mat:
+        """Linear elements' matrix under what is held, as it was last made."""
+        if self._coarse is None:
+            self._coarse = self._made_coarse()
+        return self._coarse
+
+    def ready(self) -> None:
+        """Gives the coarse level to the preconditioner."""
+        if self._coarse_ksp is not None:
+            self._coarse_ksp.setOperators(self.coarse)
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner one of these levels; its options prefix has been set."""
@@ -165,60 +223,53 @@ class Multigrid:
         smoother = preconditioner.getMGSmoother(1)
         smoother.setType("chebyshev")
         smoother.setTolerances(max_it=2)
-        smoother.setOperators(self.operator, self._smoothing)
-        smoother.getPC().setType("mat")
+        smoother.setOperators(self.operator, self.operator)
+        smoother.getPC().setType("python")
+        smoother.getPC().setPythonContext(self._smoother)
         self._coarse_ksp = preconditioner.getMGCoarseSolve()
         self._coarse_ksp.setType("preonly")
         self._coarse_ksp.getPC().setType("gamg")
-        self._coarse_ksp.setOperators(self.coarse)
 
-    def hold(self, nodes: Indices, held: Array) -> None:
-        """Holds directions at local nodes in addition to the supports, on the fine level."""
-        self.projection.hold(nodes, held)
-        self.update_smoother()
+    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+        """Holds directions at local nodes (m,), always the same ones, besides the supports.
 
-    def update(self) -> None:
-        """Brings both levels up to what is held now."""
-        self.update_smoother()
-        self.update_coarse()
+        The coarse level is made anew where it would differ at more than a few of them.
 
-    def update_smoother(self) -> None:
-        """Block inverses of Pi K Pi + (1 - Pi); only nodes where something is held differ."""
-        nodes, free = self.projection.blocks()
-        one = np.eye(self._block)
-        values = free @ np.linalg.inv(self._inverse[nodes]) @ free + one - free
-        back = np.setdiff1d(self._changed, nodes)
-        first = self._smoothing.getOwnershipRange()[0] // self._block
-        for where, blocks in ((back, self._inverse[back]), (nodes, np.linalg.inv(values))):
-            for node, block in zip(where + first, blocks, strict=True):
-                self._smoothing.setValuesBlocked(node, node, block)
-        self._smoothing.assemble()
-        self._changed = nodes
+        Args:
+            nodes: (m,).
+            held: projectors (m, dim, dim) onto what is held, zero for what is free.
+            weight: (m,), stiffness of what is held.
+        """
+        self._projection.hold(nodes, held, weight)
+        self._smoother.update(self._projection)
+        before = self._held_before if len(self._held_before) else np.zeros_like(held)
+        some = np.abs(held).max(axis=(1, 2), initial=0.0) > 0
+        other = np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
+        counts = np.array([some.sum(), other.sum()])
+        self._K.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        if counts[1] > _RENEWED * counts[0]:
+            self._held_before = held
+            vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
+            order = np.argsort(nodes)
+            at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+            self._at_vertices.hold(vertex, held[at], weight[at])
+            self._coarse = None
+        self.ready()
 
-    def update_coarse(self) -> None:
+    def _made_coarse(self) -> PETSc.Mat:
         """What linear functions make of Pi K Pi; where vertices are held, multiples of one."""
-        fine, coarse = self.projection.all_blocks(), self._coarse_projection.all_blocks()
-        sizes = self._P.getSizes()
-        kept = _block_diagonal(coarse, sizes[1], self._K.comm, "aij")
-        P = _block_diagonal(fine, sizes[0], self._K.comm, "aij").matMult(self._P).matMult(kept)
-        self.coarse = self._K.ptap(P)
-        size = self.coarse.getDiagonal().sum() / sizes[1][1]
-        held = size * (np.eye(self._block) - coarse)
-        self.coarse.axpy(
-            1.0,
-            _block_diagonal(held, sizes[1], self._K.comm, "aij"),
-            PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN,
-        )
-        self.coarse.setBlockSize(self._block)
+        fine, coarse = self._projection.all_blocks(), self._at_vertices.all_blocks()
+        (rows, columns), comm = self._P.getSizes(), self._K.comm
+        kept = block_diagonal(coarse, columns, comm, "aij")
+        P = block_diagonal(fine, rows, comm, "aij").matMult(self._P).matMult(kept)
+        made = _projected(self._K, P)
+        size = made.getDiagonal().sum() / columns[1]
+        held = block_diagonal(size * (np.eye(self._block) - coarse), columns, comm, "aij")
+        made.axpy(1.0, held, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        made.setBlockSize(self._block)
         if self._near_null is not None:
-            self.coarse.setNearNullSpace(self._near_null)
-        if self._coarse_ksp is not None:
-            self._coarse_ksp.setOperators(self.coarse)
-        self.coarse_set_ups += 1
-
-    def _at_vertices(self, values: npt.NDArray) -> npt.NDArray:
-        """Values (owned dofs,) at the vertices' nodes."""
-        return values.reshape(-1, self._block)[self._fine_node].ravel()
+            made.setNearNullSpace(self._near_null)
+        return made
 
 
 def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
@@ -268,7 +319,44 @@ def _near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
     return PETSc.NullSpace().createRigidBody(places)
 
 
-def _block_diagonal(
+def is_blocked(matrix: PETSc.Mat) -> bool:
+    """Whether a matrix is stored in blocks of nodes."""
+    return "baij" in matrix.getType()
+
+
+def _projected(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
+    """P^T K P; PETSc has no such product of matrices in blocks: parts of them are converted."""
+    if not is_blocked(K):
+        product = K.ptap(P)
+        made = product.copy()
+        product.destroy()  # which keeps what it was made by
+        return made
+    comm, first, rows = K.comm, K.getOwnershipRange()[0], K.getLocalSize()[0]
+    most = comm.tompi4py().allreduce(rows, MPI.MAX)
+    at_once = _AT_ONCE * max(1, -(-most // (_AT_ONCE * _PARTS)))
+    sets = [
+        PETSc.IS().createStride(last - start, start, 1, comm=comm)
+        for start, last in (K.getOwnershipRangeColumn(), P.getOwnershipRangeColumn())
+    ]
+    total = None
+    for begin in range(0, most, at_once):
+        start, last = min(begin, rows), min(begin + at_once, rows)
+        mine = PETSc.IS().createStride(last - start, first + start, 1, comm=comm)
+        K_part, P_part = (
+            matrix.createSubMatrix(mine, columns)
+            for matrix, columns in zip((K, P), sets, strict=True)
+        )
+        some = P_part.transposeMatMult(K_part.convert("aij", PETSc.Mat()).matMult(P))
+        if total is None:
+            total = some.copy()
+        else:
+            total.axpy(1.0, some, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        for matrix in (some, K_part, P_part):
+            matrix.destroy()
+    return total
+
+
+def block_diagonal(
     blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm, kind: str = "baij"
 ) -> PETSc.Mat:
     """Matrix of blocks (nodes, b, b) along its diagonal; `sizes` local and global."""
@@ -285,7 +373,10 @@ def _block_diagonal(
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
-def _python(sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm) -> PETSc.Mat:
+def python_matrix(
+    sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm
+) -> PETSc.Mat:
+    """Matrix whose products a Python object makes."""
     matrix = PETSc.Mat().createPython(sizes, context, comm=comm)
     matrix.setUp()
     return matrix

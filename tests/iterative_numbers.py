@@ -20,12 +20,14 @@ from pw_elements import (
     solve,
     vibration_modes,
 )
+from pw_elements.contact import solve_contact
+from tests.contact_iterative import CASES, Solid
 
 comm = MPI.COMM_WORLD
 numbers: dict[str, list[float] | float | str] = {}
 
 
-def solid(cell):
+def supported(cell):
     mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (6, 3, 3), CellType[cell])
     body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "solid")
     U = body.spaces.trial
@@ -42,7 +44,30 @@ def solid(cell):
         numbers[f"{cell}_free"] = 1.0
 
 
-solid("tetrahedron")
-solid("hexahedron")
+def contact(case):
+    body = Solid(comm=comm)
+    for k, state in enumerate(solve_contact(*body.arguments(case), solver=Iterative())):
+        numbers[f"{case} {k} displacement_norm"] = state.displacement.norm()
+        for number, pair in enumerate(state.pairs):
+            name = f"{case} {k} {number}"
+            numbers[f"{name} statuses"] = np.bincount(pair.status, minlength=3).tolist()
+            numbers[f"{name} force"] = float(np.abs(pair.force).max())
+            numbers[f"{name} largest"] = pair.force_normal.max()
+
+
+def nested():
+    (coarse,) = solve_contact(*Solid(n=2, comm=comm).arguments("rough floor"), solver=Iterative())
+    solid = Solid(n=4, comm=comm)
+    solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
+    fine = solid.arguments("rough floor")
+    (state,) = solve_contact(*fine, solver=Iterative(), start=coarse)
+    numbers["nested"] = state.displacement.norm()
+
+
+supported("tetrahedron")
+supported("hexahedron")
+for case in CASES:
+    contact(case)
+nested()
 if comm.rank == 0:
     print(json.dumps(numbers))

@@ -24,8 +24,11 @@ from pw_elements import (
     SingularSystem,
     SolverNotConverged,
     Spaces,
+    as_function,
     assemble_matrix,
     assemble_vector,
+    buckling,
+    multigrid,
     prescribe,
     solve,
     test_space,
@@ -146,6 +149,28 @@ def test_many_random_problems():
         f.setArray(body.material.youngs_modulus * rng.normal(size=f.getSize()))
         a, b = (solve(K, f, supports, solver) for solver in (Iterative(), Direct()))
         assert difference(a, b) < 1e-9, seed
+
+
+@pytest.mark.parametrize("rows", [12_000, 90])
+def test_matrices_in_blocks(monkeypatch, rows):
+    """They give the same, coarse level included, however many rows are converted at once."""
+    monkeypatch.setattr(multigrid, "_AT_ONCE", rows)
+    body, K, f, held = case("pw-T10")
+    blocked = assemble_matrix(body.stiffness(), blocked=True)
+    assert blocked.getType() == "seqbaij"
+    free = Reduction.dirichlet(body.spaces.trial, []).supports
+    coarse = Multigrid(K, free).coarse
+    assert (Multigrid(blocked, free).coarse - coarse).norm() < 1e-14 * coarse.norm()
+    known = solve(K, f, held, Direct())
+    for solver in (Direct(), Iterative()):
+        assert difference(solve(blocked, f, held, solver), known) < 1e-10
+        modes = [
+            vibration_modes(
+                assemble_matrix(body.stiffness(), b), assemble_matrix(body.mass(), b), held, 3
+            ).eigenvalues
+            for b in (True, False)
+        ]
+        assert modes[0] == pytest.approx(modes[1], rel=1e-10)
 
 
 def test_a_scalar_field():
@@ -270,6 +295,19 @@ def test_natural_frequencies_are_those_of_the_direct_solver(name, free):
     assert a.report.method == "GMRES with p-multigrid"
     assert a.report.krylov_iterations > 100
     assert b.report.method == ("LDL^T" if name.startswith("galerkin") else "LU") + " by mumps"
+
+
+@pytest.mark.parametrize("name", ["galerkin-T10", "pw-T10", "pw-T6"])
+def test_buckling_factors_are_those_of_the_direct_solver(name):
+    body, K, f, held = case(name)
+    U = body.spaces.trial
+    prestress = body.stress(as_function(U, solve(K, f, held, Direct())))
+    K_sigma = assemble_matrix(body.initial_stress(prestress))
+    a, b = (buckling(K, K_sigma, held, 2, solver=s) for s in (Iterative(), Direct()))
+    assert a.factors == pytest.approx(b.factors, rel=1e-8)
+    assert b.report.method == ("LDL^T" if name.startswith("galerkin") else "LU") + " by mumps"
+    with pytest.raises(SingularSystem, match="rigid motion free"):
+        buckling(K, K_sigma, Reduction.dirichlet(U, []), solver=Iterative())
 
 
 def test_modes_that_need_factors_or_more_iterations():

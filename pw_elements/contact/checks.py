@@ -1,4 +1,6 @@
-"""Checks of the mesh before anything is solved on it."""
+"""Checks of mesh and solver before anything is solved."""
+
+from collections.abc import Sequence
 
 import basix
 import numpy as np
@@ -6,7 +8,11 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
 from pw_elements._compat import cell_nodes
+from pw_elements.algebra import Reduction
 from pw_elements.contact.errors import DegenerateMesh, listed
+from pw_elements.contact.pairs import ContactPair, MatchingNodes
+from pw_elements.iterative import Iterative, Solver, chosen
+from pw_elements.linear_solver import LinearSolver
 
 # Smallest Jacobian determinant over the product of a cell's edge lengths
 _FLAT = 1e-10
@@ -26,6 +32,24 @@ def check_mesh(mesh: Mesh) -> None:
     _refuse(mesh, x, flat, "have no volume")
     _refuse(mesh, x, turned, "are turned inside out in a part of them")
     _refuse(mesh, x, _folded(mesh), "lie on the same side of a facet as their neighbour")
+
+
+def solver_for(
+    solver: Solver, reduction: Reduction, pairs: Sequence[ContactPair]
+) -> tuple[LinearSolver, Reduction]:
+    """The solver that is meant, and the reduction in the form in which it takes it.
+
+    Raises:
+        ValueError: if an iterative solver does not serve the reduction or the pairs.
+    """
+    matching = any(isinstance(pair.surface, MatchingNodes) for pair in pairs)
+    why = "nodes of two bodies that face each other need factors" if matching else ""
+    taken = chosen(solver, reduction.supports, why)
+    if not isinstance(taken, Iterative):
+        return taken, reduction
+    if matching:
+        raise ValueError(f"Iterative() knows rigid surfaces alone, {why}: take Direct()")
+    return taken, reduction.masked()
 
 
 def _determinants(mesh: Mesh) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

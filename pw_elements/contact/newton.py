@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.errors import ContactNotConverged, NotUnique
+from pw_elements.contact.errors import ContactFailed, ContactNotConverged, NotUnique
 from pw_elements.contact.globalisation import Policy, counted, same
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import ActiveSet, Contact, equations, turned
 from pw_elements.contact.system import ContactSystem
@@ -21,10 +21,9 @@ Array = npt.NDArray[np.float64]
 
 # Violation of the law over the largest nodal contact force
 _TOLERANCE = 1e-9
-# What of the violation may be round-off: over stiffness x displacement, and over stiffness x
-# coordinate, for a gap is a difference of coordinates
+# What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
+# it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
-ROUND_OFF = 4 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -160,17 +159,35 @@ def newton(
     Planes make gap and slip linear. For curved surfaces under force control they are linearised
     anew where the active set has been found, until nothing changes.
 
+    Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
+    with exact ones.
+
     Returns:
         The solution and the number of linear systems, `most` at most.
 
     Raises:
         FreeBody, NotUnique, ContactNotConverged: as `solve_contact` says.
     """
+    try:
+        return _iterated(increment, active, place, policy, most)
+    except ContactFailed:
+        if not increment.system.insist():
+            raise
+        policy.lost.clear()
+        return _iterated(increment, active, place, policy, most)
+
+
+def _iterated(
+    increment: Increment, active: ActiveSet, place: Kinematics, policy: Policy, most: int
+) -> tuple[Iterate, int]:
     system = increment.system
     policy.restart(active)
     for iteration in range(1, most + 1):
         now = increment.solve(active, place)
         if increment.violation(now) <= 1:
+            if not system.settled:
+                system.forget_factors()  # equilibrium may lag behind
+                continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
             now = increment.seen(now.reduced, now.translations, place)
             if increment.violation(now) <= 1:

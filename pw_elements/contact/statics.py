@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 # Stiffness of a motion, over what it would be for an arbitrary one: as good as none below
 _FREE = 1e-8
 _AXES = "xyz"
+# Rows that are factorised at once, to save memory
+_AT_ONCE = 100_000
 
 
 class RigidMotions:
@@ -97,18 +99,18 @@ class RigidMotions:
         column = free_columns(system.reduction.right)
         first = system.stiffness.getOwnershipRange()[0]
         kept = column >= 0
-        images = []
-        for mode in modes.T:
+        images: Array = np.empty((system.stiffness.getLocalSize()[0], modes.shape[1]))
+        for k in range(modes.shape[1]):
             vector = system.stiffness.createVecRight()
             local = vector.array
-            local[column[kept] - first] = mode[kept]
+            local[column[kept] - first] = modes[kept, k]
             del local
             image = system.stiffness.createVecLeft()
             system.stiffness.mult(vector, image)
-            images.append(image.array_r.copy())
+            images[:, k] = image.array_r
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        forces = np.array(images).reshape(modes.shape[1], -1).T / largest
-        return _triangle(np.vstack([forces, modes[column == -1]]), system.comm)
+        images /= largest
+        return _triangle(np.vstack([images, modes[column == -1]]), system.comm)
 
     def _name(self, vector: Array) -> str:
         dim, bodies = self._centres.shape[1], self._at_points.shape[2]
@@ -141,5 +143,8 @@ def _triangle(rows: Array, comm: MPI.Comm) -> Array:
 
     A Gram matrix would square what is small, and lose it.
     """
-    own = np.linalg.qr(rows, mode="r")
+    own: Array = np.zeros((0, rows.shape[1]))
+    for first in range(0, len(rows), _AT_ONCE):
+        part = np.vstack([own, rows[first : first + _AT_ONCE]])
+        own = np.asarray(np.linalg.qr(part, mode="r"))
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))

@@ -23,7 +23,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, is_finite
-from pw_elements.contact.checks import check_mesh
+from pw_elements.contact.checks import check_mesh, solver_for
 from pw_elements.contact.errors import ContactFailed, ContactNotConverged
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import Interface
@@ -31,12 +31,12 @@ from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
 from pw_elements.contact.results import contact_state, undeformed
-from pw_elements.contact.starts import first_active_set
+from pw_elements.contact.starts import first_active_set, first_displacement
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
-from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.iterative import Solver
 
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME = 1e-9
@@ -59,7 +59,7 @@ class ContactProblem:
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements.
-        solver: of the linear systems; `Direct()` unless given.
+        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
         max_iterations: linear systems per increment.
 
     Raises:
@@ -73,15 +73,15 @@ class ContactProblem:
         reduction: Reduction,
         pairs: ContactPair | Sequence[ContactPair],
         space: fem.FunctionSpace,
-        solver: LinearSolver | None = None,
+        solver: Solver = None,
         max_iterations: int = 50,
     ) -> None:
         if max_iterations < 1:
             raise ValueError(f"max_iterations = {max_iterations}: one at least")
         check_mesh(space.mesh)
         pairs = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
-        self._K, self._reduction, self._space = K, reduction, space
-        self._solver, self._most = solver or Direct(), max_iterations
+        self._solver, reduction = solver_for(solver, reduction, pairs)
+        self._K, self._reduction, self._space, self._most = K, reduction, space, max_iterations
         self._interface = nodal_interface(pairs, space, reduction)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
@@ -102,7 +102,8 @@ class ContactProblem:
             motions: of each pair's surface from its initial place, None for one that rests
                 there; all rest unless given.
             guess: state from whose active set to start, of a coarser mesh, say: each node takes
-                the status of the nearest. It is no history.
+                the status of the nearest; an iterative solver takes its displacements, too (unless
+                it was read from a file). It is no history.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
@@ -112,6 +113,7 @@ class ContactProblem:
                 would pull have opened and those that cannot hold have slipped.
             NotUnique: if the tangent is singular otherwise: Coulomb's friction too large.
             ContactNotConverged: if the active sets repeat themselves, or no end is reached.
+            SolverNotConverged: if an iterative solver fails, singular tangents among the reasons.
         """
         interface = self._interface
         self._check(state, load, motions, guess)
@@ -127,6 +129,7 @@ class ContactProblem:
 
         first = _surfaces(guess or state)
         translations = np.where(np.isnan(prescribed), first, prescribed)
+        system.start(lambda: first_displacement(state, guess, self._space), translations)
         interface.check_supports(translations)
         place = increment.kinematics(translations, past.displacement, past.force)
         active = first_active_set(place, state, guess, rigid.left_free)
@@ -137,6 +140,7 @@ class ContactProblem:
                 raise policy.lost[-1] from None
             raise
         interface.check_supports(now.translations)
+        now.full.setAttr("space", self._space)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, system.report.since(before))
 
     def save(self, state: ContactState, path: str | Path) -> None:
@@ -206,7 +210,7 @@ def solve_contact(
     space: fem.FunctionSpace,
     start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
-    solver: LinearSolver | None = None,
+    solver: Solver = None,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
 
@@ -223,7 +227,7 @@ def solve_contact(
             goes on from a state). Without it the first increment starts from the nodes that
             touch, every other one from the previous one.
         max_iterations: linear systems per increment.
-        solver: of the linear systems; `Direct()` unless given.
+        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
 
     Raises:
         ValueError: for input that states no contact problem (see `nodal.nodal_interface`),
