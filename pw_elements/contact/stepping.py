@@ -7,10 +7,8 @@ present place (initial place + translation U), so that for the displacement a of
 
 and the slip of an increment is the tangential part of (a - U) less that at its start.
 Planes make this linear in U. For curved surfaces under force control it is linearised, the
-active set found, and gap and n then taken at the U so found, until nothing changes.
-
-Other loops over time join here; `step` changes no state. An explicit one needs no `step`: it takes
-gaps, normals, friction and G from `nodal_interface`, and corrects predicted motions by the law.
+active set found, and gap and n then taken at the U so found, until nothing changes. Other loops
+over time join here: `step` changes no state.
 """
 
 from collections.abc import Collection, Sequence
@@ -272,9 +270,8 @@ def solve_contact(
         space: trial space of the displacements.
         start: states of the same increments, from a coarser mesh, say: each increment starts
             from the status of the nearest node. It is a guess, no history: slip counts from the
-            undeformed body in the first increment, whatever it starts from (`ContactProblem.step`
-            goes on from a state). Without it the first increment starts from the nodes that
-            touch, every other one from the previous one.
+            undeformed body in the first increment (`ContactProblem.step` goes on from a state).
+            Without it the first starts from the nodes that touch, others from the one before.
         max_iterations: linear systems of one iteration.
         solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
         callback: called with a `Progress` after each iteration and each increment, on each process
