@@ -5,11 +5,11 @@ import pytest
 
 from pw_elements import Direct, Iterative, Spaces
 from pw_elements.contact import (
-    NotFound,
     ContactPair,
     ContactProblem,
     FreeBody,
     MatchingNodes,
+    NotFound,
     Plane,
     solve_contact,
 )
