@@ -15,6 +15,7 @@ the gaps, normals, friction and G, and it corrects the nodes' predicted motion b
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -51,7 +52,7 @@ from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.watch import Watch
-from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.linear_solver import Direct, LinearSolver, SolverReport
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import bar, doing
 
@@ -143,13 +144,15 @@ class ContactProblem:
         end = Target.of(load, moved, self._interface)
         reporter = Reporter(self._interface.comm, state.increment, self._callback)
         with doing(self._interface.comm, f"contact increment {state.increment}"):
+            before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
             except NotFound:
                 joined = self._cut(state, end, reporter)
                 if joined is None:
                     raise
-                found = joined
+                iterations, report = self._spent(end.free, before)
+                found = replace(joined, iterations=iterations, report=report)
         reporter.ended(found, perf_counter() - begun)
         return found
 
@@ -173,7 +176,7 @@ class ContactProblem:
         """The state at a target, in one piece."""
         interface, prescribed = self._interface, target.translations
         system, rigid = self._bound(target.free)
-        before = system.report
+        before = self._spent(target.free)
         past = Reference.of(state, interface)
         increment = Increment(
             system, self._K, target.load, prescribed, target.totals, past, target.stated
@@ -191,9 +194,9 @@ class ContactProblem:
         active = first_active_set(place, state, guess, rigid.left_free)
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
-            now, iterations = newton(increment, active, place, policy(), self._most, told)
+            now = newton(increment, active, place, policy(), self._most, told)
         except ContactFailed as failure:
-            proof = no_equilibrium(increment, place, rigid)
+            proof, unproved = no_equilibrium(increment, place, rigid)
             if proof is not None:
                 raise proof from None
             last, found = failure, None
@@ -205,13 +208,25 @@ class ContactProblem:
                 except NotUnique as unique:
                     last = unique
             if found is None:
-                raise refusal(last, increment, state, system.report.since(before)) from None
-            now, iterations = found, increment.systems
+                spent = self._spent(target.free, before)
+                raise refusal(last, increment, state, spent, unproved) from None
+            now = found
         interface.check_supports(now.translations)
-        smallness, report = self._watch.after(increment, now, state), system.report.since(before)
+        smallness = self._watch.after(increment, now, state)
+        iterations, report = self._spent(target.free, before)
         if reporter:
             reporter.violation = increment.violation(now)
         return contact_state(increment, now, iterations, state, report, smallness)
+
+    def _spent(
+        self, free: Free, before: tuple[int, SolverReport] = (0, SolverReport("nothing", 0))
+    ) -> tuple[int, SolverReport]:
+        """Linear systems of iterations since before, and what they and condensing took."""
+        system, _ = self._bound(free)
+        report = system.report
+        if "_condensed" in vars(self):
+            report = self._condensed.report.after(report)
+        return system.solved - before[0], report.since(before[1])
 
     @cached_property
     def _condensed(self) -> Condensation:
@@ -219,6 +234,8 @@ class ContactProblem:
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
+
+        Everything that the next increment needs is there; `substates` are left out.
 
         Raises:
             TypeError: for what is no state or path.

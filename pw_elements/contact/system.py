@@ -54,6 +54,7 @@ class ContactSystem:
 
     Attributes:
         stiffness: K reduced, L^T K R of the reduction.
+        solved: number of linear systems solved so far.
         scale: c of the law, (m,): mean stiffness of a point's components, or 1 without any.
     """
 
@@ -86,6 +87,7 @@ class ContactSystem:
         read, moved = local_rows(forces, len(free)), local_rows(motion, len(free))
         self.scale = self._stiffness_scale(read, moved)
         borders = border_columns(free, interface.pair, self._own.shape[1])
+        self.solved = 0
         all_rows = local_rows(fixed, len(free)), read, moved, borders
         self._tangent = Tangent(*all_rows, self._own, first, self.comm, solver)
 
@@ -129,6 +131,7 @@ class ContactSystem:
         Raises:
             SingularSystem: if there is no unique solution.
         """
+        self.solved += 1
         loads, right = self._read(load), self._spread_load(load)
         stated = self._own >= 0
         right[self._own[stated]] = (np.einsum("nab,nb->na", E, loads) + constraint)[stated]
