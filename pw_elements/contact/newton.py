@@ -216,15 +216,9 @@ class Increment:
     def _lost(self, now: Iterate) -> tuple[float, float]:
         """Forces that may be nothing but round-off: of displacements, and of coordinates."""
         lengths = _LOST * np.abs(now.displacement), ROUND_OFF * np.abs(self.interface.position)
-        moved, placed = (
-            float(
-                self.system.comm.allreduce(
-                    (self.system.scale[:, None] * length).max(initial=0.0), MPI.MAX
-                )
-            )
-            for length in lengths
-        )
-        return moved, placed
+        forces = [(self.system.scale[:, None] * part).max(initial=0.0) for part in lengths]
+        moved, placed = np.max(self.system.comm.allgather(forces), axis=0)
+        return float(moved), float(placed)
 
 
 def newton(

@@ -67,13 +67,11 @@ def refusal(
         unproved: pairs of which no proof was looked for.
     """
     near, state = "", None
-    doubt = "That is no proof that there is no solution"
-    if unproved:
-        doubt += "".join(
-            f", and none was looked for where pair {k} is concerned: its surface is curved and "
-            "free to move, so that its normals are not given"
-            for k in unproved
-        )
+    doubt = "That is no proof that there is no solution" + "".join(
+        f", and none was looked for where pair {k} is concerned: its surface is curved and free to "
+        "move, so that its normals are not given"
+        for k in unproved
+    )
     if increment.nearest is not None:
         now, violation = increment.nearest
         size = Smallness(np.nan, np.nan, np.nan)  # of no solution
@@ -83,9 +81,8 @@ def refusal(
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         failure = NotFound(
-            f"{failure}. {doubt}.{near} Smaller increments, "
-            "pressing before pushing, or a start from states of a smaller friction or a coarser "
-            "mesh may find one"
+            f"{failure}. {doubt}.{near} Smaller increments, pressing before pushing, or a start "
+            "from states of a smaller friction or a coarser mesh may find one"
         )
     failure.state = state
     return failure

@@ -80,7 +80,7 @@ class ContactProblem:
             that has one; what it raises ends the computation.
         remedies: what is tried where the iteration fails: "condensed" does without active sets,
             on the contact points alone (see `remedies`), "cutback" halves the increment (see
-            `cutback` and `ContactState.substates`), which is another path.
+            `cutback` and `ContactState.substates`), which with friction is another path.
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
@@ -136,7 +136,8 @@ class ContactProblem:
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
-            NotFound: if none has been found otherwise; it has the state that came nearest.
+            NotFound: if no solution has been found, whether there is one or not; `state` is what
+                came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
         """
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
