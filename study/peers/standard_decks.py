@@ -3,12 +3,13 @@
 They are linear (contact aside), so that units and sizes of loads do not count.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from study.peers.decks import distributed, row, text
+from study.peers.decks import row, text
 from study.peers.grids import Grid, Where
 from study.peers.printed import Array, tables
 
@@ -64,7 +65,7 @@ class Specimen:
         plane = (0.0,) * (3 - self.dimension)
         return [
             "*NODE,NSET=ALL",
-            *(row((k, *x, *plane)) for k, x in enumerate(self.grid.nodes, start=1)),
+            *(f"{k},{digits((*x, *plane))}" for k, x in enumerate(self.grid.nodes, start=1)),
             f"*ELEMENT,TYPE={self.element},ELSET=BODY",
             *(row([k, *cell]) for k, cell in enumerate(self.grid.elements, start=1)),
             f"*MATERIAL,NAME=ELASTIC\n*ELASTIC\n{self.modulus!r},{self.ratio!r}",
@@ -81,8 +82,7 @@ class Specimen:
     def pressed(self, where: Where, size: float, parameters: str = "") -> list[str]:
         """Lines of a pressure on the faces at all corners of which a marker holds."""
         faces = self.grid.faces_where(where)
-        lines = (distributed([k], face, size)[1] for k, face in faces)
-        return [f"*DLOAD{parameters}", *lines]
+        return [f"*DLOAD{parameters}", *(f"{k},P{face},{digits([size])}" for k, face in faces)]
 
 
 @dataclass(frozen=True)
@@ -228,11 +228,11 @@ class Resting(Specimen):
     def numbers(self, printed: str) -> dict[str, Array]:
         """What each brick carries, of the whole body, at the end of the last increment."""
         force = tables(printed, "forces")[-1][:, 1:]
-        bricks = force.reshape(-1, 8, 3).sum(axis=1) * (SECTORS if self.is_axisymmetric else 1)
-        numbers = {"force_normal": bricks[:, self.up]}
+        carried = force.reshape(-1, 8, 3).sum(axis=1) * (SECTORS if self.is_axisymmetric else 1)
+        forces = {"force_normal": carried[:, self.up]}
         if self.friction:
-            numbers["force_tangential"] = bricks[:, : self.up].ravel()
-        return numbers
+            forces["force_tangential"] = carried[:, : self.up].ravel()
+        return forces
 
     def _rigid(self) -> list[str]:
         return bricks(self, [self.grid.nodes[node - 1] for node in self.contact_nodes], 1.0)
@@ -316,7 +316,7 @@ class RoughBlock(Specimen):
         return [
             "*CLOAD",
             *(
-                f"{node},{axis},{size * part!r}"
+                f"{node},{axis},{digits([size * part])}"
                 for node, part in force.items()
                 for axis, size in enumerate(traction, start=1)
             ),
@@ -333,7 +333,7 @@ def bricks(body: Specimen, places: list[tuple[float, ...]], reach: float) -> lis
         x, y, z = (*place, 0.0)[:3]
         for below, (a, b) in product((1.0, 0.0), around):
             corner = (x + a, y + b, z - below) if body.dimension == 3 else (x + a, y - below, z - b)
-            nodes.append(row((first + len(nodes), *corner)))
+            nodes.append(f"{first + len(nodes)},{digits(corner)}")
         elements.append(row([count + 1 + k, *range(first + 8 * k, first + 8 * k + 8)]))
     section = "*SOLID SECTION,ELSET=BRICKS,MATERIAL=ELASTIC"
     return ["*NODE,NSET=RIGID", *nodes, "*ELEMENT,TYPE=C3D8,ELSET=BRICKS", *elements, section]
@@ -348,13 +348,18 @@ def law(penalty: float, friction: float, stick_slope: float) -> list[str]:
     ]
 
 
-def lines(numbers: list[int]) -> str:
-    """Numbers in lines of sixteen, which is as many as CalculiX reads."""
-    return "\n".join(row(numbers[k : k + 16]) for k in range(0, len(numbers), 16))
+def lines(nodes: list[int]) -> str:
+    """Nodes in lines of sixteen, which is as many as CalculiX reads."""
+    return "\n".join(row(nodes[k : k + 16]) for k in range(0, len(nodes), 16))
+
+
+def digits(values: Iterable[float]) -> str:
+    """Part of a line, with as many digits as always fit in the characters that CalculiX reads."""
+    return ",".join(f"{value:.12g}" for value in values)
 
 
 _RING = Grid("T6", (0.5, 0.0), (1.5, 2.0), (3, 6))
-_CYLINDER = Grid("T6", (0.0, 0.0), (2.0, 2.0), (8, 8))
+_CYLINDER = Grid("T6", (0.0, 0.0), (2.0, 1.0), (8, 4))
 _COLUMN = Grid("T6", (-0.5, 0.0), (0.5, 4.0), (2, 8))
 _BOX = Grid("T10", (0.0, 0.0, 0.0), (2.0, 1.0, 1.5), (4, 2, 3))
 _BARREL = Grid("T10", (0.0, 0.0, 0.0), (2.0, 1.0, 1.5), (4, 2, 3), bulge=0.2)
