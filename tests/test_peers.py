@@ -301,6 +301,7 @@ class TestAgainstOurs:
             ("buckling-CPE8", "critical_pressure", 1e-6, 0.0),
             ("contact-CAX6", "force_normal", 2e-5, 1e-3),
             ("contact-C3D10", "force_normal", 2e-5, 0.0),
+            ("contact-C3D10-friction", "force_tangential", 2e-3, 0.0),
         ],
     )
     def test_differences_are_those_of_quadrature(self, case, name, reduced, exact):

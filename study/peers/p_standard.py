@@ -55,6 +55,7 @@ _CELLS = {
     "T10": ("tetrahedron", [0, 1, 2, 3]),
 }
 _STATES = {
+    "CPS": StressState.PLANE_STRESS,
     "CPE": StressState.PLANE_STRAIN,
     "CAX": StressState.AXISYMMETRIC,
     "C3D": StressState.SOLID,

@@ -30,6 +30,7 @@ class Specimen:
     grid: Grid
 
     modulus, ratio, density = 1000.0, 0.3, 1.0
+    thickness = 1.0
 
     @property
     def dimension(self) -> int:
@@ -71,7 +72,7 @@ class Specimen:
             f"*MATERIAL,NAME=ELASTIC\n*ELASTIC\n{self.modulus!r},{self.ratio!r}",
             f"*DENSITY\n{self.density!r}",
             "*SOLID SECTION,ELSET=BODY,MATERIAL=ELASTIC",
-            *(["1."] if self.element.startswith("CPE") else []),
+            *([repr(self.thickness)] if self.element.startswith("CP") else []),
         ]
 
     def held(self, where: Where, axes: range, value: float = 0.0) -> list[str]:
@@ -121,8 +122,8 @@ class Compressed(Specimen):
         """Parts of radial displacements that CalculiX prints as those of plane nodes.
 
         They are means of the x components of the spatial nodes: of two, one degree beside the
-        plane, at mid-side nodes; of these and of the one between, which counts four times, at
-        corners.
+        plane, at mid-side nodes (but for the curvature of the side's displacement); of these and
+        of the one between, which counts four times, at corners.
         """
         beside = np.cos(np.pi / SECTORS)
         parts = np.full(len(self.grid.nodes), beside)
@@ -155,7 +156,13 @@ class Vibrating(Specimen):
 
 @dataclass(frozen=True)
 class Buckling(Specimen):
-    """Column in plane strain, held at the bottom and pressed on the top: buckling pressures."""
+    """Plane column, held at the bottom and pressed on the top: buckling pressures.
+
+    Args:
+        thickness: of the column; the pressures do not depend on it.
+    """
+
+    thickness: float = 1.0
 
     count = 2
 
@@ -193,7 +200,6 @@ class Resting(Specimen):
 
     friction: float = 0.0
     pull: float = 0.0
-
     penalty: float = 5e9
     stick_slope: float = 1e7
 
@@ -384,10 +390,13 @@ SPECIMENS: dict[str, AnySpecimen] = {
     "frequencies-C3D10-curved": Vibrating("C3D10", _BARREL),
     "buckling-CPE6": Buckling("CPE6", _COLUMN),
     "buckling-CPE8": Buckling("CPE8", _squares(_COLUMN)),
+    "buckling-CPS6": Buckling("CPS6", _COLUMN),
+    "buckling-CPS6-thin": Buckling("CPS6", _COLUMN, thickness=0.01),
     "contact-CAX6": Resting("CAX6", _CYLINDER),
     "contact-CAX8": Resting("CAX8", _squares(_CYLINDER)),
     "contact-C3D10": Resting("C3D10", _BLOCK),
     "contact-C3D10-friction": Resting("C3D10", _BLOCK, 0.3, 0.1, penalty=5e8),
     "contact-C3D10-friction-soft": Resting("C3D10", _BLOCK, 0.3, 0.1, 5e8, stick_slope=1e6),
     "contact-C3D10-surface": RoughBlock("C3D10", _BLOCK),
+    "contact-C3D10-surface-stiff": RoughBlock("C3D10", _BLOCK, penalty=1e7, stick_slope=1e6),
 }
