@@ -372,10 +372,10 @@ def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], i
     comm, cells = space.mesh.comm, space.dofmap.list
     index_map = space.dofmap.index_map
     local = index_map.size_local + index_map.num_ghosts
-    row = np.repeat(np.arange(len(cells)), cells.shape[1])
-    shape = (len(cells), local)
-    of_cell = sp.csr_matrix((np.ones(cells.size, dtype=np.int8), (row, cells.ravel())), shape)
-    count, part = connected_components(of_cell.T @ of_cell, directed=False)
+    others = cells[:, 1:]  # a cell's first node links them
+    links = (np.repeat(cells[:, 0], others.shape[1]), others.ravel())
+    graph = sp.csr_matrix((np.ones(others.size, dtype=np.int8), links), (local, local))
+    count, part = connected_components(graph, directed=False)
     first = sum(comm.allgather(count)[: comm.rank])
     # parts of two processes are one piece if they share a node: the owner's number tells which
     number = la.vector(index_map, 1)
