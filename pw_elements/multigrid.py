@@ -223,7 +223,8 @@ class Multigrid:
         self._near: _Near | None = None
         self._fixed: PETSc.Mat | None = None
         self._coarse: PETSc.Mat | None = None
-        self._coarse_ksp: PETSc.KSP | None = None
+        self._preconditioner: PETSc.PC | None = None
+        self._estimated = False
 
     @property
     def coarse(self) -> PETSc.Mat:
@@ -234,8 +235,17 @@ class Multigrid:
 
     def ready(self) -> None:
         """Gives the coarse level to the preconditioner."""
-        if self._coarse_ksp is not None:
-            self._coarse_ksp.setOperators(self.coarse)
+        if self._preconditioner is None:
+            return
+        self._preconditioner.getMGCoarseSolve().setOperators(self.coarse)
+        if not self._estimated:
+            self._preconditioner.setUp()
+            # it would keep the vectors with which it has estimated eigenvalues
+            smoother = self._preconditioner.getMGSmoother(1)
+            operators = smoother.getOperators()
+            smoother.reset()
+            smoother.setOperators(*operators)
+            self._estimated = True
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner one of these levels; its options prefix has been set."""
@@ -248,9 +258,10 @@ class Multigrid:
         smoother.setOperators(self.operator, self.operator)
         smoother.getPC().setType("python")
         smoother.getPC().setPythonContext(self._smoother)
-        self._coarse_ksp = preconditioner.getMGCoarseSolve()
-        self._coarse_ksp.setType("preonly")
-        self._coarse_ksp.getPC().setType("gamg")
+        coarse = preconditioner.getMGCoarseSolve()
+        coarse.setType("preonly")
+        coarse.getPC().setType("gamg")
+        self._preconditioner = preconditioner
 
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
@@ -285,8 +296,8 @@ class Multigrid:
     def _forget(self) -> None:
         """Frees the coarse level before another one is made."""
         if self._coarse is not None:
-            if self._coarse_ksp is not None:
-                self._coarse_ksp.reset()
+            if self._preconditioner is not None:
+                self._preconditioner.getMGCoarseSolve().reset()
             self._coarse.destroy()
             self._coarse = None
         collect_garbage(self._K)
