@@ -300,7 +300,7 @@ class Multigrid:
                 self._preconditioner.getMGCoarseSolve().reset()
             self._coarse.destroy()
             self._coarse = None
-        collect_garbage(self._K)
+        collect_garbage(self._K, self._P)
 
     def _made_coarse(self) -> PETSc.Mat:
         """What linear functions make of Pi K Pi; where vertices are held, multiples of one.
@@ -358,7 +358,9 @@ class _Near:
         touched.array[:owned] = fine.array_r.reshape(-1, block).max(axis=1) > 0
         touched.array[held] = 1.0
         touched.scatter_forward()
-        cells = space.dofmap.list[: space.mesh.topology.index_map(space.mesh.topology.dim).size_local]
+        cells = space.dofmap.list[
+            : space.mesh.topology.index_map(space.mesh.topology.dim).size_local
+        ]
         around = cells[(touched.array[cells] > 0).any(axis=1)]
         touched.array[:] = 0.0
         touched.array[around] = 1.0
@@ -518,12 +520,13 @@ def _destroy(*things: PETSc.Object) -> None:
         thing.destroy()
 
 
-def collect_garbage(like: PETSc.Object) -> None:
-    """Frees objects that have gone out of use; collective.
+def collect_garbage(*like: PETSc.Object) -> None:
+    """Frees objects that have gone out of use and live where these do; collective.
 
     On several processes petsc4py leaves them alone until then: Python may drop them in any order.
     """
-    PETSc.garbage_cleanup(like.comm)
+    for thing in like:
+        PETSc.garbage_cleanup(thing.comm)
 
 
 def block_diagonal(

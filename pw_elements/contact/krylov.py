@@ -174,6 +174,7 @@ class KrylovTangent:
         stated = points.own >= 0
         local = x.array
         local[points.own[stated]] += step[stated]
+        image.destroy()
 
     def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
         """Row (n,) of the balance of a free translation."""

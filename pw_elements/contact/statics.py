@@ -37,6 +37,7 @@ class RigidMotions:
         motion, self._column = system.interface.motion, free_columns(system.reduction.right)
         self._relative = self._at_points(motion * mode for mode in self._full())
         self._held = self._hold_of_supports(transposed=False)
+        collect_garbage(motion, system.stiffness)
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
@@ -149,7 +150,6 @@ class RigidMotions:
             else:
                 system.stiffness.mult(mode, image)
             forces[:, k] = image.array_r / largest
-        collect_garbage(image)
         held = self._column == -1
         prescribed = np.stack([mode[held] for mode in self.modes.displacements()], axis=1)
         return _triangle(prescribed, system.comm, forces)
