@@ -358,9 +358,8 @@ class _Near:
         touched.array[:owned] = fine.array_r.reshape(-1, block).max(axis=1) > 0
         touched.array[held] = 1.0
         touched.scatter_forward()
-        cells = space.dofmap.list[
-            : space.mesh.topology.index_map(space.mesh.topology.dim).size_local
-        ]
+        topology = space.mesh.topology
+        cells = space.dofmap.list[: topology.index_map(topology.dim).size_local]
         around = cells[(touched.array[cells] > 0).any(axis=1)]
         touched.array[:] = 0.0
         touched.array[around] = 1.0
@@ -386,8 +385,8 @@ def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], i
     index_map = space.dofmap.index_map
     local = index_map.size_local + index_map.num_ghosts
     others = cells[:, 1:]  # a cell's first node links them
-    links = (np.repeat(cells[:, 0], others.shape[1]), others.ravel())
-    graph = sp.csr_matrix((np.ones(others.size, dtype=np.int8), links), (local, local))
+    edges = (np.repeat(cells[:, 0], others.shape[1]), others.ravel())
+    graph = sp.csr_matrix((np.ones(others.size, dtype=np.int8), edges), (local, local))
     count, part = connected_components(graph, directed=False)
     first = sum(comm.allgather(count)[: comm.rank])
     # parts of two processes are one piece if they share a node: the owner's number tells which
@@ -423,8 +422,8 @@ def _interpolation_matrix(
 ) -> PETSc.Mat:
     """Values at free nodes from those at free vertices; DOLFINx's has a cell's zeros, too."""
     element, corners = space.element.basix_element, linear.element.basix_element
-    values = corners.tabulate(0, element.points)[0, :, :, 0]
-    weights = np.round(element.interpolation_matrix @ values, 12)
+    values = corners.tabulate(0, np.asarray(element.points))[0, :, :, 0]
+    weights: Array = np.round(np.asarray(element.interpolation_matrix) @ values, 12)
     cells, block = space.dofmap.list, space.dofmap.index_map_bs
     owned = space.dofmap.index_map.size_local
     index_map = linear.dofmap.index_map

@@ -41,7 +41,6 @@ from pw_elements.contact.state import Free
 from pw_elements.contact.unassembled import NodePoints
 from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import LinearSolver, SolverReport
-from pw_elements.multigrid import collect_garbage
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -91,9 +90,8 @@ class ContactSystem:
         if isinstance(solver, Iterative):
             assert reduction.supports is not None, "other reductions are refused before"
             self.scale = stated_mean(K.getDiagonal().array_r[self._own] * self._flexible, stated)
-            at = NodePoints.of(interface, self._own, self._flexible, self.scale, free)
-            self._tangent = KrylovTangent(K, reduction.supports, at, solver)
-            collect_garbage(K, interface.motion)
+            points = NodePoints.of(interface, self._own, self._flexible, self.scale, free)
+            self._tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
         motion = interface.motion.matMult(reduction.right)
         forces = reading(force, self._flexible, interface.equation).matMult(self.stiffness)
