@@ -227,6 +227,9 @@ class Reduction:
         """
         if self.supports is None:
             raise ValueError(NO_SUPPORTS)
+        comm = self.offset.comm.tompi4py()
+        if comm.allreduce(bool(self.supports.free.all()), MPI.LAND):
+            return self
         kept = _selection(self.supports.free, self.offset, renumbered=False)
         return replace(self, left=kept, right=kept)
 

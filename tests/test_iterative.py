@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.fem.petsc import interpolation_matrix
 from dolfinx.mesh import CellType, create_box, create_mesh, exterior_facet_indices
+from scipy.linalg import block_diag
 
 from pw_elements import (
     Body,
@@ -123,6 +125,36 @@ def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
     # macro functions see the points of each sub-cell: exact on straight simplices only
     exact = "T" in name or name.startswith("galerkin")
     assert (coarse - expected).norm() < (1e-12 if exact else 1e-3) * expected.norm()
+
+
+@pytest.mark.parametrize("blocked", [False, True])
+def test_the_coarse_level_follows_what_is_held(blocked):
+    """It is P^T K P by DOLFINx's P with all that is held taken out of K and P, always anew."""
+    random = np.random.default_rng(3)
+    body = Body(Spaces.petrov_galerkin(box("tetrahedron")), Material(1000.0, 0.3), "solid")
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness(), blocked)
+    clamped = [prescribe(U, 1, lambda x: np.isclose(x[0], 0))]
+    supports = Reduction.dirichlet(U, clamped).supports
+    grid = Multigrid(K, supports)
+    linear = fem.functionspace(U.mesh, ("Lagrange", 1, (3,)))
+    x, at_vertices = U.tabulate_dof_coordinates(), linear.tabulate_dof_coordinates()
+    vertex = np.argmin(np.linalg.norm(x[:, None] - at_vertices, axis=2), axis=0)
+    P = interpolation_matrix(linear, U)
+    P.assemble()
+    P, K = P[:, :], K[:, :]
+    nodes = random.permutation(np.flatnonzero((x[:, 2] < 0.2) & (x[:, 0] > 0.1)))
+    for _ in range(3):
+        normal = random.normal(size=(len(nodes), 3))
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        held = np.einsum("na,nb->nab", normal, normal) * random.integers(0, 2, (len(nodes), 1, 1))
+        grid.hold(nodes, held, np.ones(len(nodes)))
+        blocks = np.eye(3) * supports.free.reshape(-1, 1, 3)
+        blocks[nodes] -= held
+        free, coarse = (block_diag(*some) for some in (blocks, blocks[vertex]))
+        expected = coarse.T @ P.T @ free.T @ K @ free @ P @ coarse
+        expected += np.trace(expected) / len(expected) * (np.eye(len(expected)) - coarse)
+        assert np.abs(grid.coarse[:, :] - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_many_random_problems():
