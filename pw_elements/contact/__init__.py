@@ -23,7 +23,7 @@ from pw_elements.contact.errors import (
     NotUnique,
 )
 from pw_elements.contact.law import OPEN, SLIP, STICK
-from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
+from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.state import ContactState, PairState, Residuals
 from pw_elements.contact.stepping import ContactProblem, solve_contact
 from pw_elements.contact.surfaces import (
@@ -45,6 +45,7 @@ __all__ = [
     "ContactPair",
     "ContactProblem",
     "ContactState",
+    "DeformableSurface",
     "DegenerateMesh",
     "FlatPunch",
     "FreeBody",

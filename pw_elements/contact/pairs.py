@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.contact.surfaces import Surface
-from pw_elements.mechanics import Marker
+from pw_elements.mechanics import Marker, Part
 
 Array = npt.NDArray[np.float64]
 # Marker of positions (3, n), or local numbers, or a mask of these
@@ -76,6 +76,24 @@ class MatchingNodes:
 
 
 @dataclass(frozen=True)
+class DeformableSurface:
+    """Another part of the same mesh's boundary, whose nodes need not face the pair's.
+
+    It takes the place of a rigid surface, for two bodies (disconnected parts of one mesh). The
+    pair's own side is the mortar's slave: contact is stated at its nodes, so the finer mesh
+    should be the pair's. What a `Motion` says of a rigid surface, it says of a rigid motion that
+    this side makes in addition to its displacements, as for `MatchingNodes`.
+
+    Args:
+        where: marker of positions (3, n), which holds at every vertex of a facet, or facets.
+        revolved: whether areas are round the axis of the first coordinate's origin.
+    """
+
+    where: Part
+    revolved: bool = False
+
+
+@dataclass(frozen=True)
 class ContactPair:
     """Nodes of the body that may touch a rigid surface, or the nodes of another part of it.
 
@@ -90,6 +108,6 @@ class ContactPair:
     """
 
     nodes: Nodes
-    surface: Surface | MatchingNodes
+    surface: Surface | MatchingNodes | DeformableSurface
     friction: float | Callable[[Array], Array] = 0.0
     motions: Sequence[Motion] = ()
