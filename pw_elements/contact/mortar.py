@@ -109,8 +109,8 @@ class InitialGap:
         """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
         return self.initial + np.sum(self.direction * (x - self.position), axis=1)
 
-    def normal(self, x: Array) -> Array:
-        """Averaged normals (m, dim), out of the master."""
+    def normal(self, x: Array) -> Array:  # noqa: ARG002
+        """Averaged normals (m, dim), out of the master, wherever the points are."""
         return self.direction
 
 
@@ -143,7 +143,7 @@ def mortar_points(
     body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
     overlap = Overlap.of(one, other, own, master.revolved)
-    if space.mesh.comm.allreduce(int(len(overlap.measure)), MPI.SUM) == 0:
+    if space.mesh.comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
         raise ValueError(
             f"contact pair {number}: no part of its facets faces the opposite part; the outward "
             "normals of both have to point to each other"

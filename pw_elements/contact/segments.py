@@ -103,9 +103,9 @@ def _of_triangles(corners: Array) -> tuple[Indices, Array]:
     https://doi.org/10.1145/360767.360802); what is left is a polygon, cut into a fan.
     """
     n = len(corners)
-    polygon = np.zeros((n, 7, 3))
+    polygon: Array = np.zeros((n, 7, 3))
     polygon[:, :3] = corners
-    count = np.full(n, 3)
+    count: Indices = np.full(n, 3)
     for side in range(3):
         polygon, count = _cut(polygon, count, side)
     fans = [np.flatnonzero(count > k + 2) for k in range(5)]
