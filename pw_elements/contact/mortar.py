@@ -230,7 +230,7 @@ class Overlap:
     def per_point(self, values: Array, m: int) -> Array:
         """Integrals (m,) of weights times values (q,)."""
         part = (self.weight * (self.measure * values)[:, None])[self.point >= 0]
-        return np.bincount(self.point[self.point >= 0], part, minlength=m)
+        return np.asarray(np.bincount(self.point[self.point >= 0], part, minlength=m), dtype=float)
 
     def integrals(
         self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
@@ -329,9 +329,9 @@ def _across(corners: Array) -> Array:
     """Unit normals (n, dim) of intervals or triangles, of either sign."""
     edges = corners[:, 1:] - corners[:, :1]
     if corners.shape[2] == 2:
-        normal = edges[:, 0, ::-1] * [1.0, -1.0]
+        normal = np.asarray(edges[:, 0, ::-1] * [1.0, -1.0])
     else:
-        normal = np.cross(edges[:, 0], edges[:, 1])
+        normal = np.asarray(np.cross(edges[:, 0], edges[:, 1]))
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 

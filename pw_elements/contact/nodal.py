@@ -12,8 +12,8 @@ from dolfinx import fem
 from pw_elements.algebra import Reduction
 from pw_elements.contact.interface import Interface, Points, together
 from pw_elements.contact.matching import opposite_nodes
-from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.mortar import mortar_points
+from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
 

@@ -54,14 +54,14 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     one, other = one[facing], other[facing]
     corners = _projected(slave[one], master[other], along[one])
     pair, on_slave = _of_lines(corners) if slave.shape[1] == 2 else _of_triangles(corners)
-    share = np.abs(np.linalg.det(on_slave))
+    share = np.asarray(np.abs(np.linalg.det(on_slave)), dtype=float)
     some = share > _NOTHING
     pair, on_slave = pair[some], on_slave[some]
     # corners = projected master's in the slave's coordinates, so that on_slave = on_master corners
     on_master = np.linalg.solve(
         np.swapaxes(corners[pair], 1, 2), np.swapaxes(on_slave, 1, 2)
     ).swapaxes(1, 2)
-    return Segments(one[pair], other[pair], on_slave, on_master, share[some])
+    return Segments(one[pair], other[pair], on_slave, np.asarray(on_master), share[some])
 
 
 def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
