@@ -48,6 +48,8 @@ Indices = npt.NDArray[np.int64]
 _PARTS = {2: ((0, 2), (2, 1)), 3: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5))}
 _EDGES = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
 _SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
+# Cosine up to which a normal is turned into a symmetry plane
+_NEARLY = 0.9
 # Of products of weights, quadratic functions and, in axisymmetry, the radius
 _DEGREE = 4
 
@@ -160,6 +162,7 @@ def mortar_points(
     motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
     force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
     into = -_averaged(one)[np.searchsorted(np.unique(one.node), own)]
+    into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
     axes = sp.eye_array(dim)
@@ -323,6 +326,17 @@ def _averaged(trace: Trace) -> Array:
     weighted = normal * _sizes(corners)[:, None]
     np.add.at(sums, of.reshape(nodes.shape), weighted[:, None, :])
     return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
+
+
+def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:
+    """Normals (n, dim) without components that are prescribed, if these are small.
+
+    On a symmetry plane the facets of one side alone are averaged.
+    """
+    inside = np.where(free, normal, 0.0)
+    length = np.linalg.norm(inside, axis=1, keepdims=True)
+    near = length > _NEARLY
+    return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))
 
 
 def _across(corners: Array) -> Array:
