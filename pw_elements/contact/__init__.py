@@ -31,7 +31,7 @@ from pw_elements.contact.errors import (
 )
 from pw_elements.contact.fields import ContactFields, write
 from pw_elements.contact.law import OPEN, SLIP, STICK
-from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
+from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.pictures import plot
 from pw_elements.contact.progress import Progress
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
@@ -55,6 +55,7 @@ __all__ = [
     "ContactPair",
     "ContactProblem",
     "ContactState",
+    "DeformableSurface",
     "DegenerateMesh",
     "FlatPunch",
     "FreeBody",
