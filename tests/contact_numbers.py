@@ -34,7 +34,7 @@ def noted(name, states):
     for k, state in enumerate(states):
         (pair,) = state.pairs
         for field in ("position", "force_normal", "force_tangential", "status", "gap", "slip"):
-            numbers[f"{name} {k} {field}"] = getattr(pair, field)
+            numbers[f"{name} {k} {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
         if len(pair.opposite):
             numbers[f"{name} {k} opposite force"] = pair.opposite_force
         numbers[f"{name} {k} translation"] = pair.translation
