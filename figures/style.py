@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from study.vocabulary import ELEMENTS
+from study.vocabulary import ELEMENTS, WAYS
 
 matplotlib.use("Agg")
 
@@ -23,9 +23,9 @@ MANY = 50
 
 LOOK: dict[str, dict[str, Any]] = {
     key: {"color": element.colour, "marker": element.marker, "label": element.name}
-    for key, element in ELEMENTS.items()
+    for key, element in (ELEMENTS | WAYS).items()
 }
-"""Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
+"""Colour, marker and label of each element or way, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
 
 RC = {
     "font.family": "sans-serif",

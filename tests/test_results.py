@@ -70,7 +70,7 @@ QUICK = [
     "V11/cattaneo-pw-dual-8",
     "V11/unequal-pw-dual-8",
     "V11/r0094-node-to-segment",
-    "V11/spheres-p2-p2-3",
+    "V11/spheres-pw-dual-3",
 ]
 SLOW = {("7.6", "mesh_scan")}
 

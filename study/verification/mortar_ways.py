@@ -39,7 +39,6 @@ from pw_elements.recovery import SurfaceNodes
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-WAYS = ("pw-dual", "p2-p2", "p2-p1", "p2-dual", "node-to-segment")
 # Linear systems of the comparison ways' iteration, which may cycle
 _MOST = 40
 # What a mid-side function keeps in the transformed basis, and gives to either vertex
@@ -53,7 +52,7 @@ class TwoBodies:
     """Two bodies, parts of one mesh, and where they may touch.
 
     Args:
-        way: see `WAYS`.
+        way: see `study.vocabulary.WAYS`.
         body: with the test functions of the way.
         K: free stiffness.
         slave: facets, local numbers.
