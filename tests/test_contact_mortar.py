@@ -1,5 +1,7 @@
 """Two deformable bodies on meshes that do not match."""
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -28,7 +30,9 @@ from pw_elements.contact import (
     Motion,
     NoEquilibrium,
     Plane,
+    plot,
     solve_contact,
+    write,
 )
 from pw_elements.contact.segments import segments
 from pw_elements.contact.trace import gathered_trace
@@ -193,8 +197,16 @@ def test_what_states_no_mortar_is_named():
         solved(stack.nodes("upper"), stack.sides["upper"])
     with pytest.raises(ValueError, match="belong to no facet that is all in their pair"):
         solved(stack.nodes("upper") & (stack.x[:, 0] > 0.9), stack.sides["lower"])
-    with pytest.raises(ValueError, match="faces the opposite part"):
+    with pytest.raises(ValueError, match="which looks the same way"):
         solved(lambda x: np.isclose(x[1], 2.0), stack.sides["lower"])
+    with pytest.raises(ValueError, match="has no opposite facets"):
+        solved(stack.nodes("upper"), lambda x: x[1] > 3)
+    with pytest.raises(ValueError, match="do not overlap"):
+        solved(stack.nodes("upper"), lambda x: np.isclose(x[0], 0.0) & (x[1] < 1))
+    with pytest.raises(TypeError, match="a surface is given in place of facets"):
+        DeformableSurface(Plane((0, 0), (0, 1)))
+    with pytest.raises(TypeError, match="revolved"):
+        DeformableSurface(stack.sides["lower"], "axis")
 
 
 def weights_beyond(corners, end):
@@ -369,3 +381,27 @@ def test_bodies_that_overlap_are_named():
     supports, load = moved_top(stack, [0.0, 0.0]), stack.K.createVecLeft()
     with pytest.raises(ValueError, match="lie inside the body that they face"):
         solve_contact(stack.K, load, supports, stack.pair(), stack.space)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_interference_is_pressed_out(cell):
+    """Uniaxial stress of two blocks that overlap by d: p = E' d / 2 for heights of one."""
+    depth = 1e-3
+    count = (3, 2) if cell == "tetrahedron" else (5, 4)
+    up = 2 if cell == "tetrahedron" else 1
+    stack = Stack(count, cell, shape=lambda x: x - depth * (2 - x[:, [up]]) * np.eye(3)[up])
+    sides = [prescribe(stack.space, i, at(i, 0.0)) for i in range(stack.dim)]
+    supports = Reduction.dirichlet(stack.space, [*sides, prescribe(stack.space, up, at(up, 2.0))])
+    pair = replace(stack.pair(), interference=True)
+    (state,) = solve_contact(stack.K, stack.K.createVecLeft(), supports, pair, stack.space)
+    modulus = 1.0 if stack.dim == 3 else 1 / (1 - 0.3**2)
+    exact = depth * modulus / (2 + depth)  # the upper block is longer by it
+    assert state.pairs[0].force[up] == pytest.approx(exact, rel=1e-9)
+
+
+def test_pictures_and_files_take_two_bodies(tmp_path):
+    stack = Stack((5, 4))
+    supports, load = moved_top(stack, [0.001, -0.02]), stack.K.createVecLeft()
+    states = solve_contact(stack.K, load, supports, stack.pair("upper", 0.2), stack.space)
+    write(tmp_path / "two.bp", states, stack.body)
+    plot(states[-1], stack.body)

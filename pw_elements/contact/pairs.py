@@ -104,6 +104,17 @@ class DeformableSurface:
     should be the pair's. What a `Motion` says of a rigid surface, it says of a rigid motion that
     this side makes in addition to its displacements, as for `MatchingNodes`.
 
+        E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+        E.x.array[:] = 70e3
+        E.x.array[cell_tags.find(STEEL)] = 210e3
+        body = Body(Spaces.petrov_galerkin(mesh), Material(E, 0.3), "plane strain")
+        own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
+        pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
+
+    Pressure, gap, slip and status are those of the pair's own nodes; nodal forces of the opposite
+    side are `PairState.opposite_force`, and in `ContactFields.force`. See `mortar` for what is
+    exact, and what is not.
+
     Args:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
             local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
