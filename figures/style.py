@@ -23,9 +23,14 @@ MANY = 50
 
 LOOK: dict[str, dict[str, Any]] = {
     key: {"color": element.colour, "marker": element.marker, "label": element.name}
-    for key, element in (ELEMENTS | WAYS).items()
+    for key, element in ELEMENTS.items()
 }
-"""Colour, marker and label of each element or way, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
+"""Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
+
+WAY_LOOK: dict[str, dict[str, Any]] = {
+    key: {"color": way.colour, "marker": way.marker, "label": way.name} for key, way in WAYS.items()
+}
+"""The same of the ways that two bodies are compared by; no figure has elements besides."""
 
 RC = {
     "font.family": "sans-serif",

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import FULL, WAY_LOOK
 from study.core.store import Results
 from study.vocabulary import WAYS
 
@@ -21,7 +21,7 @@ def draw(results: Results) -> Figure:
     for ax, (name, title) in zip(axes, names.items(), strict=False):
         for way in WAYS:
             errors = [results.scalar(f"V11/hertz-2d-{way}-{n}", name) for n in LEVELS]
-            ax.plot(LEVELS, errors, **LOOK[way])
+            ax.plot(LEVELS, errors, **WAY_LOOK[way])
         ax.set(xscale="log", yscale="log", xlabel="edges over half width")
         ax.set_title(title, fontsize=8)
         ax.set_xticks(LEVELS, [str(n) for n in LEVELS], minor=False)
@@ -32,7 +32,7 @@ def draw(results: Results) -> Figure:
             results.scalar(f"V11/hertz-2d-{way}-16-ratio{ratio}", "master_force_least")
             for ratio in RATIOS
         ]
-        axes[2].plot(RATIOS, least, **LOOK[way])
+        axes[2].plot(RATIOS, least, **WAY_LOOK[way])
     axes[2].set(xscale="log", xlabel="slave's edge over master's")
     axes[2].set_xticks(RATIOS, ["1/2", "1", "2"], minor=False)
     axes[2].minorticks_off()

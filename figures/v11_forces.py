@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import FULL, WAY_LOOK
 from study.core.store import Results
 from study.vocabulary import WAYS
 
@@ -25,7 +25,7 @@ def draw(results: Results) -> Figure:
         ):
             order = np.argsort(x[:, 0])
             near = order[x[order, 0] < 1.4]
-            look = LOOK[way] | {"markersize": 3, "linewidth": 0.7, "label": None}
+            look = WAY_LOOK[way] | {"markersize": 3, "linewidth": 0.7, "label": None}
             face = look["color"] if filled else "white"
             ax.plot(x[near, 0], force[near] / scale, **look, markerfacecolor=face)
         ax.axhline(0, color="black", linewidth=0.6)

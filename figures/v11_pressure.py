@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import FULL, WAY_LOOK
 from study.core.store import Results
 from study.vocabulary import WAYS
 
@@ -21,7 +21,7 @@ def draw(results: Results) -> Figure:
         for ax, way in zip(row, WAYS, strict=True):
             curves = results.curves("V11/" + problem.format(way))
             r = np.linalg.norm(curves["x"][:, :-1], axis=1)
-            look = LOOK[way] | {"linestyle": "none", "markersize": 2.3}
+            look = WAY_LOOK[way] | {"linestyle": "none", "markersize": 2.3}
             ax.plot(r, curves["pressure"], **look)
             ax.plot(s, np.sqrt(1 - s**2), color="black", linewidth=0.8)
             ax.set(xlim=(-0.03, 1.25), ylim=(-0.3, 1.5))

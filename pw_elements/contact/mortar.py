@@ -28,7 +28,8 @@ and displacements are the quadratic functions.
 What is not: psi is negative in places, so that the master's nodal forces need not have one sign
 where neighbouring p_j differ by more than a factor of two, next to the edge of contact above all,
 and the more the coarser the slave is. Small sliding: who faces whom, and along which averaged
-normal of the slave, is settled on the undeformed bodies.
+normal of the slave, is settled on the undeformed bodies. Where next to
+nothing of a sub-facet is covered, a node's force is right, but not its quotient by the area.
 
 The duals of straight sub-edges and flat sub-triangles that are covered all are 3 w - 1 and
 4 w - 1 (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).

@@ -212,7 +212,7 @@ def _unequal(way: str, edges: int, ratio: float, start: list[ContactState]) -> _
 
 
 def cattaneo(way: str, edges: int) -> Result:
-    """Two equal cylinders, pressed and then pushed; nothing but contact keeps them together."""
+    """Two equal cylinders pressed and then pushed by forces, their approach and shift free."""
     return _nested(_cattaneo, way, edges, RATIO)[0]
 
 
@@ -512,32 +512,35 @@ def _result(
     return Result(numbers, dimensionless(numbers), stored, dofs=dim * len(x))
 
 
+def _case(name: str, problem: Callable[..., Result], way: str, **parameters: float) -> Case:
+    in_space = problem is spheres or parameters.get("dim") == 3
+    element = ("pw" if way == "pw-dual" else "galerkin") + ("-T10" if in_space else "-T6")
+    stated = {"way": way, **parameters}
+    return Case("V11", name.format(way), problem, stated, {"element": element})
+
+
 CASES = [
-    Case("V11", f"{problem.__name__}-{dim}d-{way}", problem, {"way": way, "dim": dim})
+    _case(f"{problem.__name__}-{dim}d-{{}}", problem, way, dim=dim)
     for problem in (patch, overhang)
     for dim in (2, 3)
     for way in WAYS
 ]
 CASES += [
-    Case("V11", f"hertz-2d-{way}-{edges}", hertz, {"way": way, "edges": edges})
-    for way in WAYS
-    for edges in (4, 8, 16)
+    _case(f"hertz-2d-{{}}-{edges}", hertz, way, edges=edges) for way in WAYS for edges in (4, 8, 16)
 ]
 CASES += [
-    Case("V11", f"hertz-2d-{way}-16-ratio{ratio}", hertz, {"way": way, "edges": 16, "ratio": ratio})
+    _case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, way, edges=16, ratio=ratio)
     for way in WAYS
     for ratio in (0.5, 1.0, 2.0)
 ]
 CASES += [
-    Case("V11", f"{problem.__name__}-pw-dual-{edges}", problem, {"way": "pw-dual", "edges": edges})
+    _case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
     for problem in (cattaneo, unequal)
     for edges in (8, 16)
 ]
-CASES += [Case("V11", f"r0094-{way}", r0094, {"way": way}) for way in WAYS]
-CASES += [Case("V11", f"spheres-{way}-5", spheres, {"way": way, "edges": 5}) for way in WAYS]
-CASES.append(Case("V11", "spheres-pw-dual-3", spheres, {"way": "pw-dual", "edges": 3}))
-CASES.append(
-    Case(
-        "V11", "spheres-pw-dual-5-ratio1.37", spheres, {"way": "pw-dual", "edges": 5, "ratio": 1.37}
-    )
-)
+CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
+CASES += [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
+CASES += [
+    _case("spheres-{}-3", spheres, "pw-dual", edges=3),
+    _case("spheres-{}-5-ratio1.37", spheres, "pw-dual", edges=5, ratio=1.37),
+]
