@@ -246,10 +246,8 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
     surface = SurfaceNodes.of(two.body, two.slave)
     pressure: Array = np.full(len(nodes), np.nan)
     if two.way == "node-to-segment":
-        pressure = multiplier / surface.tributary_area[np.argsort(surface.node)]
-        own = surface.own_area[np.argsort(surface.node)]
-        if one.dim == 2:
-            pressure = multiplier / own
+        area_of = surface.own_area if one.dim == 2 else surface.tributary_area
+        pressure = multiplier / area_of[np.argsort(surface.node)]
     else:
         pressure[known] = multiplier[known]
     if two.way == "p2-p1":
