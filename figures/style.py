@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from study.vocabulary import ELEMENTS
+from study.vocabulary import ELEMENTS, WAYS
 
 matplotlib.use("Agg")
 
@@ -26,6 +26,11 @@ LOOK: dict[str, dict[str, Any]] = {
     for key, element in ELEMENTS.items()
 }
 """Colour, marker and label of each element, for `ax.plot(x, y, **LOOK["pw-T6"])`."""
+
+WAY_LOOK: dict[str, dict[str, Any]] = {
+    key: {"color": way.colour, "marker": way.marker, "label": way.name} for key, way in WAYS.items()
+}
+"""The same of the ways that two bodies are compared by; no figure has elements besides."""
 
 RC = {
     "font.family": "sans-serif",

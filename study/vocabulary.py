@@ -42,6 +42,15 @@ ELEMENTS = {
     "exact": Element("exact", "", "#000000"),
 }
 
+# Ways to state contact of two bodies whose meshes do not match
+WAYS = {
+    "pw-dual": Element("new weights, their duals", "o", "#0072B2"),
+    "p2-dual": Element("standard, dual quadratic", "D", "#007A5A"),
+    "p2-p2": Element("standard, quadratic multipliers", "^", "#D55E00"),
+    "p2-p1": Element("standard, linear multipliers", "s", "#B87A00"),
+    "node-to-segment": Element("standard, node to segment", "v", "#B0568C"),
+}
+
 PLANE_ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 """Those of the contact examples, in the order of tables."""
 

@@ -24,6 +24,7 @@ from pw_elements.contact import (
 from tests.contact_cases import Block, Punch, at
 from tests.random_contact import problem
 from tests.test_contact_matching import Blocks
+from tests.two_bodies import Stack
 
 comm = MPI.COMM_WORLD
 numbers = {}
@@ -33,7 +34,9 @@ def noted(name, states):
     for k, state in enumerate(states):
         (pair,) = state.pairs
         for field in ("position", "force_normal", "force_tangential", "status", "gap", "slip"):
-            numbers[f"{name} {k} {field}"] = getattr(pair, field)
+            numbers[f"{name} {k} {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+        if len(pair.opposite):
+            numbers[f"{name} {k} opposite force"] = pair.opposite_force
         numbers[f"{name} {k} translation"] = pair.translation
         numbers[f"{name} {k} force"] = pair.force
         numbers[f"{name} {k} displacement"] = state.displacement.norm()
@@ -75,6 +78,16 @@ def stacked():
     return [pressed, problem.step(pressed, blocks.load((0.4, -3.0)))]
 
 
+def mortar():
+    """A body in space on another, which it covers in part, pressed and drawn askew."""
+    stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), comm=comm)
+    held = [prescribe(stack.space, i, at(2, 0.0)) for i in range(3)]
+    held += [prescribe(stack.space, i, at(2, 2.0), by) for i, by in enumerate((0.01, 0.0, -0.02))]
+    supports = Reduction.dirichlet(stack.space, held)
+    load = stack.K.createVecLeft()
+    return solve_contact(stack.K, load, supports, stack.pair("lower", 0.2), stack.space)
+
+
 block = Block(20, comm=comm)
 noted("block", block.solve(0.3, 60.0, increments=2))
 cut = [len(part) for part in comm.allgather(np.flatnonzero(np.isclose(block.owned()[:, 1], 0.0)))]
@@ -84,6 +97,7 @@ motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))
 noted("punch", punch.solve(0.6, motions))
 noted("drag", drag())
 noted("stacked", stacked())
+noted("mortar", mortar())
 numbers["ball refused"] = refused(Sphere((0, 6), 2.0), 5.0)
 numbers["plate refused"] = refused(Plane((0, 4), (0, -1)), 6.0)
 for seed in (158, 316):  # solved without active sets

@@ -12,8 +12,10 @@ from mpi4py import MPI
 
 import numpy as np
 
+from pw_elements import Reduction, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Parabola
 from tests.contact_cases import Block, Punch, at
+from tests.two_bodies import Stack
 
 RESUMED = 6
 
@@ -39,7 +41,18 @@ def punch(comm=MPI.COMM_SELF):
     return problem, [(nothing, [motion]) for motion in motions]
 
 
-histories = {"block": block, "punch": punch}
+def mortar(comm=MPI.COMM_SELF):
+    """A body on another, held by it alone: pressed, then drawn to and fro."""
+    stack = Stack((5, 4), comm=comm)
+    held = [prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)]
+    supports = Reduction.dirichlet(stack.space, held)
+    problem = ContactProblem(stack.K, supports, stack.pair("upper", 0.3), stack.space)
+    shares = [0, 0.1, 0.2, 0.25, 0.1, -0.1, -0.2, -0.25, -0.1, 0.1, 0.0]
+    down, along = (stack.load(1e-3 * axis) for axis in np.eye(2)[::-1])
+    return problem, [(along * share - down,) for share in shares]
+
+
+histories = {"mortar": mortar, "block": block, "punch": punch}
 
 
 def whole(problem, steps, guess=None):
@@ -68,8 +81,9 @@ def fields(state):
         }
         # meaning nothing but a direction of round-off where hardly a force is
         del finite["direction"], finite["turning"]
-        del finite["node"], finite["faced"]  # in the numbering of the processes, too
-        values |= {f"{name} {k}": array for name, array in finite.items()}
+        for name in ("node", "faced", "opposite"):  # in the numbering of the processes, too
+            del finite[name]
+        values |= {f"{name} {k}": array for name, array in finite.items() if array.size}
     return values
 
 

@@ -35,7 +35,7 @@ def scale_of(name, states):
     length = max(np.abs(fields(state)["displacement"]).max() for state in states)
     force = max(np.abs(fields(state)["force_normal 0"]).max() for state in states)
     kind = name.split()[0]
-    if kind.startswith("force"):
+    if "force" in kind:
         return force
     return length if kind in ("displacement", "gap", "slip", "translation") else 1.0
 

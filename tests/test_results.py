@@ -65,6 +65,13 @@ QUICK = [
     "V10/sphere-transferred-T10-3",
     "V10/punch-galerkin-T10-2",
     "V10/mindlin-pw-T10-2",
+    "V11/patch-3d-pw-dual",
+    "V11/overhang-2d-p2-dual",
+    "V11/hertz-2d-p2-p1-4",
+    "V11/cattaneo-pw-dual-8",
+    "V11/unequal-pw-dual-8",
+    "V11/r0094-node-to-segment",
+    "V11/spheres-pw-dual-3",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -80,6 +87,7 @@ SYSTEMS = {
     "V8": NONE,
     "V9": NONE,
     "V10": NONE,
+    "V11": NONE,
 }
 # What names say, whatever the section; the first pattern counts
 NAMED = {

@@ -1,4 +1,4 @@
-"""Unilateral contact with Coulomb friction between an elastic body and rigid surfaces.
+"""Unilateral contact with Coulomb friction: an elastic body and rigid surfaces, or two bodies.
 
 A block is pressed on a rough floor, then a punch is pushed into its top by a force of 40:
 
@@ -32,7 +32,7 @@ from pw_elements.contact.errors import (
 from pw_elements.contact.fields import ContactFields, write
 from pw_elements.contact.history import solve_contact
 from pw_elements.contact.law import OPEN, SLIP, STICK
-from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
+from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.pictures import plot
 from pw_elements.contact.progress import Progress
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
@@ -56,6 +56,7 @@ __all__ = [
     "ContactPair",
     "ContactProblem",
     "ContactState",
+    "DeformableSurface",
     "DegenerateMesh",
     "FlatPunch",
     "FreeBody",

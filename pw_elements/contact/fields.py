@@ -38,7 +38,8 @@ class ContactFields:
 
     What lives on the contact surface is zero elsewhere, except for the gap, which is NaN: zero
     would be contact. ParaView draws NaN in a colour of its own and leaves it out of ranges. Where
-    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
+    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors;
+    a deformable surface has its nodal forces, all else is stated at the nodes of the pair.
 
     Pressures are forces over areas and need the body (thickness, circumference), see
     `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
@@ -117,6 +118,10 @@ class ContactFields:
             raise ValueError("the state has other contact nodes than the fields")
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
+        for pair in pairs:
+            here = _here(space, pair.opposite)
+            forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
+            forces[here[here >= 0]] += pair.opposite_force[here >= 0]
         gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
         _spread(self.gap, pairs, gaps, np.nan)
         _spread(self.slip, pairs, [pair.slip for pair in pairs])
@@ -218,15 +223,20 @@ def _spread(
     """Fills a function with values (m,) or (m, dim) at the nodes of pairs."""
     if out is None:
         return
-    index_map = out.function_space.dofmap.index_map
-    array = out.x.array.reshape(-1, out.function_space.dofmap.index_map_bs)
+    space = out.function_space
+    array = out.x.array.reshape(-1, space.dofmap.index_map_bs)
     array[:] = elsewhere
     for pair, own in zip(pairs, values, strict=True):
         columns = own.reshape(len(own), -1)
         for nodes, sign in ((pair.node, 1.0), (pair.faced, 1.0 if own.ndim == 1 else -1.0)):
-            local = index_map.global_to_local(np.maximum(nodes, 0))  # ghosts, too
-            known = (local >= 0) & (nodes >= 0)
-            array[local[known]] = sign * columns[known]
+            here = _here(space, nodes)
+            array[here[here >= 0]] = sign * columns[here >= 0]
+
+
+def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+    """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
+    local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
+    return np.where(nodes < 0, -1, local)
 
 
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:

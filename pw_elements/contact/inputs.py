@@ -12,7 +12,7 @@ from dolfinx import fem
 from pw_elements import arguments
 from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, collective
-from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
+from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
 from pw_elements.iterative import Iterative, Solver, chosen
@@ -48,9 +48,13 @@ def checked_problem(
     Problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
-        shape, offset = pair.surface, None
-        if isinstance(shape, MatchingNodes):  # whose nodes have local numbers
-            shape, offset = shape.shape, shape.offset
+        surface = pair.surface
+        shape: object = surface
+        offset = None
+        if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
+            shape, offset = surface.shape, surface.offset
+        if isinstance(surface, DeformableSurface):  # whose facets have
+            shape = surface.revolved
         agree(
             comm,
             {
@@ -71,7 +75,8 @@ def solver_for(
     Raises:
         ValueError: if an iterative solver does not serve the reduction or the pairs.
     """
-    matching = any(isinstance(pair.surface, MatchingNodes) for pair in pairs)
+    bodies = (MatchingNodes, DeformableSurface)
+    matching = any(isinstance(pair.surface, bodies) for pair in pairs)
     why = "nodes of two bodies that face each other need factors" if matching else ""
     taken = chosen(solver, reduction.supports, why)
     if not isinstance(taken, Iterative):

@@ -18,7 +18,7 @@ stiffness over K's, by which the law's scale is found. Law, kinematics and loop 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -33,7 +33,7 @@ from pw_elements.collective import answer, collective
 from pw_elements.contact.errors import listed
 from pw_elements.contact.surfaces import Surface
 from pw_elements.recovery import by_position
-from pw_elements.values import field
+from pw_elements.values import field as checked_field
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -48,6 +48,8 @@ _TANGENTIAL = 1e-8
 _UNIT = 1e-6
 # Cosine from which on a push counts as outwards
 _OUTWARDS = 0.1
+# What the point faces in place of a node of a body: nothing that moves by itself, or many nodes
+RIGID, DEFORMABLE = -1, -2
 
 
 class NoContactStated(ValueError):
@@ -70,7 +72,10 @@ class Points:
             coincide, such as those of two bodies that touch.
         outward: (m, dim), direction of the body's outward normal; zero where there is none.
         node: (m,), global number of the node that the point is, or whose force it has.
-        faced: (m,), global number of the node that it faces; -1 where a rigid surface does.
+        faced: (m,), global number of the node that it faces; `RIGID` or `DEFORMABLE` where it
+            faces a surface.
+        opposite: (k,), global numbers of the nodes of a deformable surface, of all processes, in
+            the order of `by_position`.
     """
 
     position: Array
@@ -82,6 +87,7 @@ class Points:
     outward: Array
     node: Indices
     faced: Indices
+    opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 class Interface:
@@ -92,6 +98,7 @@ class Interface:
         surfaces: one per pair, at its initial place.
         pair: (m,), number of each point's pair.
         position, friction, equation, node, faced: as in `Points`.
+        opposite: as in `Points`, per pair.
         motion: G.
         force: H.
     """
@@ -116,6 +123,7 @@ class Interface:
         self.equation = np.concatenate([part.equation for part in points])
         self.node = np.concatenate([part.node for part in points])
         self.faced = np.concatenate([part.faced for part in points])
+        self.opposite = [part.opposite for part in points]
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
         self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), space_rows)
@@ -141,10 +149,16 @@ class Interface:
         wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
         self.check_supports(None)
-        gap = self.gaps(None)
+        cut = ~(self.gaps(None) >= -_PENETRATION * diagonal) & ~self._interfering
+        rigid = self.faced == RIGID
         self.refuse(
-            ~(gap >= -_PENETRATION * diagonal) & ~self._interfering,
+            cut & rigid,
             "lie inside the rigid surface before any motion; a motion has to press it in, or the "
+            "pair is to say interference=True",
+        )
+        self.refuse(
+            cut & ~rigid,
+            "lie inside the body that they face before any motion: move the bodies apart, or the "
             "pair is to say interference=True",
         )
         self._check_sides()
@@ -227,6 +241,20 @@ class Interface:
         self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MIN)
         return float((-high - low).max())
 
+    def on_opposite(self, pair: int, force: Array) -> Array:
+        """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes."""
+        nodes, dim = self.opposite[pair], force.shape[1]
+        total = np.zeros((len(nodes), dim))
+        if len(nodes):
+            points = self.force.createVecRight()
+            points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
+            nodal = (self.force * points).array_r.reshape(-1, dim)
+            own = nodes - self.force.getOwnershipRange()[0] // dim
+            mine = (own >= 0) & (own < len(nodal))
+            total[mine] = nodal[own[mine]]
+            self.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
+        return total
+
     def shifts(self, translations: Array | None) -> Array:
         """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""
         if translations is None:
@@ -255,7 +283,7 @@ class Interface:
                 if mine.any():
                     whose = f"the {what} of the surface of contact pair {k}"
                     given = answer(self.comm, whose, getattr(surface, what), x[mine])
-                    values[mine] = field(whose, given, (int(mine.sum()), *shape), layout)
+                    values[mine] = checked_field(whose, given, (int(mine.sum()), *shape), layout)
         return values
 
 

@@ -11,10 +11,11 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction
 from pw_elements.collective import answer, collective
-from pw_elements.contact.interface import Interface, Points
+from pw_elements.contact.interface import RIGID, Interface, Points
 from pw_elements.contact.matching import opposite_nodes
+from pw_elements.contact.mortar import mortar_points
 from pw_elements.contact.nodes import BodyNodes, owned_nodes
-from pw_elements.contact.pairs import ContactPair, MatchingNodes
+from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
 from pw_elements.values import field, is_number
 
@@ -41,7 +42,10 @@ def nodal_interface(
         raise ValueError("contact is stated on displacements: the space has to be a vector's")
     if not pairs:
         raise ValueError("there is no contact pair")
-    shapes = [p.surface.shape if isinstance(p.surface, MatchingNodes) else p.surface for p in pairs]
+    shapes: list[Surface] = [
+        p.surface.shape if isinstance(p.surface, MatchingNodes) else p.surface  # type: ignore[misc]
+        for p in pairs
+    ]
     for k, shape in enumerate(shapes):
         _check_dimension(k, shape, dim)
     body = BodyNodes.of(space, reduction)
@@ -54,6 +58,10 @@ def nodal_interface(
     points, faced = [], []
     for k, (pair, node, mu) in enumerate(zip(pairs, found, friction, strict=True)):
         opposite = None
+        if isinstance(pair.surface, DeformableSurface):
+            of_pair, shapes[k] = mortar_points(k, pair.surface, node, mu, body)
+            points.append(of_pair)
+            continue
         if isinstance(pair.surface, MatchingNodes):
             whose = f"contact pair {k}, opposite side"
             faced.append(owned_nodes(whose, pair.surface.nodes, space))
@@ -86,7 +94,7 @@ def _points(
         body.beside[node],
         body.outward[node],
         own,
-        np.full_like(own, -1) if opposite is None else opposite,
+        np.full_like(own, RIGID) if opposite is None else opposite,
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import MeshTags
 
-from pw_elements.arguments import described, of_type
+from pw_elements.arguments import described, flag, of_type
 from pw_elements.contact.surfaces import Surface
 from pw_elements.parts import Part
 from pw_elements.values import is_number, number, vector
@@ -96,6 +96,43 @@ class MatchingNodes:
 
 
 @dataclass(frozen=True)
+class DeformableSurface:
+    """Another part of the same mesh's boundary, whose nodes need not face the pair's.
+
+    It takes the place of a rigid surface, for two bodies (disconnected parts of one mesh). The
+    pair's own side is the mortar's slave: contact is stated at its nodes, so the finer mesh
+    should be the pair's. What a `Motion` says of a rigid surface, it says of a rigid motion that
+    this side makes in addition to its displacements, as for `MatchingNodes`.
+
+        E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+        E.x.array[:] = 70e3
+        E.x.array[cell_tags.find(STEEL)] = 210e3
+        body = Body(Spaces.petrov_galerkin(mesh), Material(E, 0.3), "plane strain")
+        own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
+        pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
+
+    Pressure, gap, slip and status are those of the pair's own nodes; nodal forces of the opposite
+    side are `PairState.opposite_force`, and in `ContactFields.force`. See `mortar` for what is
+    exact, and what is not.
+
+    Args:
+        where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
+            local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
+        revolved: whether areas are round the axis, as in axisymmetry.
+
+    Raises:
+        TypeError: for arguments of another kind.
+    """
+
+    where: Part
+    revolved: bool = False
+
+    def __post_init__(self) -> None:
+        _check_part("the facets", self.where, "DeformableSurface(where)", "tags.find(value)")
+        flag("revolved", self.revolved)
+
+
+@dataclass(frozen=True)
 class ContactPair:
     """Nodes of the body that may touch a rigid surface, or the nodes of another part of it.
 
@@ -117,17 +154,18 @@ class ContactPair:
     """
 
     nodes: Part
-    surface: Surface | MatchingNodes
+    surface: Surface | MatchingNodes | DeformableSurface
     friction: float | Callable[[Array], Array] = 0.0
     motions: Motion | Sequence[Motion] = ()
     interference: bool = False
 
     def __post_init__(self) -> None:
         _check_nodes(self.nodes, "ContactPair(nodes, surface)")
-        if not (isinstance(self.surface, MatchingNodes) or _is_surface(self.surface)):
+        bodies = (MatchingNodes, DeformableSurface)
+        if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
             raise TypeError(
                 f"the surface of a contact pair is {described(self.surface)}: it has to have a gap "
-                "and a normal, or to be MatchingNodes"
+                "and a normal, or to be a DeformableSurface or MatchingNodes"
             )
         mu = self.friction
         if not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
@@ -147,13 +185,19 @@ def _is_surface(thing: object) -> bool:
 
 
 def _check_nodes(nodes: object, call: str) -> None:
-    if isinstance(nodes, MatchingNodes) or _is_surface(nodes):
-        raise TypeError(f"a surface is given in place of nodes: {call} has them first")
-    if isinstance(nodes, MeshTags):
-        raise TypeError(
-            "tags are given in place of nodes: take those of the tagged facets, "
-            "fem.locate_dofs_topological(space, tags.dim, tags.find(value))"
-        )
-    listed = isinstance(nodes, Sequence | np.ndarray) and not isinstance(nodes, str)
-    if isinstance(nodes, type) or not (callable(nodes) or listed):
-        raise TypeError(f"the nodes are {described(nodes)}: give a marker, numbers or a mask")
+    of_nodes = (
+        "those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, tags.find(value))"
+    )
+    _check_part("the nodes", nodes, call, of_nodes)
+
+
+def _check_part(what: str, part: object, call: str, of_tags: str) -> None:
+    """Raises TypeError for what names no nodes or facets; `of_tags` are those of tags."""
+    name = what.removeprefix("the ")
+    if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
+        raise TypeError(f"a surface is given in place of {name}: {call} has them first")
+    if isinstance(part, MeshTags):
+        raise TypeError(f"tags are given in place of {name}: take {of_tags}")
+    listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
+    if isinstance(part, type) or not (callable(part) or listed):
+        raise TypeError(f"{what} are {described(part)}: give a marker, numbers or a mask")

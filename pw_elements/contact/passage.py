@@ -22,7 +22,7 @@ from pw_elements.collective import collective
 from pw_elements.contact.errors import SurfacePassed, listed
 from pw_elements.contact.facets import Exterior, Facets
 from pw_elements.contact.gradients import with_ghosts
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import RIGID, Interface
 from pw_elements.contact.law import OPEN
 from pw_elements.contact.newton import Iterate, Reference
 
@@ -69,7 +69,7 @@ class Passage:
             for around in self._around
         ]
         self._rigid = [
-            self._comm.allreduce(int(interface.faced[mine].max(initial=-1)), MPI.MAX) < 0
+            not self._comm.allreduce(bool(np.any(interface.faced[mine] != RIGID)), MPI.LOR)
             for mine in rows
         ]
 

@@ -70,6 +70,8 @@ def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
                 turning=none,
                 node=interface.in_order(k, interface.node),
                 faced=interface.in_order(k, interface.faced),
+                opposite=interface.opposite[k].copy(),
+                opposite_force=np.zeros((len(interface.opposite[k]), position.shape[1])),
             )
         )
     residuals = Residuals(*np.zeros(8).tolist())
@@ -114,6 +116,8 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
         turning=ordered(active.turning),
         node=ordered(interface.node),
         faced=ordered(interface.faced),
+        opposite=interface.opposite[k].copy(),
+        opposite_force=interface.on_opposite(k, now.force),
     )
 
 

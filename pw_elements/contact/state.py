@@ -40,7 +40,10 @@ class PairState:
         turning: (m,), of the law's linearisation at slipping nodes, see `law.ActiveSet`.
         node: (m,), global numbers in the space, of this number of processes; component i of node
             k is the entry dim k + i of `ContactState.displacement`.
-        faced: (m,), the same of the nodes that they face; -1 where a rigid surface does.
+        faced: (m,), the same of the nodes that they face; -1 where a rigid surface does, -2 where
+            a deformable one does.
+        opposite: (k,), the same of the nodes of a deformable surface, in the order of positions.
+        opposite_force: (k, dim), nodal forces on these.
     """
 
     position: Array
@@ -58,6 +61,8 @@ class PairState:
     turning: Array
     node: Indices
     faced: Indices
+    opposite: Indices
+    opposite_force: Array
 
     def __post_init__(self) -> None:
         for values in vars(self).values():
@@ -129,7 +134,7 @@ class Smallness:
         rotation: largest angle, in radians.
         slip: largest slip of a node in contact over the size of the smallest facet around it: of
             this increment against rigid surfaces, which are met where they are now; from the
-            undeformed body on between matching nodes, which keep their partners.
+            undeformed body on between two bodies, whose nodes keep their partners.
     """
 
     strain: float = 0.0

@@ -21,7 +21,7 @@ from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
 
-_FORMAT = "pw_elements contact state 2"
+_FORMAT = "pw_elements contact state 3"
 # Largest distance of a node from its place in the file, over the body's extent
 _SAME = 1e-8
 
@@ -96,7 +96,7 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         raise ValueError(f"{path} holds no contact state: {failed}") from None
     row = _rows(path, arrays, space)
     for pair in pairs:
-        pair |= {name: _numbers(pair[name], row, space) for name in ("node", "faced")}
+        pair |= {name: _numbers(pair[name], row, space) for name in ("node", "faced", "opposite")}
     return ContactState(
         _displacement(arrays["displacement"][row], space),
         tuple(PairState(**pair) for pair in pairs),
@@ -138,8 +138,8 @@ def _displacement(moved: Array, space: fem.FunctionSpace) -> PETSc.Vec:
 def _numbers(
     stored: npt.NDArray[np.int64], row: npt.NDArray[np.intp], space: fem.FunctionSpace
 ) -> npt.NDArray[np.int64]:
-    """Global numbers today of nodes (m,) with numbers of a file; -1, no node, stays."""
-    numbers = np.full(len(stored), -1, dtype=np.int64)
+    """Global numbers today of nodes (m,) with numbers of a file; negative ones stay."""
+    numbers = np.minimum(stored, -1)
     _, mine, of_file = np.intersect1d(row, stored, return_indices=True)
     numbers[of_file] = space.dofmap.index_map.local_range[0] + mine
     space.mesh.comm.Allreduce(MPI.IN_PLACE, numbers, MPI.MAX)

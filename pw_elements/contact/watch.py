@@ -9,7 +9,7 @@ from dolfinx import fem
 
 from pw_elements.contact.facets import Exterior, Facets
 from pw_elements.contact.gradients import Gradients
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import RIGID, Interface
 from pw_elements.contact.law import OPEN
 from pw_elements.contact.newton import Increment, Iterate
 from pw_elements.contact.passage import Passage
@@ -63,11 +63,11 @@ class Watch:
         return smallness
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
-        """Over the size of facets; from the undeformed body on where nodes match."""
+        """Over the size of facets; from the undeformed body on where bodies face each other."""
         interface, contact, past = self._interface, now.contact, increment.past
         moved = now.displacement - now.translations[interface.pair]
         was = past.displacement - past.translations[interface.pair]
-        moved = moved - np.where((interface.faced < 0)[:, None], was, 0.0)
+        moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
         slip = np.linalg.norm(np.einsum("nab,nb->na", contact.frame[:, 1:], moved), axis=1)
         closed = contact.active_set().status != OPEN
         largest = np.max(slip / self._sizes, where=closed, initial=0.0)

@@ -37,7 +37,7 @@ _NODES = {
 def on_square(element: str, side: float) -> Mesh:
     """Unit square with straight sides: triangles by Gmsh, quadrilaterals and pairs moved."""
     return (
-        _mesh(_square, 2, side)
+        meshed(_square, 2, side)
         if _is_triangle(element)
         else mapped(_squares(element, side), _moved)
     )
@@ -50,7 +50,7 @@ def on_pairs(_: str, side: float) -> Mesh:
 
 def on_ring(_: str, side: float) -> Mesh:
     """Quarter ring whose elements inside have straight sides, by Gmsh."""
-    return _mesh(_quarter_ring, 2, side, order=2)
+    return meshed(_quarter_ring, 2, side, order=2)
 
 
 def on_curved_ring(element: str, side: float) -> Mesh:
@@ -60,12 +60,12 @@ def on_curved_ring(element: str, side: float) -> Mesh:
 
 def on_cube(_: str, side: float) -> Mesh:
     """Unit cube of tetrahedra by Gmsh."""
-    return _mesh(_cube, 3, side)
+    return meshed(_cube, 3, side)
 
 
 def on_hollow_ball(_: str, side: float) -> Mesh:
     """Eighth of a hollow ball of tetrahedra by Gmsh, curved on both spheres."""
-    return _mesh(_hollow_ball, 3, side, order=2)
+    return meshed(_hollow_ball, 3, side, order=2)
 
 
 def order(h: Array, error: Array) -> float:
@@ -103,20 +103,40 @@ def _hollow_ball() -> None:
     gmsh.model.occ.intersect(shell, [(3, octant)])
 
 
-def _mesh(build: Callable[[], None], dimension: int, size: float, order: int = 1) -> Mesh:
+def meshed(
+    build: Callable[[], None],
+    dimension: int,
+    size: float,
+    order: int = 1,
+    growth: str | None = None,
+) -> Mesh:
+    """A shape's mesh by Gmsh, the same each time.
+
+    Args:
+        build: makes the shape by OpenCASCADE.
+        dimension: of it.
+        size: of cells; of the smallest ones if they grow.
+        order: of cells.
+        growth: formula of the size at x, y, z, in Gmsh's words.
+    """
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         for option, value in {
             "General.Terminal": 0,
             "General.NumThreads": 1,  # the same mesh each time
             "Mesh.MeshSizeMin": size,
-            "Mesh.MeshSizeMax": size,
+            "Mesh.MeshSizeMax": 1e22 if growth else size,
             "Mesh.Algorithm": 5,  # Delaunay
             "Mesh.Algorithm3D": 1,
         }.items():
             gmsh.option.setNumber(option, value)
         build()
         gmsh.model.occ.synchronize()
+        if growth:
+            field = gmsh.model.mesh.field.add("MathEval")
+            gmsh.model.mesh.field.setString(field, "F", growth)
+            gmsh.model.mesh.field.setAsBackgroundMesh(field)
+            gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
         gmsh.model.mesh.generate(dimension)
         gmsh.model.mesh.setOrder(order)
         tags, x, _ = gmsh.model.mesh.getNodes()

@@ -1,4 +1,4 @@
-"""Graded mesh lines, and a body with its counterpart turned by half a circle."""
+"""Graded mesh lines, and two bodies in one mesh."""
 
 import numpy as np
 import numpy.typing as npt
@@ -26,3 +26,13 @@ def with_counterpart(lower: Mesh, distance: float) -> Mesh:
         x=np.concatenate([x, np.array([0.0, distance]) - x]),
         e=lower.ufl_domain().ufl_coordinate_element(),
     )
+
+
+def joined(lower: Mesh, upper: Mesh) -> tuple[Mesh, npt.NDArray[np.bool_]]:
+    """One mesh of two, and which of its cells are the lower one's; on one process."""
+    dim, below = lower.geometry.dim, cell_nodes(lower)
+    x = np.concatenate([lower.geometry.x, upper.geometry.x])[:, :dim]
+    cells = np.concatenate([below, cell_nodes(upper) + len(lower.geometry.x)]).astype(np.int64)
+    element = lower.ufl_domain().ufl_coordinate_element()
+    mesh = create_mesh(lower.comm, cells=cells, x=np.ascontiguousarray(x), e=element)
+    return mesh, np.asarray(mesh.topology.original_cell_index) < len(below)

@@ -44,7 +44,7 @@ class Lines:
     zone: float
 
 
-def graded(elements: int) -> Lines:
+def graded(elements: float) -> Lines:
     """Lines with some `elements` along the contact's radius."""
     size = 1 / (elements + PLACE)
     near = size * np.arange(np.ceil(ZONE / size) + 1)

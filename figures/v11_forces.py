@@ -1,0 +1,53 @@
+"""Two deformable bodies: nodal forces on both of them."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from figures.style import FULL, WAY_LOOK
+from study.core.store import Results
+from study.vocabulary import WAYS
+
+SECTION = "V11"
+SHOWN = ("pw-dual", "p2-dual", "p2-p1", "node-to-segment")
+NEEDS = [f"V11/hertz-2d-{way}-8" for way in SHOWN]
+
+
+def draw(results: Results) -> Figure:
+    """A panel for each way: the slave's forces upwards, the master's downwards."""
+    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.6), sharex=True, sharey=True)
+    for ax, way in zip(axes, SHOWN, strict=True):
+        curves = results.curves(f"V11/hertz-2d-{way}-8")
+        scale = np.abs(curves["opposite_force"]).max()
+        for x, force, filled in (
+            (curves["x"], -curves["force"], True),
+            (curves["opposite_x"], -curves["opposite_force"], False),
+        ):
+            order = np.argsort(x[:, 0])
+            near = order[x[order, 0] < 1.4]
+            look = WAY_LOOK[way] | {"markersize": 3, "linewidth": 0.7, "label": None}
+            face = look["color"] if filled else "white"
+            ax.plot(x[near, 0], force[near] / scale, **look, markerfacecolor=face)
+        ax.axhline(0, color="black", linewidth=0.6)
+        ax.set(xlabel="$x/a$", xlim=(-0.04, 1.3))
+        ax.set_title(WAYS[way].name.replace(", ", ",\n"), fontsize=8)
+    axes[0].set_ylabel("nodal force / the master's largest")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    return (
+        "Two cylinders, eight edges to the half width: nodal contact forces on the slave (filled, "
+        "upwards) and on the master (open, downwards). Nodes on the axis have half an edge. With "
+        "standard test functions mid-side nodes of both bodies carry twice what vertices carry; "
+        "with piecewise-linear ones the forces follow the pressure on both."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Four plots of nodal forces over x. In the first the filled points above and the open "
+        "points below zero lie on smooth curves; in the other three both zigzag by a factor of two."
+    )

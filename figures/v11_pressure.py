@@ -1,0 +1,53 @@
+"""Two deformable bodies: pressures of all ways on the same meshes."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from figures.style import FULL, WAY_LOOK
+from study.core.store import Results
+from study.vocabulary import WAYS
+
+SECTION = "V11"
+PROBLEMS = {"hertz-2d-{}-4": "cylinders, 4 edges", "spheres-{}-5": "spheres, 5 edges"}
+NEEDS = [f"V11/{problem.format(way)}" for problem in PROBLEMS for way in WAYS]
+
+
+def draw(results: Results) -> Figure:
+    """A panel for each problem and way; the line is exact."""
+    fig, axes = plt.subplots(2, 5, figsize=(FULL, 3.6), sharex=True, sharey=True)
+    s = np.linspace(0, 1, 401)
+    for row, (problem, title) in zip(axes, PROBLEMS.items(), strict=True):
+        for ax, way in zip(row, WAYS, strict=True):
+            curves = results.curves("V11/" + problem.format(way))
+            r = np.linalg.norm(curves["x"][:, :-1], axis=1)
+            look = WAY_LOOK[way] | {"linestyle": "none", "markersize": 2.3}
+            ax.plot(r, curves["pressure"], **look)
+            ax.plot(s, np.sqrt(1 - s**2), color="black", linewidth=0.8)
+            ax.set(xlim=(-0.03, 1.25), ylim=(-0.3, 1.5))
+        row[0].set_ylabel(f"{title}\n$p/p_0$")
+    for ax, way in zip(axes[0], WAYS, strict=True):
+        ax.set_title(WAYS[way].name.replace(", ", ",\n"), fontsize=7)
+    for ax in axes[1]:
+        ax.set_xlabel("$r/a$")
+    return fig
+
+
+def caption(results: Results) -> str:
+    """What the figure shows."""
+    r = {way: results.curves(f"V11/spheres-{way}-5")["pressure"] for way in WAYS}
+    out = sum(int(np.sum((p < -0.3) | (p > 1.5))) for p in r.values())
+    return (
+        "Pressures at the slave's nodes, E₂/E₁ = 3, no friction, the master's edges 10/7 as long "
+        "as the slave's: two cylinders, four edges to the half width, and two spheres, five to "
+        f"the radius. Lines are Hertz's. {out} nodes lie beyond the panels."
+    )
+
+
+def alt(results: Results) -> str:
+    """The figure in words."""
+    return (
+        "Two rows of five plots of pressure over radius with half an ellipse. Points of both dual "
+        "ways lie on the ellipses; those of standard multipliers waver about them, and node to "
+        "segment scatters in the row of the spheres."
+    )

@@ -1,0 +1,283 @@
+"""Mortar interfaces: two deformable bodies whose meshes need not match.
+
+Body 1 (slave) and body 2 (master) are parts of one mesh. With w the piecewise-linear weights of
+both, N the quadratic trial functions, and psi the duals of the slave's weights,
+
+    integral of psi_j w_i over the slave's face = delta_ij A_j,     A_j = integral of w_j,
+
+the contact pressure is p = sum p_j psi_j and the law is stated node by node on r_j = A_j p_j, a
+force, and on the mean gap
+
+    g_j = integral of w_j n_j·(x_1 + u_1 - x_2 - u_2) / A_j,        n_j out of the master.
+
+Equilibrium tests the contact traction with the weights: r_j enters the equations of slave node j
+and, less sums of M_jk / A_j with M_jk = integral of psi_j w_k, those of the master's nodes k. So H
+has the unit in a point's own equation, as for matching nodes; and forces, gaps and slips have the
+scales of nodal ones, A_j being the node's own area.
+
+What is exact: H hands on the force, for sum w_k = 1, and the moment of a closed gap, for the
+weights reproduce positions on straight sub-facets; across a gap g friction t leaves a moment g t.
+An even pressure arrives as it is, whatever the meshes, since sum psi_j = 1. Gaps are weighted
+with w and not psi, for w is not negative. On every sub-facet the duals are D M^-1 w, with M the
+matrix of the weights over the part of the sub-facet that faces the master and D its row sums: so
+all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
+Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
+flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
+and displacements are the quadratic functions.
+
+What is not: psi is negative in places, so that the master's nodal forces need not have one sign
+where neighbouring p_j differ by more than a factor of two, next to the edge of contact above all,
+and the more the coarser the slave is. Small sliding: who faces whom, and along which averaged
+normal of the slave, is settled on the undeformed bodies. Where next to
+nothing of a sub-facet is covered, a node's force is right, but not its quotient by the area.
+
+The duals of straight sub-edges and flat sub-triangles that are covered all are 3 w - 1 and
+4 w - 1 (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
+"""
+
+import logging
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from pw_elements.contact.interface import DEFORMABLE, Points
+from pw_elements.contact.nodes import BodyNodes
+from pw_elements.contact.pairs import DeformableSurface
+from pw_elements.contact.segments import Segments, segments
+from pw_elements.contact.trace import Trace, facets_of, gathered_trace, sizes
+from pw_elements.parts import exterior_facets
+from pw_elements.recovery import by_position
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+_SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
+# Cosine up to which a normal is turned into a symmetry plane
+_NEARLY = 0.9
+# Of products of weights, quadratic functions and, in axisymmetry, the radius
+_DEGREE = 4
+# Mean edge of the slave over the master's, both where they face each other, that is much
+_COARSE = 3.0
+
+_logger = logging.getLogger("pw_elements.contact")
+
+
+@dataclass(frozen=True)
+class InitialGap:
+    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
+
+    position: Array
+    initial: Array
+    direction: Array
+
+    def gap(self, x: Array) -> Array:
+        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
+        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
+
+    def normal(self, x: Array) -> Array:  # noqa: ARG002
+        """Averaged normals (m, dim), out of the master, wherever the points are."""
+        return self.direction
+
+
+def mortar_points(
+    number: int,
+    master: DeformableSurface,
+    node: npt.NDArray[np.int32],
+    friction: Array,
+    body: BodyNodes,
+) -> tuple[Points, InitialGap]:
+    """Points at the owned nodes of a pair whose opposite is another part of the boundary.
+
+    Points that face nothing have an infinite gap.
+
+    Args:
+        number: of the pair, for messages.
+        master: the opposite part.
+        node: (m,), owned nodes of the pair.
+        friction: (m,).
+        body: whose nodes they are.
+
+    Raises:
+        ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
+            has no facets, both parts share a node, or no part of the pair's facets faces the
+            opposite part; on hexahedra.
+    """
+    space, comm = body.space, body.space.mesh.comm
+    own = node + np.int64(space.dofmap.index_map.local_range[0])
+    one = gathered_trace(space, facets_of(space, node))
+    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
+    if not len(other.node):
+        raise ValueError(
+            f"contact pair {number} has no opposite facets: their marker holds nowhere"
+        )
+    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
+    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
+    overlap = Overlap.of(one, other, own, master.revolved)
+    if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
+        behind = overlaps(one, other, own, -other.parts[2])[0]
+        raise ValueError(
+            f"contact pair {number}: no part of its facets faces the opposite part, "
+            + (
+                "which looks the same way: one of both is on the far side of its body"
+                if comm.allreduce(len(behind.share), MPI.SUM)
+                else "nothing of which lies across from them: they do not overlap"
+            )
+        )
+    coarseness = overlap.coarseness(comm)
+    if comm.rank == 0 and coarseness > _COARSE:
+        _logger.warning(
+            "contact pair %d: its facets are %.1f times as large as those they face; let the finer "
+            "mesh be the pair's, or the opposite body's forces may have either sign",
+            number,
+            coarseness,
+        )
+    m, dim = len(node), body.x.shape[1]
+    nodes = body.rows.getSize() // dim
+    area = overlap.per_point(np.ones(len(overlap.measure)), m)
+    faced = area > 0
+    scale = sp.diags_array(1 / np.where(faced, area, 1.0))
+    unit = sp.csr_array((np.ones(m), (np.arange(m), own)), (m, nodes))
+    alone = sp.diags_array(np.where(faced, 0.0, 1.0)) @ unit
+    (at1, N1), (at2, N2), (at3, w2) = overlap.functions
+    motion = overlap.integrals(overlap.weight, at1, N1, (m, nodes))
+    motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
+    force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
+    into = -one.normals(own)
+    into = _in_symmetry_planes(into, body.column[node] >= 0)
+    apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
+    gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
+    axes = sp.eye_array(dim)
+    at = other.positions_of_nodes()
+    points = Points(
+        body.x[node],
+        friction,
+        body.column[node],
+        sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
+        sp.csr_matrix(sp.kron(force, axes)),
+        body.beside[node],
+        body.outward[node],
+        own,
+        np.full_like(own, DEFORMABLE),
+        other.nodes[by_position(at)],
+    )
+    return points, InitialGap(body.x[node], gap, into)
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Quadrature points (q) of what the slave's sub-facets at own points have of the master.
+
+    Args:
+        point: (q, dim), numbers of the points that the sub-facet's corners are, -1 for others'.
+        weight: (q, dim), their weights.
+        dual: (q, dim), the duals of these.
+        measure: (q,), lengths or areas.
+        ratio: (q,), size of the slave's sub-facet over the master's.
+        apart: (q, dim), from the master to the slave.
+        functions: nodes (q, k) and values (q, k) of the slave's and the master's quadratic
+            functions, and of the master's weights.
+    """
+
+    point: Indices
+    weight: Array
+    dual: Array
+    measure: Array
+    ratio: Array
+    apart: Array
+    functions: tuple[tuple[Indices, Array], ...]
+
+    @classmethod
+    def of(cls, one: Trace, other: Trace, own: Indices, revolved: bool) -> "Overlap":
+        """Of both traces, for the points of global numbers `own` (m,)."""
+        (nodes, corners, _), (their_nodes, their_corners, outward) = one.parts, other.parts
+        found, mine = overlaps(one, other, own, outward)
+        order = np.argsort(own)
+        place = np.searchsorted(own, nodes, sorter=order)
+        point = order[np.minimum(place, len(own) - 1)] if len(own) else np.zeros_like(nodes)
+        point = np.where(np.isin(nodes, own), point, -1)
+        points, weights = basix.make_quadrature(_SIMPLEX[one.dim], _DEGREE)
+        rule = np.column_stack([1 - points.sum(axis=1), points])
+        weights = weights / weights.sum()
+        slave, master = (np.repeat(k, len(weights)) for k in (mine[found.slave], found.master))
+        w1, w2 = (
+            np.einsum("ga,qab->qgb", rule, corner).reshape(-1, one.dim)
+            for corner in (found.on_slave, found.on_master)
+        )
+        size, theirs = sizes(corners)[slave], sizes(their_corners)[master]
+        measure = size * np.outer(found.share, weights).ravel()
+        (at1, N1), (at2, N2) = one.functions(slave, w1), other.functions(master, w2)
+        x1, x2 = one.positions(slave, N1), other.positions(master, N2)
+        if revolved:
+            measure = measure * 2 * np.pi * x1[:, 0]
+        dual = _duals(slave, w1, measure)
+        functions = ((at1, N1), (at2, N2), (their_nodes[master], w2))
+        return cls(point[slave], w1, dual, measure, size / theirs, x1 - x2, functions)
+
+    def coarseness(self, comm: MPI.Comm) -> float:
+        """Mean of the slave's edges over the master's, of all processes."""
+        edges = self.ratio ** (1 / (self.point.shape[1] - 1))
+        total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
+        return float(total[0] / total[1])
+
+    def per_point(self, values: Array, m: int) -> Array:
+        """Integrals (m,) of weights times values (q,)."""
+        part = (self.weight * (self.measure * values)[:, None])[self.point >= 0]
+        return np.asarray(np.bincount(self.point[self.point >= 0], part, minlength=m), dtype=float)
+
+    def integrals(
+        self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
+    ) -> sp.csr_array:
+        """Matrix of integrals of functions `tested` (q, dim) of the points times others (q, k)."""
+        part = np.einsum("q,qa,qk->qak", self.measure, tested, values)
+        row = np.broadcast_to(self.point[:, :, None], part.shape)
+        known = row >= 0
+        place = (row[known], np.broadcast_to(column[:, None], part.shape)[known])
+        return sp.csr_array(sp.coo_array((part[known], place), shape))
+
+
+def overlaps(one: Trace, other: Trace, own: Indices, outward: Array) -> tuple[Segments, Indices]:
+    """What the slave's sub-facets at own points (m,) have of the master.
+
+    Args:
+        one: the slave.
+        other: the master.
+        own: numbers of nodes.
+        outward: (s, dim), normals of the master's sub-facets.
+
+    Returns:
+        Overlaps, and numbers of the slave's sub-facets which those of `Segments.slave` count.
+    """
+    nodes, corners, _ = one.parts
+    mine = np.flatnonzero(np.isin(nodes, own).any(axis=1))
+    normal = one.normals(nodes[mine]).mean(axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return segments(corners[mine], other.parts[1], normal, outward), mine
+
+
+def _duals(part: Indices, weight: Array, measure: Array) -> Array:
+    """D M^-1 w, (q, dim), at quadrature points of sub-facets (q,)."""
+    if not len(part):
+        return weight
+    parts, of = np.unique(part, return_inverse=True)
+    n = weight.shape[1]
+    M = np.zeros((len(parts), n, n))
+    np.add.at(M, of, np.einsum("q,qa,qb->qab", measure, weight, weight))
+    D = M.sum(axis=2)
+    inverse = np.linalg.inv(M)
+    return np.asarray(np.einsum("qa,qab,qb->qa", D[of], inverse[of], weight))
+
+
+def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:
+    """Normals (n, dim) without components that are prescribed, if these are small.
+
+    On a symmetry plane the facets of one side alone are averaged.
+    """
+    inside = np.where(free, normal, 0.0)
+    length = np.linalg.norm(inside, axis=1, keepdims=True)
+    near = length > _NEARLY
+    return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))

@@ -1,0 +1,550 @@
+"""Contact of two deformable bodies whose meshes do not match, by five ways (`mortar_ways`)."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+from mpi4py import MPI
+
+import basix
+import gmsh
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
+
+from pw_elements import StressState, prescribe
+from pw_elements.contact import STICK, ContactState, Motion
+from pw_elements.contact.trace import Trace, gathered_trace, sizes
+from pw_elements.meshes import curved, mapped, on_lines
+from pw_elements.parts import exterior_facets
+from study.core.cases import Case
+from study.core.store import Result
+from study.units import dimensionless
+from study.verification.c_mesh_families import meshed
+from study.verification.friction import Cattaneo
+from study.verification.graded_meshes import growing, joined
+from study.verification.half_space import Elastic, HertzLine, HertzSphere
+from study.verification.mortar_ways import Solution, TwoBodies
+from study.verification.solid_meshes import OUTER, box, graded
+from study.vocabulary import WAYS
+
+TITLE = "Two deformable bodies"
+
+Array = npt.NDArray[np.floating[Any]]
+Doubles = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Facets = npt.NDArray[np.int32]
+
+# Lengths over the half width or radius of the contact, stresses over the lower body's E
+POISSONS_RATIO = 0.3
+MODULI = (1.0, 3.0)
+RATIO = 0.7  # of the master's edges' number to the slave's
+RADIUS = 1e3  # of the relative curvature, so large that slopes are small
+PRESSURE = 1e-3  # of patches
+END = 0.83  # of the narrower block
+FAR, ZONE, GROWTH = 5.0, 1.4, 1.3  # sides of plane bodies, where they may touch, their cells
+PLACE = 0.375  # where the contact's edge lies in an element
+INNER = 0.8
+FRICTION, SHARE = 0.4, 0.5  # of partial slip
+ROUGH = 0.3  # of unequal bodies
+COARSEST, FINEST_EDGES = 4, 32  # edges that start from nothing, and that others are judged by
+
+# NAFEMS R0094-1 in N and mm: steel cylinder, aluminium block, their half widths and height, force
+CYLINDER, BLOCK, HEIGHT, FORCE = 50.0, 100.0, 200.0, 35e3
+STEEL, ALUMINIUM = 210e3, 70e3
+FINEST, COARSENING, AROUND = 0.6, 0.12, 9.0  # sizes of cells, and distance up to which they stay
+LOADED = 30.0  # half width of the load on top
+EXPECTED_WIDTH, EXPECTED_PEAK = 6.215, 3585.4  # Hertz's, as the benchmark has them
+
+_Found: TypeAlias = tuple[Result, list[ContactState]]
+_Problem: TypeAlias = Callable[[str, int, float, list[ContactState]], _Found]
+
+
+def patch(way: str, dim: int) -> Result:
+    """A block on another, pressed evenly: uniaxial stress."""
+    return _blocks(way, dim, 1.0)
+
+
+def overhang(way: str, dim: int) -> Result:
+    """The same where the slave is wider; what the master leaves of it is pressed by loads."""
+    return _blocks(way, dim, END)
+
+
+def _blocks(way: str, dim: int, width: float) -> Result:
+    up, count = dim - 1, (4, 7) if dim == 2 else (2, 3)
+
+    def block(n: int, bottom: float) -> Mesh:
+        build, cell = (create_rectangle, "triangle") if dim == 2 else (create_box, "tetrahedron")
+        ends = [[0.0] * up + [bottom], [1.0] * up + [bottom + 1]]
+        return build(MPI.COMM_SELF, ends, [n, n + 1, n][:dim], CellType[cell])
+
+    narrow = mapped(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
+    mesh, low = joined(block(count[1], 0.0), narrow)
+    state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
+    sides = _sides(mesh, low, lambda x: np.isclose(x[up], 1.0))
+    two = TwoBodies.of(way, mesh, low, (1.0, 1.0), POISSONS_RATIO, state, sides)
+    down = np.zeros(dim)
+    down[up] = -PRESSURE
+    load = two.load(down, lambda x: np.isclose(x[up], 2.0))
+    if width < 1:
+        nodes, forces = _beyond(gathered_trace(two.space, two.slave), width, way == "pw-dual")
+        values = load.array.reshape(-1, dim)
+        np.add.at(values[:, up], nodes, -PRESSURE * forces)
+        load.array[:] = values.ravel()
+    symmetry = [prescribe(two.space, i, _at(i, 0.0)) for i in range(dim)]
+    found = two.solve(load, symmetry)
+    x = two.x[found.node]
+    # on the end itself part of a node's weights is loaded
+    return _result(two, found, np.where(x[:, 0] < width + 1, PRESSURE, 0.0), PRESSURE, np.inf)
+
+
+def _beyond(trace: Trace, end: float, linear: bool) -> tuple[npt.NDArray[np.int64], Array]:
+    """Nodes and integrals of their test functions over what has x > end, of a flat trace.
+
+    Sub-facets are cut at the end and rules of degree 2 put on what is left.
+    """
+    nodes, corners, _ = trace.parts
+    points, weights = basix.make_quadrature(
+        {2: basix.CellType.interval, 3: basix.CellType.triangle}[trace.dim], 2
+    )
+    rule, weights = np.column_stack([1 - points.sum(axis=1), points]), weights / weights.sum()
+    at, values = [], []
+    for part in range(len(corners)):
+        corner: Array = corners[part]
+        kept: list[Array] = []
+        ends: list[Array] = [np.eye(trace.dim)[k] for k in range(trace.dim)]
+        for a, b in zip(ends, ends[1:] + ends[:1], strict=True):
+            xa, xb = (float(c @ corner[:, 0]) for c in (a, b))
+            if xa > end:
+                kept.append(a)
+            if (xa > end) != (xb > end):
+                kept.append(a + (end - xa) / (xb - xa) * (b - a))
+        if trace.dim == 2:
+            pieces = [kept[:2]] if len(kept) > 1 else []
+        else:
+            pieces = [[kept[0], *kept[i : i + 2]] for i in range(1, len(kept) - 1)]
+        for piece in pieces:
+            share = np.array(piece)
+            size = sizes((share @ corner)[None])[0]
+            place = rule @ share
+            if linear:
+                at.append(nodes[part])
+                values.append(size * weights @ place)
+            else:
+                which, N = trace.functions(np.full(len(place), part), place)
+                at.append(which[0])
+                values.append(size * weights @ N)
+    return np.concatenate(at), np.concatenate(values)
+
+
+def hertz(way: str, edges: int, ratio: float = RATIO, cold: bool = False) -> Result:
+    """Half of two cylinders of unequal moduli without friction; far fields are exact.
+
+    A `cold` start is from the nodes that touch.
+    """
+    return (_hertz(way, edges, ratio, []) if cold else _nested(_hertz, way, edges, ratio))[0]
+
+
+def _nested(problem: _Problem, way: str, edges: int, ratio: float) -> _Found:
+    """A problem's result, from the active sets of the next coarser mesh where there is one."""
+    start: list[ContactState] = []
+    if way == "pw-dual" and edges > COARSEST:
+        start = _nested(problem, way, edges // 2, ratio)[1]
+    return problem(way, edges, ratio, start)
+
+
+def _hertz(way: str, edges: int, ratio: float, start: list[ContactState]) -> _Found:
+    lower, upper = (Elastic(E, POISSONS_RATIO) for E in MODULI)
+    force = np.pi / (4 * RADIUS) / _compliance(lower, upper)
+    known = [HertzLine(b, np.pi * b.plane_modulus / (4 * force), force) for b in (lower, upper)]
+    two = _halves(way, edges, ratio)
+    moved = _far_field(two, known, lambda k, x: k.displacement(x))
+    symmetry = prescribe(two.space, 0, lambda x: np.isclose(x[0], 0.0) & ~_far(x))
+    found = two.solve(two.K.createVecLeft(), [moved, symmetry], start=start)
+    x = two.x[found.node][:, 0]
+    result = _result(two, found, known[0].pressure(x), known[0].peak, INNER, force / 2)
+    return result, found.states
+
+
+def unequal(way: str, edges: int) -> Result:
+    """Two cylinders of unequal moduli pressed with friction, the sides moved as without it.
+
+    Errors are differences from a mesh of 32 edges.
+    """
+    result, fine = (_nested(_unequal, way, n, RATIO)[0] for n in (edges, FINEST_EDGES))
+    x, area = result.curves["x"][:, 0], result.curves["area"]
+    of = {
+        name: np.interp(x, fine.curves["x"][:, 0], fine.curves[name])
+        for name in ("pressure", "shear")
+    }
+    off = {name: np.abs(result.curves[name] - exact) for name, exact in of.items()}
+    inner = x < INNER
+    scalars = {
+        "pressure_error": off["pressure"][inner].max(),
+        "pressure_error_median": np.median(off["pressure"][inner]),
+        "pressure_l2": np.sqrt(
+            (area * off["pressure"] ** 2).sum() / (area * of["pressure"] ** 2).sum()
+        ),
+        "shear_error": off["shear"][inner].max(),
+        "stick_off": abs(result.scalars["stick"] - fine.scalars["stick"]) * edges,
+        "force_error": abs(result.scalars["force"] / fine.scalars["force"] - 1),
+    }
+    numbers = {**result.scalars, **{name: float(value) for name, value in scalars.items()}}
+    del numbers["force"]
+    curves = {**result.curves, "exact_pressure": of["pressure"], "exact_shear": of["shear"]}
+    return replace(result, scalars=numbers, units=dimensionless(numbers), curves=curves)
+
+
+def _unequal(way: str, edges: int, ratio: float, start: list[ContactState]) -> _Found:
+    lower, upper = (Elastic(E, POISSONS_RATIO) for E in MODULI)
+    force = np.pi / (4 * RADIUS) / _compliance(lower, upper)
+    known = [HertzLine(b, np.pi * b.plane_modulus / (4 * force), force) for b in (lower, upper)]
+    two = _halves(way, edges, ratio)
+    moved = _far_field(two, known, lambda k, x: k.displacement(x))
+    symmetry = prescribe(two.space, 0, lambda x: np.isclose(x[0], 0.0) & ~_far(x))
+    found = two.solve(two.K.createVecLeft(), [moved, symmetry], ROUGH, start=start)
+    x = two.x[found.node][:, 0]
+    (pair,) = found.states[-1].pairs
+    pressed = float(pair.force_normal.sum()) / force
+    sticking = {"stick": float(x[pair.status == STICK].max(initial=0.0)), "force": pressed}
+    shear = pair.force_tangential[:, 0] / found.area / known[0].peak
+    exact, peak, curves = known[0].pressure(x), known[0].peak, {"shear": shear}
+    result = _result(two, found, exact, peak, INNER, force / 2, sticking, curves)
+    return result, found.states
+
+
+def cattaneo(way: str, edges: int) -> Result:
+    """Two equal cylinders pressed and then pushed by forces, their approach and shift free."""
+    return _nested(_cattaneo, way, edges, RATIO)[0]
+
+
+def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> _Found:
+    body = Elastic(1.0, POISSONS_RATIO)
+    force = np.pi / (4 * RADIUS) / _compliance(body, body)
+    known = Cattaneo(1.0, force, FRICTION, SHARE)
+    two = _halves(way, edges, ratio, (1.0, 1.0), whole=True)
+    loads = []
+    for share in (0.0, SHARE / 2, SHARE):
+        moved = two.K.createVecRight()
+        nodes = fem.locate_dofs_geometrical(two.space, _far)
+        x = two.x[nodes]
+        upper = (_upper(two)[nodes])[:, None]
+        field = _pushed(body, force, share, np.where(upper, -x, x))
+        moved.array.reshape(-1, 2)[nodes] = np.where(upper, -field, field)
+        load = two.K * moved
+        load.scale(-1.0)
+        loads.append(load)
+    held = [prescribe(two.space, i, _far) for i in (0, 1)]
+    motions = [
+        Motion((None, None), (share * FRICTION * force, -force))
+        for share in (0.0, SHARE / 2, SHARE)
+    ]
+    motions[0] = Motion((0.0, None), (0.0, -force))
+    found = two.solve(loads, held, FRICTION, motions, start)
+    x = two.x[found.node][:, 0]
+    (pair,) = found.states[-1].pairs
+    scale = FRICTION * known.peak
+    shear = pair.force_tangential[:, 0] / found.area
+    away = (np.abs(np.abs(x) - known.stick) > 1.5 / edges) & (np.abs(x) < 1 - 1.5 / edges)
+    sticking = x[pair.status == STICK]
+    further = {
+        "stick": float(np.ptp(sticking)) / 2,
+        "stick_off": abs(float(np.ptp(sticking)) / 2 - known.stick) * edges,
+        "shear_error": float(np.abs(shear - known.shear(x))[away].max()) / scale,
+    }
+    curves = {"shear": shear / known.peak, "exact_shear": known.shear(x) / known.peak}
+    result = _result(two, found, known.pressure(x), known.peak, INNER, force, further, curves)
+    return result, found.states
+
+
+def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
+    """A quarter of two spheres of unequal moduli without friction; far fields are exact."""
+    bodies = [Elastic(E, POISSONS_RATIO) for E in MODULI]
+    force = 4 / 3 / RADIUS / _compliance(*bodies)
+    known = [HertzSphere(b, 4 * b.plane_modulus / (3 * force), force) for b in bodies]
+    lines = graded(edges)
+    other = graded(edges * ratio)
+    lower = box("tetrahedron", lines.beside, lines.beside, lines.below)
+    upper = curved(
+        box("tetrahedron", other.beside, other.beside, -other.below[::-1]),
+        lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * RADIUS) * [0.0, 0.0, 1.0],
+    )
+    mesh, low = joined(curved(lower, lambda x: x), upper)
+
+    def near(x: Array) -> Mask:
+        return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * RADIUS) + 1e-9
+
+    sides = _sides(mesh, low, near)
+    two = TwoBodies.of(way, mesh, low, MODULI, POISSONS_RATIO, StressState.SOLID, sides)
+    two = _within(two, lambda x: np.maximum(x[:, 0], x[:, 1]) < lines.zone + 1e-9)
+
+    def beyond(x: Array) -> Mask:
+        return (np.abs(x[2]) > OUTER - 1e-9) | np.isclose(np.maximum(x[0], x[1]), OUTER)
+
+    nodes = fem.locate_dofs_geometrical(two.space, beyond)
+    x, above = two.x[nodes], _upper(two)[nodes]
+    field = fem.Function(two.space)
+    values = field.x.array.reshape(-1, 3)
+    for body, of, turn in zip(known, (~above, above), (1.0, -1.0), strict=True):
+        r = np.hypot(x[of, 0], x[of, 1])
+        moved = body.displacement(np.column_stack([r, turn * x[of, 2]]))
+        values[nodes[of], :2] = moved[:, :1] * x[of, :2] / np.maximum(r, 1e-12)[:, None]
+        values[nodes[of], 2] = turn * moved[:, 1]
+    values[nodes[above], 2] -= sum(body.approach for body in known)
+    conditions = [fem.dirichletbc(field, nodes)]
+
+    def symmetry(axis: int) -> Callable[[Array], Mask]:
+        return lambda p: np.isclose(p[axis], 0.0) & ~beyond(p)
+
+    conditions += [prescribe(two.space, i, symmetry(i)) for i in (0, 1)]
+    found = two.solve(two.K.createVecLeft(), conditions)
+    r = np.linalg.norm(two.x[found.node][:, :2], axis=1)
+    return _result(two, found, known[0].pressure(r), known[0].peak, INNER, force / 4)
+
+
+def r0094(way: str) -> Result:
+    """NAFEMS R0094-1 as it stands: half of a steel cylinder pressed into an aluminium block."""
+
+    def cylinder() -> None:
+        disc = gmsh.model.occ.addDisk(0, CYLINDER, 0, CYLINDER, CYLINDER)
+        half = gmsh.model.occ.addRectangle(0, 0, 0, CYLINDER, 2 * CYLINDER)
+        gmsh.model.occ.intersect([(2, disc)], [(2, half)])
+
+    def block() -> None:
+        gmsh.model.occ.addRectangle(0, -HEIGHT, 0, BLOCK, HEIGHT)
+
+    def growth(finest: float) -> str:
+        return f"{finest} + {COARSENING} * Max(0, Sqrt(x * x + y * y) - {AROUND})"
+
+    above = meshed(cylinder, 2, FINEST, 2, growth(FINEST))
+    below = meshed(block, 2, FINEST / RATIO, 2, growth(FINEST / RATIO))
+    mesh, low = joined(below, above)
+
+    def near(x: Array) -> Mask:
+        return (x[0] < 2 * AROUND) & (
+            np.isclose(x[1], 0.0)
+            | (np.isclose(np.hypot(x[0], x[1] - CYLINDER), CYLINDER) & (x[1] < CYLINDER))
+        )
+
+    def top(x: Array) -> Mask:
+        round_ = np.isclose(np.hypot(x[0], x[1] - CYLINDER), CYLINDER)
+        return round_ & (x[1] > CYLINDER) & (x[0] < LOADED)
+
+    lower, upper = _sides(mesh, low, near)
+    two = TwoBodies.of(
+        way, mesh, low, (ALUMINIUM, STEEL), POISSONS_RATIO, StressState.PLANE_STRAIN, (upper, lower)
+    )
+    two = _within(two, lambda x: x[:, 0] < AROUND)
+    load = two.load((0.0, -1.0), top)
+    load.scale(FORCE / 2 / -load.sum())
+    symmetry = [prescribe(two.space, 0, _at(0, 0.0)), prescribe(two.space, 1, _at(1, -HEIGHT))]
+    found = two.solve(load, symmetry)
+    x = two.x[found.node][:, 0]
+    bodies = Elastic(ALUMINIUM, POISSONS_RATIO), Elastic(STEEL, POISSONS_RATIO)
+    width = np.sqrt(4 * FORCE * CYLINDER * _compliance(*bodies) / np.pi)
+    peak = 2 * FORCE / (np.pi * width)
+    exact = peak * np.sqrt(np.maximum(0.0, 1 - (x / width) ** 2))
+    # p² = p0² (1 - x²/a²) is a straight line over x²
+    fitted = (x < 0.9 * width) & ~np.isnan(found.pressure)
+    slope, start = np.polyfit(x[fitted] ** 2, found.pressure[fitted] ** 2, 1)
+    further = {
+        "width_error": np.sqrt(start / -slope) / EXPECTED_WIDTH - 1,
+        "peak_error": np.sqrt(start) / EXPECTED_PEAK - 1,
+    }
+    return _result(two, found, exact, peak, INNER * width, FORCE / 2, further)
+
+
+def _halves(
+    way: str,
+    edges: int,
+    ratio: float,
+    moduli: tuple[float, float] = MODULI,
+    whole: bool = False,
+) -> TwoBodies:
+    """Bodies of two cylinders, the lower one flat and the slave; half of them, or all."""
+
+    def lines(n: int) -> tuple[Doubles, Doubles, float]:
+        size = 1 / (n + PLACE)
+        near = size * np.arange(np.ceil(ZONE / size) + 1)
+        across = np.concatenate([near, near[-1] + growing(size, FAR - near[-1], GROWTH)[1:]])
+        if whole:
+            across = np.concatenate([-across[:0:-1], across])
+        return across, growing(size, FAR, GROWTH), float(near[-1])
+
+    def rounded(x: Doubles) -> Doubles:
+        return x + x[:, :1] ** 2 / (2 * RADIUS) * [0.0, 1.0, 0.0]
+
+    (x, depth, zone), (x2, height, _) = lines(edges), lines(max(1, round(ratio * edges)))
+    comm = MPI.COMM_SELF
+    lower = curved(on_lines(comm, x, -depth[::-1], "triangle", "left_right"), lambda x: x)
+    upper = curved(on_lines(comm, x2, height, "triangle", "left_right"), rounded)
+    mesh, low = joined(lower, upper)
+    sides = _sides(mesh, low, lambda x: np.abs(x[1]) < x[0] ** 2 / (2 * RADIUS) + 1e-9)
+    two = TwoBodies.of(way, mesh, low, moduli, POISSONS_RATIO, StressState.PLANE_STRAIN, sides)
+    return _within(two, lambda x: np.abs(x[:, 0]) < zone + 1e-9)
+
+
+def _within(two: TwoBodies, near: Callable[[Array], Mask]) -> TwoBodies:
+    """The same with less of the slave's face: facets all of whose nodes (n, dim) are near."""
+    trace = gathered_trace(two.space, two.slave)
+    inside = near(trace.x.reshape(-1, trace.dim)).reshape(trace.node.shape).all(axis=1)
+    return TwoBodies(two.way, two.body, two.K, two.slave[inside], two.master)
+
+
+def _sides(mesh: Mesh, low: Mask, near: Callable[[Array], Mask]) -> tuple[Facets, Facets]:
+    """Facets of the lower and of the upper body."""
+    facets, dim = exterior_facets(mesh, near), mesh.topology.dim
+    behind = mesh.topology.connectivity(dim - 1, dim)
+    of_lower = low[behind.array[behind.offsets[facets]]]
+    return facets[of_lower], facets[~of_lower]
+
+
+def _upper(two: TwoBodies) -> Mask:
+    """Nodes of the upper body."""
+    space, up = two.space, two.x.shape[1] - 1
+    cells = space.dofmap.list
+    nodes = np.zeros(len(two.x), dtype=bool)
+    nodes[cells[two.x[cells, up].mean(axis=1) > 0]] = True
+    return nodes
+
+
+def _far_field(
+    two: TwoBodies, known: list[Any], displacement: Callable[[Any, Array], Array]
+) -> fem.DirichletBC:
+    """Both bodies' far sides: exact displacements, the upper one's with the approach of both."""
+    nodes = fem.locate_dofs_geometrical(two.space, _far)
+    upper = _upper(two)[nodes]
+    field = fem.Function(two.space)
+    values, x = field.x.array.reshape(-1, 2), two.x[nodes]
+    values[nodes[~upper]] = displacement(known[0], x[~upper])
+    values[nodes[upper]] = displacement(known[1], x[upper] * [1, -1]) * [1, -1]
+    values[nodes[upper], 1] -= sum(body.approach for body in known)
+    return fem.dirichletbc(field, nodes)
+
+
+def _pushed(body: Elastic, force: float, share: float, x: Array) -> Array:
+    """Displacements (n, 2) of the lower half plane under the tractions of partial slip."""
+    sources = 64
+    theta = np.arange(1, sources + 1) * np.pi / (sources + 1)
+    s, weight = np.cos(theta), 2 / (sources + 1) * np.sin(theta) ** 2
+    pressing, none = force * weight, np.zeros(sources)
+    stick = np.sqrt(1 - share)
+    field = body.line_displacement(x, s, pressing, FRICTION * pressing if share else none)
+    if share:
+        held = (1 - share) * FRICTION * pressing
+        field = field - body.line_displacement(x, stick * s, none, held)
+    return np.asarray(field)
+
+
+def _far(x: Array) -> Mask:
+    return np.isclose(np.abs(x[0]), FAR) | np.isclose(x[1], -FAR) | (x[1] > FAR - 1e-9)
+
+
+def _at(axis: int, value: float) -> Callable[[Array], Mask]:
+    return lambda x: np.isclose(x[axis], value)
+
+
+def _compliance(*bodies: Elastic) -> float:
+    """1/E* of both."""
+    return sum(1 / body.plane_modulus for body in bodies)
+
+
+def _result(
+    two: TwoBodies,
+    found: Solution,
+    exact: Array,
+    scale: float,
+    inner: float,
+    force: float | None = None,
+    further: dict[str, float] | None = None,
+    curves: dict[str, Array] | None = None,
+) -> Result:
+    """Errors of the pressure (m,) at the slave's nodes against `exact`, forces on both bodies.
+
+    Args:
+        two: the bodies.
+        found: what a way gives.
+        exact: (m,).
+        scale: what errors are over.
+        inner: distance from the origin within which errors count.
+        force: exact total.
+        further: scalars.
+        curves: values (m,) to store.
+    """
+    x, dim = two.x, two.x.shape[1]
+    at, theirs = x[found.node], x[found.opposite]
+    known = ~np.isnan(found.pressure)
+    error = np.where(known, np.abs(found.pressure - exact), 0.0)
+    near = known & (np.linalg.norm(at[:, :-1], axis=1) < inner)
+    squares = (found.area * error**2)[known].sum() / (found.area * exact**2)[known].sum()
+    # positive where it presses on the master
+    all_of = found.force[found.opposite, -1]
+    all_of = all_of * np.sign(all_of.sum())
+    # smooth pressures: away from the edge of the contact and from the ends of the faces
+    middle = np.linalg.norm(theirs[:, :-1], axis=1) < (inner if np.isfinite(inner) else INNER)
+    if np.isinf(inner):
+        middle &= (theirs[:, :-1] > 1e-9).all(axis=1)
+    mean = all_of[middle].mean()
+    scalars = {
+        "pressure_error": error[near].max() / scale,
+        "pressure_l2": np.sqrt(squares),
+        "pressure_error_median": np.median(error[near]) / scale,
+        "master_force_min": all_of[middle].min() / mean,
+        "master_force_max": all_of[middle].max() / mean,
+        "master_force_least": all_of.min() / mean,
+        "iterations": found.iterations,
+        "settled": found.settled,
+        **found.balances(x),
+        **(further or {}),
+    }
+    if force is not None:
+        pressed = np.abs(found.force[found.node, -1].sum())
+        scalars["force_error"] = abs(pressed / force - 1)
+    stored = {
+        "x": at,
+        "pressure": found.pressure / scale,
+        "exact_pressure": exact / scale,
+        "area": found.area,
+        "force": found.force[found.node, -1],
+        "opposite_x": theirs,
+        "opposite_force": found.force[found.opposite, -1],
+        **(curves or {}),
+    }
+    numbers = {name: float(value) for name, value in scalars.items()}
+    return Result(numbers, dimensionless(numbers), stored, dofs=dim * len(x))
+
+
+def _case(name: str, problem: Callable[..., Result], way: str, **parameters: float) -> Case:
+    in_space = problem is spheres or parameters.get("dim") == 3
+    element = ("pw" if way == "pw-dual" else "galerkin") + ("-T10" if in_space else "-T6")
+    stated = {"way": way, **parameters}
+    return Case("V11", name.format(way), problem, stated, {"element": element})
+
+
+CASES = [
+    _case(f"{problem.__name__}-{dim}d-{{}}", problem, way, dim=dim)
+    for problem in (patch, overhang)
+    for dim in (2, 3)
+    for way in WAYS
+]
+CASES += [
+    _case(f"hertz-2d-{{}}-{edges}", hertz, way, edges=edges) for way in WAYS for edges in (4, 8, 16)
+]
+CASES += [
+    _case(f"hertz-2d-{{}}-16-ratio{ratio}", hertz, way, edges=16, ratio=ratio)
+    for way in WAYS
+    for ratio in (0.5, 1.0, 2.0)
+]
+CASES.append(_case("hertz-2d-{}-16-cold", hertz, "pw-dual", edges=16, cold=True))
+CASES += [
+    _case(f"{problem.__name__}-{{}}-{edges}", problem, "pw-dual", edges=edges)
+    for problem in (cattaneo, unequal)
+    for edges in (8, 16)
+]
+CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
+CASES += [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
+CASES += [
+    _case("spheres-{}-3", spheres, "pw-dual", edges=3),
+    _case("spheres-{}-5-ratio1.37", spheres, "pw-dual", edges=5, ratio=1.37),
+]

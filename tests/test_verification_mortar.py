@@ -1,0 +1,52 @@
+"""Section V11: the ways that two bodies are compared by."""
+
+import numpy as np
+import pytest
+
+from pw_elements.contact.mortar import Overlap
+from pw_elements.contact.trace import gathered_trace
+from study.verification import mortar_ways, v11_two_bodies
+from tests.two_bodies import Stack
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_duals_of_quadratics_are_biorthogonal(cell):
+    """In space those of the transformed functions."""
+    stack = Stack((2, 3), cell)
+    one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    overlap = Overlap.of(one, other, one.nodes, revolved=False)
+    at, N = overlap.functions[0]
+    psi = mortar_ways._duals(at, N, overlap.measure, one.dim)
+    assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
+    tested = N.copy()
+    if one.dim == 3:
+        tested *= 3 / 4
+        for vertex, edges in enumerate(((4, 5), (3, 5), (3, 4))):
+            tested[:, vertex] = N[:, vertex] + N[:, edges].sum(axis=1) / 8
+    rows = np.searchsorted(one.nodes, at)
+    M = np.zeros((len(one.nodes), len(one.nodes)))
+    parts = np.einsum("q,qa,qb->qab", overlap.measure, psi, tested)
+    np.add.at(M, (rows[:, :, None], rows[:, None, :]), parts)
+    off = M - np.diag(np.diag(M))
+    assert np.abs(off).max() < 1e-12 * np.abs(M).max()
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("linear", [True, False])
+def test_loads_beyond_an_end_have_the_area_and_its_centre(cell, linear):
+    """Of a strip of width 1 - end; both kinds of functions reproduce x."""
+    stack, end = Stack((3, 2), cell), 0.83
+    trace = gathered_trace(stack.space, stack.sides["upper"])
+    nodes, values = v11_two_bodies._beyond(trace, end, linear)
+    x = stack.x[nodes, 0]
+    assert values.sum() == pytest.approx(1 - end, rel=1e-12)
+    assert values @ x == pytest.approx((1 - end**2) / 2, rel=1e-12)
+
+
+def test_on_matching_meshes_duals_are_node_to_segment():
+    """A dual's node then faces one of the master's."""
+    found = [
+        v11_two_bodies.hertz(way, 4, 1.0).scalars["pressure_l2"]
+        for way in ("p2-dual", "node-to-segment")
+    ]
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
