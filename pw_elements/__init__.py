@@ -20,6 +20,7 @@ from pw_elements.algebra import (
     Reduction,
     SingularSystem,
     assemble_matrix,
+    assemble_scalar,
     assemble_vector,
     reactions,
     solve,
@@ -44,6 +45,7 @@ from pw_elements.mechanics import (
     prescribe,
 )
 from pw_elements.mesh_checks import DegenerateMesh
+from pw_elements.problems import NotConverged, PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
@@ -55,7 +57,9 @@ __all__ = [
     "LinearSolver",
     "Material",
     "NoModes",
+    "NotConverged",
     "NumberingError",
+    "PetrovGalerkinProblem",
     "Reduction",
     "SingularSystem",
     "SolverReport",
@@ -64,6 +68,7 @@ __all__ = [
     "VibrationModes",
     "as_function",
     "assemble_matrix",
+    "assemble_scalar",
     "assemble_vector",
     "boundary_measure",
     "buckling",

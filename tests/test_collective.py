@@ -79,13 +79,17 @@ SAID = {
     "state of a step": "the state belongs to other contact nodes than this problem's",
     "state of a step differs": f"the state: {DIFFERS}",
     "state of a step with NaN": "the state has forces or displacements that are not finite",
+    "load of a residual": f"the load {FAILED}",
+    "load of a residual differs": f"the load: {DIFFERS}",
+    "solver of a residual": r"the solver is 3: give a LinearSolver such as Direct\(\)",
     "file": r"the state cannot be written to /nowhere/.*: \[Errno 2\] No such file or directory: "
     "'/nowhere/.*'",
 }
 
 
 KINDS = {"file": "FileNotFoundError"} | dict.fromkeys(
-    ["condition", "kind of a pair", "kind of loads", "supports", "start"], "TypeError"
+    ["condition", "kind of a pair", "solver of a residual", "kind of loads", "supports", "start"],
+    "TypeError",
 )
 
 
