@@ -34,6 +34,7 @@ from pw_elements.elements import (
     quadratic_element,
     serendipity_element,
 )
+from pw_elements.fluxes import NodalFlux, nodal_flux
 from pw_elements.linear_solver import Direct, LinearSolver, SolverReport
 from pw_elements.mechanics import (
     Body,
@@ -57,6 +58,7 @@ __all__ = [
     "LinearSolver",
     "Material",
     "NoModes",
+    "NodalFlux",
     "NotConverged",
     "NumberingError",
     "PetrovGalerkinProblem",
@@ -76,6 +78,7 @@ __all__ = [
     "composite_element",
     "lumped_mass",
     "macro_element",
+    "nodal_flux",
     "nodal_load",
     "one_cut_element",
     "prescribe",

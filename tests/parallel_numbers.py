@@ -26,6 +26,7 @@ from pw_elements import (
     buckling,
     lumped_mass,
     macro_element,
+    nodal_flux,
     nodal_load,
     prescribe,
     reactions,
@@ -166,6 +167,8 @@ def rubber():
     problem = PetrovGalerkinProblem(residual, u, conditions)
     problem.solve(depth, increments=2)
     numbers["rubber_reactions"] = problem.reactions().norm()
+    traction = nodal_flux(spaces, problem.reactions(), lambda x: np.isclose(x[2], 0.0))
+    numbers["rubber_tractions"] = traction.flux.ravel().tolist()
     numbers["rubber_volume"] = assemble_scalar(ufl.det(F) * ufl.dx)
     numbers["rubber_iterations"] = [len(part.corrections) for part in problem.increments]
 
