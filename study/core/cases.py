@@ -36,6 +36,8 @@ SECTIONS = {
     "V8": "study.verification.v8_vibration",
     "V9": "study.verification.v9_explicit",
     "V10": "study.verification.v10_space",
+    "V13": "study.verification.v13_fluxes",
+    "V14": "study.verification.v14_rubber",
     "P": "study.peers.p_compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
