@@ -1,7 +1,7 @@
 """Problems stated by any UFL residual, with piecewise-linear weight functions.
 
-DOLFINx's own `LinearProblem` and `NonlinearProblem` set Dirichlet conditions on the rows of the
-test space, which is another one here: the first returns `inf`, the second gives up.
+Where test and trial space differ, DOLFINx's own `LinearProblem` and `NonlinearProblem` take the
+prescribed columns out of a matrix but no rows: the first returns `inf`, the second fails.
 """
 
 import logging
