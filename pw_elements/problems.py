@@ -44,12 +44,14 @@ _ITERATIONS = 25
 # An increment is cut into so many parts at most
 _PARTS = 16
 
+# PETSc's SNESConvergedReason by number: one name has changed
+_LINE_SEARCH = -6
 _REASONS = {
-    PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN: "the residual is not finite",
-    PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN: "the residual is not finite",
-    PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT: f"no convergence in {_ITERATIONS} iterations",
-    PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH: "no step along Newton's direction helps",
-    PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE: "the linear solver did not converge",
+    -1: "the residual is not finite",
+    -3: "the linear solver did not converge",
+    -4: "the residual is not finite",
+    -5: f"no convergence in {_ITERATIONS} iterations",
+    _LINE_SEARCH: "no step along Newton's direction helps",
 }
 
 
@@ -132,7 +134,7 @@ class PetrovGalerkinProblem:
         self._residual = compiled_form(form, 1, "a residual")
         self._tangent = compiled_form(tangent, 2, "a tangent")
         prescribed(self._space, conditions)  # what is wrong is refused at once
-        self._forces = petsc.create_vector(self._residual)
+        self._forces = petsc.assemble_vector(self._residual)
         self._J = petsc.create_matrix(self._tangent)
         self._J.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._solver: LinearSolver = solver or Direct()
@@ -193,7 +195,7 @@ class PetrovGalerkinProblem:
 
         That is K a - f, as of `reactions`, if the residual is linear.
         """
-        forces = petsc.create_vector(self._residual)
+        forces = self._forces.duplicate()
         self._assemble_residual(forces)
         forces.setAttr("form", self._residual)
         return forces
@@ -301,7 +303,7 @@ class PetrovGalerkinProblem:
             if self._is_linear:
                 equations(snes, x, snes.getFunction()[0])
             accepted = reason > 0
-            if self._is_linear or reason == PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH:
+            if self._is_linear or reason == _LINE_SEARCH:
                 accepted = within(snes, _RESIDUAL if self._is_linear else _ROUND_OFF)
         except PETSc.Error:
             if singular:
