@@ -27,16 +27,11 @@ def draw(results: Results) -> Figure:
         for way, look in WAYS.items():
             curves = results.curves(name.format(way))
             size = np.abs(curves["exact_flux"]).max()
-            line = {"linewidth": 0.6} if way == "standard" else {"linestyle": "none"}
-            ax.plot(
-                curves["x"][:, axis], curves["flux"] / size, **look | {"markersize": 2.5} | line
-            )
-            if way == "pw":
-                ax.plot(
-                    curves["x"][:, axis],
-                    curves["exact_flux"] / size,
-                    **LOOK["exact"] | {"linewidth": 0.8, "zorder": 3},
-                )
+            x, style = curves["x"][:, axis], "-" if way == "standard" else "none"
+            small = {"markersize": 2.5, "linewidth": 0.6, "linestyle": style}
+            ax.plot(x, curves["flux"] / size, **look | small)
+        exact = LOOK["exact"] | {"linewidth": 0.8, "zorder": 3}
+        ax.plot(x, curves["exact_flux"] / size, **exact)
     trefftz = results.curves(TREFFTZ)
     scale = np.abs(trefftz["exact_flux"]).max()
     look = {"color": "#6A4C93", "marker": "x", "linestyle": "none", "markersize": 4, "zorder": 4}

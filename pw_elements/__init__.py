@@ -46,8 +46,9 @@ from pw_elements.mechanics import (
     prescribe,
 )
 from pw_elements.mesh_checks import DegenerateMesh
-from pw_elements.problems import NotConverged, PetrovGalerkinProblem
+from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
+from pw_elements.snes import NotConverged
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
 __all__ = [

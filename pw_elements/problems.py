@@ -6,7 +6,6 @@ prescribed columns out of a matrix but no rows: the first returns `inf`, the sec
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from mpi4py import MPI
@@ -16,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc
 from ufl.algorithms import expand_derivatives
 
 from pw_elements import arguments
@@ -26,52 +24,15 @@ from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
 from pw_elements.problem import check_solver
 from pw_elements.progress import doing
 from pw_elements.quadrature import with_cell_rules, with_degrees
+from pw_elements.snes import Increment, Newton, NotConverged, System, told
 from pw_elements.spaces import Spaces
 from pw_elements.values import whole
 
 Array = npt.NDArray[np.float64]
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
-log = logging.getLogger(__name__)
-
-# Newton's method is done with a correction below this, over the largest value of u: it is
-# quadratic, and the next one would be round-off
-_CORRECTION = 1e-8
-# Largest residual of a solution, over the tangent's norm times that of u; a line search that finds
-# nothing better has failed unless it is round-off
-_RESIDUAL, _ROUND_OFF = 1e-10, 1e-14
-_ITERATIONS = 25
 # An increment is cut into so many parts at most
 _PARTS = 16
-
-# PETSc's SNESConvergedReason by number: one name has changed
-_LINE_SEARCH = -6
-_REASONS = {
-    -1: "the residual is not finite",
-    -3: "the linear solver did not converge",
-    -4: "the residual is not finite",
-    -5: f"no convergence in {_ITERATIONS} iterations",
-    _LINE_SEARCH: "no step along Newton's direction helps",
-}
-
-
-class NotConverged(RuntimeError):
-    """Newton's method has found no solution."""
-
-
-@dataclass(frozen=True)
-class Increment:
-    """What it took to solve an increment, or a part of one.
-
-    Args:
-        share: of the load, at its end.
-        residuals: Euclidean norms, the one at the start first.
-        corrections: largest change of a nodal value in each iteration, over the largest value.
-    """
-
-    share: float
-    residuals: tuple[float, ...]
-    corrections: tuple[float, ...]
 
 
 class PetrovGalerkinProblem:
@@ -131,14 +92,11 @@ class PetrovGalerkinProblem:
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self._is_linear = u not in tangent.coefficients()
-        self._residual = compiled_form(form, 1, "a residual")
-        self._tangent = compiled_form(tangent, 2, "a tangent")
         prescribed(self._space, conditions)  # what is wrong is refused at once
-        self._forces = petsc.assemble_vector(self._residual)
-        self._J = petsc.create_matrix(self._tangent)
-        self._J.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self._system = System(
+            u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
+        )
         self._solver: LinearSolver = solver or Direct()
-        self._unit = 1.0  # a stiffness by which conditions become equations like the others
         self._held: dict[fem.Constant, Array] = {}
 
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
@@ -146,7 +104,7 @@ class PetrovGalerkinProblem:
 
         Args:
             load: what grows with the increments: `fem.Constant`s of the residual or conditions,
-                which grow from their values in the last `solve` (0 at first) to those they have
+                which grow from where the last `solve` left them (0 at first) to what they hold
                 now; or a function of the share (0, 1] that sets them, without communication.
             increments: equal ones; where Newton's method fails, they are cut.
 
@@ -178,10 +136,18 @@ class PetrovGalerkinProblem:
                 with doing(self._comm, f"load {share:.3g}"):
                     self._newton(share)
             except (NotConverged, SingularSystem) as failed:
-                self._tell(logging.INFO, "not from %.4g to %.4g: %s", done / total, share, failed)
+                told(
+                    self._comm,
+                    logging.INFO,
+                    "not from %.4g to %.4g: %s",
+                    done / total,
+                    share,
+                    failed,
+                )
                 self.u.x.array[:] = last
                 self._apply(path, done / total)
                 if load is None or size == 1:
+                    self._keep(load)
                     raise type(failed)(_advice(failed, load, done / total, share)) from None
                 size //= 2
                 continue
@@ -195,10 +161,7 @@ class PetrovGalerkinProblem:
 
         That is K a - f, as of `reactions`, if the residual is linear.
         """
-        forces = self._forces.duplicate()
-        self._assemble_residual(forces)
-        forces.setAttr("form", self._residual)
-        return forces
+        return self._system.forces()
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
         """What sets the load to a share of it; local."""
@@ -230,120 +193,11 @@ class PetrovGalerkinProblem:
         """
         free, values = prescribed(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
-        x = values.duplicate()
-        owned = x.getLocalSize()
-        x.setArray(self.u.x.array[:owned])
-        residuals: list[float] = []
-        corrections: list[float] = []
-        self._take(x)
-        self._unit = self._assemble_tangent(np.zeros(0, dtype=PETSc.IntType))
-        prepared, before = self._solver.prepare(self._J), x.copy()
-        first = values.getOwnershipRange()[0]
-        rows = (first + fixed).astype(PETSc.IntType)
-        singular: list[SingularSystem] = []
-        norm = 0.0
-
-        def equations(_: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
-            self._take(x)
-            self._assemble_residual(self._forces)
-            forces = self._forces.array_r.copy()
-            forces[fixed] = self._unit * (x.array_r[fixed] - values.array_r[fixed])
-            out.setArray(forces)
-
-        def linearised(_: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
-            nonlocal norm
-            self._take(x)
-            self._assemble_tangent(rows)
-            norm = self._J.norm(PETSc.NormType.INFINITY)
-            try:
-                prepared.set_up()
-            except SingularSystem as error:
-                singular.append(error)  # PETSc has no words of its own for it
-                raise
-
-        def size(x: PETSc.Vec) -> float:
-            return float(x.norm(PETSc.NormType.INFINITY))
-
-        def converged(
-            snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
-        ) -> PETSc.SNES.ConvergedReason | None:
-            now = snes.getSolution()
-            residuals.append(norms[2])
-            if iteration:
-                before.aypx(-1.0, now)
-                corrections.append(size(before) / (size(now) or 1.0))
-                self._tell(
-                    logging.DEBUG,
-                    "load %.4g, iteration %d: correction %.1e, residual %.1e",
-                    share,
-                    iteration,
-                    corrections[-1],
-                    norms[2],
-                )
-            now.copy(before)
-            small = iteration and corrections[-1] <= _CORRECTION
-            if norms[2] == 0 or (small and within(snes, _RESIDUAL)):
-                return PETSc.SNES.ConvergedReason.CONVERGED_SNORM_RELATIVE
-            return None
-
-        def within(snes: PETSc.SNES, bound: float) -> bool:
-            """Whether the residual is a rounding error, more or less, of the tangent times u."""
-            return size(snes.getFunction()[0]) <= bound * norm * size(snes.getSolution())
-
-        snes = PETSc.SNES().create(self._comm)
-        snes.setFunction(equations, values.duplicate())
-        snes.setJacobian(linearised, self._J)
-        snes.setType("ksponly" if self._is_linear else "newtonls")
-        snes.setKSP(prepared.ksp)
-        snes.setTolerances(max_it=_ITERATIONS)
-        snes.setConvergenceTest(converged)
-        try:
-            snes.solve(None, x)
-            reason = snes.getConvergedReason()
-            if self._is_linear:
-                equations(snes, x, snes.getFunction()[0])
-            accepted = reason > 0
-            if self._is_linear or reason == _LINE_SEARCH:
-                accepted = within(snes, _RESIDUAL if self._is_linear else _ROUND_OFF)
-        except PETSc.Error:
-            if singular:
-                raise singular[0] from None
-            raise
-        finally:
-            snes.destroy()  # and with it resets the KSP
-            prepared.ksp.destroy()
-        self._take(x)
-        if not accepted:
-            raise NotConverged(_REASONS.get(reason, f"SNES stopped with the reason {reason}"))
-        self.increments += (Increment(share, tuple(residuals), tuple(corrections)),)
-        self._tell(
-            logging.INFO, "load %.4g: solved in %d iterations", share, max(len(corrections), 1)
-        )
-
-    def _take(self, x: PETSc.Vec) -> None:
-        """Sets u to a vector (n,)."""
-        self.u.x.array[: x.getLocalSize()] = x.array_r
-        self.u.x.scatter_forward()
-
-    def _assemble_residual(self, out: PETSc.Vec) -> None:
-        with out.localForm() as local:
-            local.set(0.0)
-        petsc.assemble_vector(out, self._residual)
-        out.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-
-    def _assemble_tangent(self, fixed: npt.NDArray[np.integer]) -> float:
-        """Assembles it with rows of the identity times a stiffness; returns its mean diagonal."""
-        self._J.zeroEntries()
-        petsc.assemble_matrix(self._J, self._tangent)
-        self._J.assemble()
-        diagonal = self._J.getDiagonal()
-        mean = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize()
-        self._J.zeroRows(fixed, diag=self._unit)
-        return mean or 1.0
-
-    def _tell(self, level: int, words: str, *values: object) -> None:
-        if self._comm.rank == 0:
-            log.log(level, words, *values)
+        newton = Newton(self._system, fixed, values, self._is_linear, self._solver)
+        newton.solve()
+        taken = tuple(newton.corrections)
+        self.increments += (Increment(share, tuple(newton.residuals), taken),)
+        told(self._comm, logging.INFO, "load %.4g: %d iterations", share, len(taken))
 
 
 def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:

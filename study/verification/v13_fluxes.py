@@ -82,9 +82,9 @@ def sourced(way: str, elements: int, ratio: float = RATIO) -> Result:
 
 def trefftz(known: str, degree: int, ratio: float = RATIO) -> Result:
     """The same by Trefftz's way: the wall, or the square with the source."""
-    problem: Conduction = {"graded": Graded, "sourced": Sourced}[known](ratio)
+    problem: Conduction = Graded(ratio) if known == "graded" else Sourced(ratio)
     answer = Trefftz(problem, degree)
-    line: Array = np.linspace(0, 1, 33)
+    line: Array = np.linspace(0, 1, 33, dtype=np.float64)
     x, y = (grid.ravel() for grid in np.meshgrid(line, line))
     exact = problem.temperature(x, y)
     off = np.abs(answer.flux(line) - problem.flux(line)) / np.abs(problem.flux(line)).max()
@@ -135,16 +135,14 @@ def _conduction(way: str, elements: int, problem: Conduction) -> Result:
         else _rim(spaces.trial)
     )
     u.x.array[:] = given.x.array.mean()
-    conditions = PetrovGalerkinProblem(F, u, fem.dirichletbc(given, held))
-    conditions.solve()
-    (increment,) = conditions.increments
+    stated = PetrovGalerkinProblem(F, u, fem.dirichletbc(given, held))
+    stated.solve()
+    (increment,) = stated.increments
     scalars = {
         "temperature_error": np.abs(u.x.array - given.x.array).max() / np.abs(given.x.array).max(),
         "iterations": len(increment.corrections),
     }
-    return _compared(
-        way, spaces, conditions.reactions(), 0, lambda x: problem.flux(x[:, 1]), scalars
-    )
+    return _compared(way, spaces, stated.reactions(), 0, lambda x: problem.flux(x[:, 1]), scalars)
 
 
 def _compared(

@@ -162,17 +162,18 @@ class Trefftz:
         harmonic = np.linalg.pinv(boundary[:, count:])
 
         coefficients = np.zeros(basis[0].shape[1])
-        before = np.full(inside.shape[1], prescribed.mean())
-        for self.steps in range(1, _STEPS + 1):
-            u, u_x, u_y = before, *(2 * part @ coefficients for part in gradient)
-            term = -problem.growth * u_x - (u_x**2 + u_y**2) / (1 + u) - source
-            coefficients[:count] = fit @ term / 4  # the square's side is 2 in these coordinates
-            coefficients[count:] = harmonic @ (aim - boundary[:, :count] @ coefficients[:count])
-            now = basis[0] @ coefficients
-            change = float(np.abs(now - before).max() / np.abs(now).max())
-            before = now
-            if change < _SETTLED or not np.isfinite(change):
-                break
+        before: Array = np.full(inside.shape[1], prescribed.mean())
+        with np.errstate(over="ignore", invalid="ignore"):  # where it diverges
+            for self.steps in range(1, _STEPS + 1):
+                u, u_x, u_y = before, *(2 * part @ coefficients for part in gradient)
+                term = -problem.growth * u_x - (u_x**2 + u_y**2) / (1 + u) - source
+                coefficients[:count] = fit @ term / 4  # the square's side is 2 in these coordinates
+                coefficients[count:] = harmonic @ (aim - boundary[:, :count] @ coefficients[:count])
+                now = basis[0] @ coefficients
+                change = float(np.abs(now - before).max() / np.abs(now).max())
+                before = now
+                if change < _SETTLED or not np.isfinite(change):
+                    break
         if not change < _SETTLED:
             raise ArithmeticError(f"the iteration changes by {change:.0e} after {self.steps} steps")
         self._coefficients = coefficients
