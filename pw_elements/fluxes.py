@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from pw_elements import arguments
 from pw_elements.collective import agree, collective
+from pw_elements.elements import quadratic_element
 from pw_elements.mechanics import Scalar
 from pw_elements.parts import Part
 from pw_elements.problem import is_finite
@@ -76,7 +77,7 @@ def nodal_flux(
     Raises:
         TypeError: for things of another kind.
         ValueError: for a vector that is not finite or of another space, an unknown area, T with
-            weights that need none or by own areas, a depth that is not positive, or a part of the
+            another element or own areas, a depth that is not positive, or a part of the
             boundary that is none.
     """
     with collective(arguments.processes(spaces.trial if isinstance(spaces, Spaces) else None)):
@@ -87,10 +88,10 @@ def nodal_flux(
         if area not in get_args(Area):
             raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
         arguments.flag("evened", evened)
-        if evened and (area == "own" or spaces.test is not spaces.trial):
+        if evened and (area == "own" or not _standard(spaces)):
             raise ValueError(
-                "T evens out reactions of the standard element, for geometric areas: piecewise-"
-                "linear weights and own areas do without"
+                "T evens out reactions of the standard quadratic element, for geometric areas: "
+                "other elements and own areas do without"
             )
     space = spaces.trial
     agree(space.mesh.comm, {"area": area, "evened": bool(evened)})
@@ -104,6 +105,13 @@ def nodal_flux(
         reaction = reaction[:, 0]
     read = surface.pressure if area == "own" else surface.tributary_pressure
     return NodalFlux(surface, reaction, read(reaction))
+
+
+def _standard(spaces: Spaces) -> bool:
+    element = spaces.trial.ufl_element()
+    cell = spaces.mesh.topology.cell_name()
+    quadratic = quadratic_element(cell, tuple(element.reference_value_shape))
+    return spaces.test is spaces.trial and element == quadratic
 
 
 def _scalar(spaces: Spaces) -> Spaces:

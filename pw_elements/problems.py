@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from ufl.algorithms import expand_derivatives
+from ufl.algorithms import compute_form_data, expand_derivatives
+from ufl.algorithms.check_arities import ArityMismatch
 
 from pw_elements import arguments
 from pw_elements.algebra import compiled_form, prescribed
@@ -44,6 +45,7 @@ class PetrovGalerkinProblem:
         V = fem.functionspace(mesh, ("Lagrange", 2))
         u, v = fem.Function(V), ufl.TestFunction(test_space(V))
         F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - 10.0 * v * ufl.dx
+        mesh.topology.create_connectivity(1, 2)
         rim = fem.locate_dofs_topological(V, 1, exterior_facet_indices(mesh.topology))
         problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(0.0, rim, V))
         problem.solve()
@@ -68,8 +70,8 @@ class PetrovGalerkinProblem:
 
     Raises:
         TypeError: for things of another kind.
-        ValueError: for a form without a test function or without u, of several meshes, or that
-            cannot be compiled.
+        ValueError: for a form without a test function or without u, not linear in its weights, of
+            several meshes, or that cannot be compiled.
         NumberingError: if trial and test space number their nodes differently.
     """
 
@@ -88,7 +90,12 @@ class PetrovGalerkinProblem:
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm
         form = _residual(residual, u)
-        tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
+        try:
+            form = with_degrees(with_cell_rules(form))
+            compute_form_data(form)  # in which UFL looks whether all terms have the weights
+            tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
+        except (Exception, ArityMismatch) as error:  # UFL's is no Exception
+            raise ValueError(f"the residual is no form linear in its weights: {error}") from error
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
         self._is_linear = u not in tangent.coefficients()
@@ -201,7 +208,7 @@ class PetrovGalerkinProblem:
 
 
 def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:
-    """The form with u in place of a trial function, with a rule in each of its measures."""
+    """The form with u in place of a trial function."""
     by_number = {argument.number(): argument for argument in residual.arguments()}
     if 0 not in by_number:
         raise ValueError("the residual has no test function: test_space(V) is the space of one")
@@ -212,7 +219,7 @@ def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:
         if trial.ufl_function_space() != u.function_space:
             raise ValueError("the residual's trial function belongs to another space than u")
         residual = ufl.replace(residual, {trial: u})
-    return with_degrees(with_cell_rules(residual))
+    return residual
 
 
 def _constants(load: Load | None) -> Sequence[fem.Constant]:

@@ -123,8 +123,9 @@ def test_what_is_no_flux_is_refused():
         nodal_flux(spaces, r, side, area="mine")
     with pytest.raises(TypeError, match="evened is 1: it has to be True or False"):
         nodal_flux(standard, r, side, evened=1)
-    for wrong, options in ((spaces, {}), (standard, {"area": "own"})):
-        with pytest.raises(ValueError, match="T evens out reactions of the standard element"):
+    composite = Spaces.composite(spaces.mesh, 0)
+    for wrong, options in ((spaces, {}), (composite, {}), (standard, {"area": "own"})):
+        with pytest.raises(ValueError, match="T evens out reactions of the standard quadratic"):
             nodal_flux(wrong, r, side, evened=True, **options)
     with pytest.raises(ValueError, match=r"depth = 0.0: has to be positive"):
         nodal_flux(spaces, r, side, depth=0.0)

@@ -252,6 +252,9 @@ def test_what_is_no_problem_is_refused():
     other = fem.functionspace(V.mesh, ("Lagrange", 1))
     with pytest.raises(ValueError, match="no test function"):
         PetrovGalerkinProblem(u * ufl.dx, u)
+    for F in (u * v * v * ufl.dx, u * ufl.dx + u * v * ufl.dx):
+        with pytest.raises(ValueError, match="the residual is no form linear in its weights"):
+            PetrovGalerkinProblem(F, u)
     with pytest.raises(ValueError, match="does not depend on u"):
         PetrovGalerkinProblem(residual_of(fem.Function(V), v), u)
     with pytest.raises(ValueError, match="trial function belongs to another space"):

@@ -30,6 +30,7 @@ Mask = npt.NDArray[np.bool_]
 HALF_WIDTH, HALF_PUNCH = 1.0, 0.5
 LAME = 1.5
 DOWN, ASIDE = 0.2, 0.1
+ROUND_OFF = 1e-11  # corrections below this are rounded off in their fourth digit
 ANGLE = 0.7  # by which the deformed block is turned
 DEGREE = 6  # of quadrature: above it nothing changes but round-off and some 1e-6
 
@@ -50,7 +51,7 @@ def punch(element: str, elements: int) -> Result:
     line = forces_along(block.space, forces, _above)
     force = -line.force[:, 1]
     middle, corners = force[3:-3:2], (force[2:-4:2] + force[4:-2:2]) / 2
-    first, second, third = np.log(corrections[-3:])
+    first, second, third = np.log(corrections[corrections > ROUND_OFF][-3:])
     scalars = {
         "newton_rate": (third - second) / (second - first),
         "newton_iterations": len(corrections),
