@@ -35,7 +35,8 @@ from pw_elements.elements import (
     serendipity_element,
 )
 from pw_elements.fluxes import NodalFlux, nodal_flux
-from pw_elements.linear_solver import Direct, LinearSolver, SolverReport
+from pw_elements.iterative import Iterative
+from pw_elements.linear_solver import Direct, LinearSolver, SolverNotConverged, SolverReport
 from pw_elements.mechanics import (
     Body,
     Material,
@@ -56,6 +57,7 @@ __all__ = [
     "BucklingModes",
     "DegenerateMesh",
     "Direct",
+    "Iterative",
     "LinearSolver",
     "Material",
     "NoModes",
@@ -65,6 +67,7 @@ __all__ = [
     "PetrovGalerkinProblem",
     "Reduction",
     "SingularSystem",
+    "SolverNotConverged",
     "SolverReport",
     "Spaces",
     "StressState",

@@ -21,6 +21,7 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements import arguments
 from pw_elements.algebra import compiled_form, prescribed
 from pw_elements.collective import agree, answer, collective
+from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
 from pw_elements.problem import check_solver
 from pw_elements.progress import doing
@@ -62,7 +63,7 @@ class PetrovGalerkinProblem:
             the quadrature degree of integrands that are no polynomials: UFL's estimate is high.
         u: unknown function in the quadratic trial space; it holds the start and the solution.
         conditions: Dirichlet conditions on its space; what they refer to may change.
-        solver: of linear systems, `Direct()` unless given.
+        solver: of linear systems, `Direct()` unless given; `Iterative()` does not serve here.
 
     Attributes:
         u: the unknown.
@@ -71,7 +72,7 @@ class PetrovGalerkinProblem:
     Raises:
         TypeError: for things of another kind.
         ValueError: for a form without a test function or without u, not linear in its weights, of
-            several meshes, or that cannot be compiled.
+            several meshes, or that cannot be compiled; for an iterative solver.
         NumberingError: if trial and test space number their nodes differently.
     """
 
@@ -86,6 +87,11 @@ class PetrovGalerkinProblem:
             arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
             arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
             check_solver(solver)
+            if isinstance(solver, Iterative | str):
+                raise ValueError(
+                    'Iterative() and "auto" solve with one free matrix under supports, not with '
+                    "Newton's tangents: take Direct()"
+                )
         self.u, self.increments = u, tuple[Increment, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm

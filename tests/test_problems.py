@@ -9,6 +9,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
 
 from pw_elements import (
+    Iterative,
     NotConverged,
     PetrovGalerkinProblem,
     Reduction,
@@ -267,6 +268,9 @@ def test_what_is_no_problem_is_refused():
         PetrovGalerkinProblem(residual_of(u, v), V)
     with pytest.raises(TypeError, match="the solver is 'mumps'"):
         PetrovGalerkinProblem(residual_of(u, v), u, solver="mumps")
+    for solver in (Iterative(), "auto"):
+        with pytest.raises(ValueError, match="solve with one free matrix under supports"):
+            PetrovGalerkinProblem(residual_of(u, v), u, solver=solver)
     twice = [fem.dirichletbc(value, rim, V) for value in (0.0, 1.0)]
     with pytest.raises(ValueError, match="contradict each other"):
         PetrovGalerkinProblem(residual_of(u, v), u, twice)
