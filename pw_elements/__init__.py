@@ -20,6 +20,7 @@ from pw_elements.algebra import (
     Reduction,
     SingularSystem,
     assemble_matrix,
+    assemble_scalar,
     assemble_vector,
     reactions,
     solve,
@@ -33,6 +34,7 @@ from pw_elements.elements import (
     quadratic_element,
     serendipity_element,
 )
+from pw_elements.fluxes import NodalFlux, nodal_flux
 from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import Direct, LinearSolver, SolverNotConverged, SolverReport
 from pw_elements.mechanics import (
@@ -45,7 +47,9 @@ from pw_elements.mechanics import (
     prescribe,
 )
 from pw_elements.mesh_checks import DegenerateMesh
+from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
+from pw_elements.snes import NotConverged
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
 
 __all__ = [
@@ -57,7 +61,10 @@ __all__ = [
     "LinearSolver",
     "Material",
     "NoModes",
+    "NodalFlux",
+    "NotConverged",
     "NumberingError",
+    "PetrovGalerkinProblem",
     "Reduction",
     "SingularSystem",
     "SolverNotConverged",
@@ -67,6 +74,7 @@ __all__ = [
     "VibrationModes",
     "as_function",
     "assemble_matrix",
+    "assemble_scalar",
     "assemble_vector",
     "boundary_measure",
     "buckling",
@@ -74,6 +82,7 @@ __all__ = [
     "composite_element",
     "lumped_mass",
     "macro_element",
+    "nodal_flux",
     "nodal_load",
     "one_cut_element",
     "prescribe",

@@ -62,7 +62,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
             that is wrong for it.
     """
-    compiled = _compiled(form, 2, "a matrix")
+    compiled = compiled_form(form, 2, "a matrix")
     matrix = create_matrix(compiled, "baij" if blocked else None)
     _assemble_matrix(matrix, compiled)
     matrix.assemble()
@@ -80,11 +80,25 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
         ValueError: if it is not linear, cannot be compiled, or has a measure that names a rule
             that is wrong for it.
     """
-    compiled = _compiled(form, 1, "a vector")
+    compiled = compiled_form(form, 1, "a vector")
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
     vector.setAttr("form", compiled)
     return vector
+
+
+def assemble_scalar(form: ufl.Form) -> float:
+    """Value of a functional (an energy, an error's square), summed over all processes.
+
+    Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+
+    Raises:
+        TypeError: if it is no UFL form.
+        ValueError: if it has a test function, has no function, cannot be compiled, or has a
+            measure that names a rule that is wrong for it.
+    """
+    compiled = compiled_form(form, 0, "a functional")
+    return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
 
 
 @dataclass(frozen=True)
@@ -145,7 +159,7 @@ class Reduction:
             ValueError: if they leave nothing free or contradict each other, a prescribed value is
                 not finite, or a condition was made on another space.
         """
-        free, offset = _prescribed(space, conditions)
+        free, offset = prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
         selection = _selection(free, offset)
         return cls(selection, selection, offset, space=space, supports=Supports(space, free))
@@ -177,7 +191,7 @@ class Reduction:
         """
         Problem({"the stiffness": K}, space=space)
         K = unblocked(K)
-        free, offset = _prescribed(space, conditions)
+        free, offset = prescribed(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
         inner = np.zeros(len(free), dtype=bool)
@@ -461,23 +475,26 @@ def ready(prepared: PreparedSolver) -> PreparedSolver:
     return prepared
 
 
-def _compiled(form: ufl.Form, rank: int, of: str) -> fem.Form:
+def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
     """A form of the right rank on one mesh, compiled."""
     arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     found = len(form.arguments())
     if found != rank:
-        raise ValueError(f"{of} needs a {kinds[rank]} form; this one is {kinds.get(found, found)}")
+        needed = f"a {kinds[rank]} form" if rank else "a form without test functions"
+        raise ValueError(f"{of} needs {needed}; this one is {kinds.get(found, found)}")
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     for space in spaces:
         arguments.space(space, "the space of a form's argument")
     functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
     meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
+    if not meshes:
+        raise ValueError(f"{of} needs a function of a space in its form")
     if any(mesh is not meshes[0] for mesh in meshes) or len(form.ufl_domains()) != 1:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
     ruled = with_cell_rules(form)
     try:
-        with doing(spaces[0].mesh.comm, "compiling a form"):
+        with doing(meshes[0].comm, "compiling a form"):
             return fem.form(ruled)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error
@@ -497,7 +514,7 @@ def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> 
         )
 
 
-def _prescribed(
+def prescribed(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
     """Which owned degrees of freedom are free, and the prescribed values (zero where free).

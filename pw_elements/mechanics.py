@@ -324,7 +324,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
 
 
 def prescribe(
-    space: fem.FunctionSpace, component: int, where: Marker, value: float = 0.0
+    space: fem.FunctionSpace, component: int, where: Marker, value: float | fem.Constant = 0.0
 ) -> fem.DirichletBC:
     """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
 
@@ -332,7 +332,7 @@ def prescribe(
         space: trial space.
         component: counted from 0.
         where: marker of the nodes' positions as columns (3, n).
-        value: of the component.
+        value: of the component; a `fem.Constant` may change later, see `PetrovGalerkinProblem`.
 
     Raises:
         ValueError: if there is no such node or no such component, the marker fails or gives no
@@ -343,11 +343,12 @@ def prescribe(
     with collective(comm):
         if not (is_number(component) and component in range(components)):
             raise ValueError(f"component {component}: the space has {components}, counted from 0")
-        number("the prescribed value", value)
-    agree(comm, {"the component": component, "the prescribed value": value})
+        held = value if isinstance(value, fem.Constant) else None
+        now = number("the prescribed value", value if held is None else held.value)
+    agree(comm, {"the component": component, "the prescribed value": now})
     dofs = _nodes(space, where, "the prescribed nodes") * components + int(component)
     part = space.sub(int(component)) if space.num_sub_spaces else space
-    return fem.dirichletbc(default_scalar_type(value), dofs, part)
+    return fem.dirichletbc(default_scalar_type(now) if held is None else held, dofs, part)
 
 
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:

@@ -1,7 +1,7 @@
 """What goes on while a computation runs: the library's loggers, and one line on a terminal.
 
-Loggers are "pw_elements", "pw_elements.contact", "pw_elements.eigen" and
-"pw_elements.linear_solver": increments and eigenvalue problems at the level INFO, iterations and
+Loggers are "pw_elements", "pw_elements.contact", "pw_elements.eigen", "pw_elements.linear_solver"
+and "pw_elements.problems": increments and eigenvalue problems at the level INFO, iterations and
 factorisations at DEBUG, on process 0 alone.
 
     logging.basicConfig(level=logging.INFO)

@@ -48,6 +48,23 @@ def with_cell_rules(form: ufl.Form) -> ufl.Form:
     )
 
 
+def with_degrees(form: ufl.Form) -> ufl.Form:
+    """The form with UFL's estimate of the degree written into measures that state none.
+
+    A derivative of the form then has the same points, of which Newton's method has its order.
+    """
+    return ufl.Form(
+        [
+            integral
+            if integral.metadata().keys() & {"quadrature_degree", "quadrature_rule"}
+            else integral.reconstruct(
+                metadata={**integral.metadata(), "quadrature_degree": _estimated_degree(integral)}
+            )
+            for integral in form.integrals()
+        ]
+    )
+
+
 def _lacks_rule(integral: ufl.Integral) -> bool:
     return (
         integral.integral_type() == "cell"

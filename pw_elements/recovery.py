@@ -12,7 +12,9 @@ the faces of 10-node tetrahedra its corners have no weight, and 2 does not exist
 piecewise-linear test functions 2 and 3 are the same on straight sides.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from petsc4py import PETSc
 
@@ -20,6 +22,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial import cKDTree
@@ -28,13 +31,14 @@ from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
 from pw_elements.collective import agree, collective
-from pw_elements.mechanics import Body, boundary_measure
+from pw_elements.mechanics import Body, Scalar, boundary_measure
 from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+Weights: TypeAlias = Callable[[ufl.Measure], ufl.Form]  # their integral over a surface
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS, _GOES = 3 / 4, 1 / 8
@@ -180,10 +184,51 @@ class SurfaceNodes:
                 is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        space = body.spaces.trial
-        position, own, node = _areas(body, where)
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
-        other, tributary, _ = _areas(pw, where)
+        up = np.eye(body.spaces.mesh.geometry.dim)[-1]
+
+        def weights(of: Body) -> Weights:
+            return lambda surface: of.surface_load(up, surface)
+
+        return cls._of(body.spaces.trial, weights(body), pw.spaces.trial, weights(pw), where)
+
+    @classmethod
+    def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
+        """A part of the boundary of a scalar problem.
+
+        Args:
+            spaces: of the scalar.
+            where: part of the boundary.
+            depth: what a length or area of the mesh is multiplied by: a thickness, 2 pi r.
+
+        Raises:
+            ValueError: as `of`, or if the spaces are not scalar.
+        """
+        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+        if spaces.trial.ufl_element().reference_value_shape != ():
+            raise ValueError("the spaces have components: it takes those of a scalar")
+        depth = arguments.coefficient(
+            "depth", depth, lambda values: values > 0, "has to be positive", spaces.mesh.comm
+        )
+        pw = Spaces.petrov_galerkin(spaces.mesh, 0)
+
+        def weights(of: Spaces) -> Weights:
+            return lambda surface: depth * ufl.TestFunction(of.test) * surface
+
+        return cls._of(spaces.trial, weights(spaces), pw.trial, weights(pw), where)
+
+    @classmethod
+    def _of(
+        cls,
+        space: fem.FunctionSpace,
+        weights: Weights,
+        halved: fem.FunctionSpace,
+        halved_weights: Weights,
+        where: Part,
+    ) -> "SurfaceNodes":
+        """With integrals of a space's own weights, and of those of the once halved cells."""
+        position, own, node = _areas(space, where, weights)
+        other, tributary, _ = _areas(halved, where, halved_weights)
         tree = cKDTree(other)
         facets = _facets(space, where, node)
         edges, rim_nodes = _edges(facets, space.mesh)
@@ -321,18 +366,22 @@ def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> np
     return np.asarray(facets[among[facet_nodes(space, facets)].all(axis=1)])
 
 
-def _areas(body: Body, where: Part) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Positions (m, dim) of the nodes of a surface, integrals (m,) of their functions, numbers."""
-    space, mesh = body.spaces.trial, body.spaces.mesh
-    dim = mesh.geometry.dim
-    surface = boundary_measure(mesh, where)
-    area = assemble_vector(body.surface_load(np.eye(dim)[-1], surface))
+def _areas(
+    space: fem.FunctionSpace, where: Part, weights: Weights
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Positions (m, dim) of the nodes of a surface, integrals (m,) of their functions, numbers.
+
+    Of vectors it is the last component that is integrated.
+    """
+    mesh = space.mesh
+    dim, block = mesh.geometry.dim, space.dofmap.index_map_bs
+    area = assemble_vector(weights(boundary_measure(mesh, where)))
     facets = exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
     comm = mesh.comm
     position = np.concatenate(comm.allgather(space.tabulate_dof_coordinates()[nodes, :dim]))
-    areas = np.concatenate(comm.allgather(area.array_r.reshape(-1, dim)[nodes, -1]))
+    areas = np.concatenate(comm.allgather(area.array_r.reshape(-1, block)[nodes, -1]))
     numbers = nodes + np.int64(space.dofmap.index_map.local_range[0])
     node = np.concatenate(comm.allgather(numbers))
     order = by_position(position)

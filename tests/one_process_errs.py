@@ -13,8 +13,18 @@ from unittest.mock import patch
 from mpi4py import MPI
 
 import numpy as np
+import ufl
+from dolfinx import fem
 
-from pw_elements import Reduction, boundary_measure, lumped_mass, nodal_load, prescribe, solve
+from pw_elements import (
+    PetrovGalerkinProblem,
+    Reduction,
+    boundary_measure,
+    lumped_mass,
+    nodal_load,
+    prescribe,
+    solve,
+)
 from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, on_lines, triangles
 from pw_elements.recovery import SurfaceNodes, forces_along
@@ -159,6 +169,12 @@ def mass_with_nan():
     return lumped_mass(mass, U)
 
 
+def stated(load, **options):
+    u = fem.Function(U)
+    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(U))) * ufl.dx
+    PetrovGalerkinProblem(F, u, prescribe(U, 0, at(1, 0.0)), **options).solve(load)
+
+
 SCENARIOS = {
     "marker of prescribe": lambda: prescribe(U, 0, bottom),
     "marker of prescribe gives one value": lambda: prescribe(U, 0, scalar),
@@ -209,6 +225,9 @@ SCENARIOS = {
     "proof": lambda: dragged_off(proved=singular),
     "search": dragged_off,
     "file": save_nowhere,
+    "load of a residual": lambda: stated(lambda _: 0 if not BAD else raises()),
+    "load of a residual differs": lambda: stated(fem.Constant(MESH, 1.0 + BAD)),
+    "solver of a residual": lambda: stated(None, solver=3 if BAD else None),
 }
 
 

@@ -15,15 +15,18 @@ from dolfinx.mesh import CellType, create_box
 from pw_elements import (
     Body,
     Material,
+    PetrovGalerkinProblem,
     Reduction,
     Spaces,
     StressState,
     assemble_matrix,
+    assemble_scalar,
     assemble_vector,
     boundary_measure,
     buckling,
     lumped_mass,
     macro_element,
+    nodal_flux,
     nodal_load,
     prescribe,
     reactions,
@@ -150,6 +153,26 @@ def tube():
     numbers["macro_integral"] = comm.allreduce(integral)
 
 
+def rubber():
+    mesh = create_box(comm, [(0, 0, 0), (1, 1, 1)], (3, 3, 3), CellType.tetrahedron)
+    spaces = Spaces.petrov_galerkin(mesh)
+    U, u, v = spaces.trial, fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    F = ufl.Identity(3) + ufl.grad(u)
+    inverse = ufl.inv(F).T
+    stress = F - inverse + ufl.ln(ufl.det(F)) * inverse
+    residual = ufl.inner(stress, ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": 3})
+    depth = fem.Constant(mesh, -0.3)
+    conditions = [prescribe(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
+    conditions.append(prescribe(U, 2, lambda x: np.isclose(x[2], 1.0), depth))
+    problem = PetrovGalerkinProblem(residual, u, conditions)
+    problem.solve(depth, increments=2)
+    numbers["rubber_reactions"] = problem.reactions().norm()
+    traction = nodal_flux(spaces, problem.reactions(), lambda x: np.isclose(x[2], 0.0))
+    numbers["rubber_tractions"] = traction.flux.ravel().tolist()
+    numbers["rubber_volume"] = assemble_scalar(ufl.det(F) * ufl.dx)
+    numbers["rubber_iterations"] = [len(part.corrections) for part in problem.increments]
+
+
 beam(Spaces.galerkin, "galerkin")
 beam(Spaces.petrov_galerkin, "pw")
 identity()
@@ -157,5 +180,6 @@ for name in ("pw-Q8", "pw-Q9", "composite-T6"):
     element(name)
 solid()
 tube()
+rubber()
 if comm.rank == 0:
     print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

@@ -81,6 +81,9 @@ SAID = {
     "state of a step with NaN": "the state has forces or displacements that are not finite",
     "proof": "singular",
     "search": "singular",
+    "load of a residual": f"the load {FAILED}",
+    "load of a residual differs": f"the load: {DIFFERS}",
+    "solver of a residual": r"the solver is 3: give a LinearSolver such as Direct\(\) or .*",
     "file": r"the state cannot be written to /nowhere/.*: \[Errno 2\] No such file or directory: "
     "'/nowhere/.*'",
 }
@@ -91,7 +94,8 @@ KINDS = {
     "proof": "LinAlgError",
     "search": "LinAlgError",
 } | dict.fromkeys(
-    ["condition", "kind of a pair", "kind of loads", "supports", "start"], "TypeError"
+    ["condition", "kind of a pair", "solver of a residual", "kind of loads", "supports", "start"],
+    "TypeError",
 )
 
 

@@ -37,6 +37,8 @@ SECTIONS = {
     "V9": "study.verification.v9_explicit",
     "V10": "study.verification.v10_space",
     "V11": "study.verification.v11_two_bodies",
+    "V13": "study.verification.v13_fluxes",
+    "V14": "study.verification.v14_rubber",
     "P": "study.peers.p_compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""

@@ -48,21 +48,22 @@ KINDS: tuple[Kind, ...] = (
     ),
     Kind(
         "residuals and identities",
-        r" .*(residual|difference|penetration|imaginary|unevenness|control_|change|zero)",
+        r" .*(residual|difference|penetration|imaginary|unevenness|control_|change|zero)"
+        r"| (objectivity|moment_defect|last_correction)",
         "one",
         1e-7,
         "they are round-off, which depends on the way a solver takes; the tests allow them this",
     ),
     Kind(
         "orders",
-        r" .*order\b| order_",
+        r" .*order\b| order_| newton_rate",
         "one",
         1e-4,
         "they are slopes through errors, the smallest of which is 3e-10 and so half round-off",
     ),
     Kind(
         "errors",
-        r" error| .*_error$",
+        r" error| .*_error$| flux_error_",
         "one",
         1e-8,
         "they are relative, so that this is the relative difference of what they are errors of",

@@ -1,0 +1,252 @@
+"""Problems stated by any UFL residual, with piecewise-linear weight functions.
+
+Where test and trial space differ, DOLFINx's own `LinearProblem` and `NonlinearProblem` take the
+prescribed columns out of a matrix but no rows: the first returns `inf`, the second fails.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from ufl.algorithms import compute_form_data, expand_derivatives
+from ufl.algorithms.check_arities import ArityMismatch
+
+from pw_elements import arguments
+from pw_elements.algebra import compiled_form, prescribed
+from pw_elements.collective import agree, answer, collective
+from pw_elements.iterative import Iterative
+from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
+from pw_elements.problem import check_solver
+from pw_elements.progress import doing
+from pw_elements.quadrature import with_cell_rules, with_degrees
+from pw_elements.snes import Increment, Newton, NotConverged, System, told
+from pw_elements.spaces import Spaces
+from pw_elements.values import whole
+
+Array = npt.NDArray[np.float64]
+Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
+
+# An increment is cut into so many parts at most
+_PARTS = 16
+
+
+class PetrovGalerkinProblem:
+    """F(u; v) = 0 for all weights v, linear or not in u, under Dirichlet conditions.
+
+    Newton's method is PETSc's, with its backtracking line search; the tangent is UFL's derivative
+    at the residual's own quadrature points. -div((1 + u^2) grad u) = 10 with u = 0 around:
+
+        V = fem.functionspace(mesh, ("Lagrange", 2))
+        u, v = fem.Function(V), ufl.TestFunction(test_space(V))
+        F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - 10.0 * v * ufl.dx
+        mesh.topology.create_connectivity(1, 2)
+        rim = fem.locate_dofs_topological(V, 1, exterior_facet_indices(mesh.topology))
+        problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(0.0, rim, V))
+        problem.solve()
+
+    Large loads grow in increments, which are cut where Newton's method fails:
+
+        depth = fem.Constant(mesh, -0.3)
+        conditions = [prescribe(V, 1, top, depth), ...]
+        PetrovGalerkinProblem(F, u, conditions).solve(depth, increments=4)
+
+    Args:
+        residual: F, a UFL form linear in its test function, which `test_space` (or, for the
+            standard element, the trial space) has; a `ufl.TrialFunction` in it stands for u. State
+            the quadrature degree of integrands that are no polynomials: UFL's estimate is high.
+        u: unknown function in the quadratic trial space; it holds the start and the solution.
+        conditions: Dirichlet conditions on its space; what they refer to may change.
+        solver: of linear systems, `Direct()` unless given; `Iterative()` does not serve here.
+
+    Attributes:
+        u: the unknown.
+        increments: what each part of the last `solve` took, a tuple of `Increment`.
+
+    Raises:
+        TypeError: for things of another kind.
+        ValueError: for a form without a test function or without u, not linear in its weights, of
+            several meshes, or that cannot be compiled; for an iterative solver.
+        NumberingError: if trial and test space number their nodes differently.
+    """
+
+    def __init__(
+        self,
+        residual: ufl.Form,
+        u: fem.Function,
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
+        solver: LinearSolver | None = None,
+    ) -> None:
+        with collective(arguments.processes(u)):
+            arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
+            arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
+            check_solver(solver)
+            if isinstance(solver, Iterative | str):
+                raise ValueError(
+                    'Iterative() and "auto" solve with one free matrix under supports, not with '
+                    "Newton's tangents: take Direct()"
+                )
+        self.u, self.increments = u, tuple[Increment, ...]()
+        self._space, self._conditions = u.function_space, conditions
+        self._comm: MPI.Comm = self._space.mesh.comm
+        form = _residual(residual, u)
+        try:
+            form = with_degrees(with_cell_rules(form))
+            compute_form_data(form)  # in which UFL looks whether all terms have the weights
+            tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
+        except (Exception, ArityMismatch) as error:  # UFL's is no Exception
+            raise ValueError(f"the residual is no form linear in its weights: {error}") from error
+        if tangent.empty():
+            raise ValueError("the residual does not depend on u: it has to be stated with u itself")
+        self._is_linear = u not in tangent.coefficients()
+        prescribed(self._space, conditions)  # what is wrong is refused at once
+        self._system = System(
+            u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
+        )
+        self._solver: LinearSolver = solver or Direct()
+        self._held: dict[fem.Constant, Array] = {}
+
+    def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
+        """Solves for u, from what it holds.
+
+        Args:
+            load: what grows with the increments: `fem.Constant`s of the residual or conditions,
+                which grow from where the last `solve` left them (0 at first) to what they hold
+                now; or a function of the share (0, 1] that sets them, without communication.
+            increments: equal ones; where Newton's method fails, they are cut.
+
+        Returns:
+            The problem's u.
+
+        Raises:
+            NotConverged: if no solution is found even in small parts, or in one without a load; u
+                and the load's constants are those of the last solution.
+            SingularSystem: likewise, if the tangent is singular.
+            TypeError, ValueError: for a load that is none, or conditions that contradict each
+                other or are not finite.
+        """
+        with collective(self._comm):
+            whole("increments", increments, 1)
+            path = self._path(load)
+        loads = [np.array(constant.value) for constant in _constants(load)]
+        agree(self._comm, {"increments": increments, "the load": loads})
+        total, size, done = increments * _PARTS, _PARTS, 0
+        self.increments = ()
+        while done < total:
+            size = min(size, total - done)
+            if load is None:
+                size = total
+            last = self.u.x.array.copy()
+            share = (done + size) / total
+            self._apply(path, share)
+            try:
+                with doing(self._comm, f"load {share:.3g}"):
+                    self._newton(share)
+            except (NotConverged, SingularSystem) as failed:
+                told(
+                    self._comm,
+                    logging.INFO,
+                    "not from %.4g to %.4g: %s",
+                    done / total,
+                    share,
+                    failed,
+                )
+                self.u.x.array[:] = last
+                self._apply(path, done / total)
+                if load is None or size == 1:
+                    self._keep(load)
+                    raise type(failed)(_advice(failed, load, done / total, share)) from None
+                size //= 2
+                continue
+            done += size
+            size = min(2 * size, _PARTS)
+        self._keep(load)
+        return self.u
+
+    def reactions(self) -> PETSc.Vec:
+        """Residual (n,) at all nodes: at prescribed ones what the supports exert on the body.
+
+        That is K a - f, as of `reactions`, if the residual is linear.
+        """
+        return self._system.forces()
+
+    def _path(self, load: Load | None) -> Callable[[float], None]:
+        """What sets the load to a share of it; local."""
+        if callable(load) and not isinstance(load, fem.Constant):  # UFL's expressions are, too
+            return load
+        ways = []
+        for constant in _constants(load):
+            end = np.array(constant.value)
+            ways.append((constant, self._held.get(constant, np.zeros_like(end)), end))
+
+        def to(share: float) -> None:
+            for constant, start, end in ways:
+                constant.value[...] = start + share * (end - start)
+
+        return to
+
+    def _apply(self, path: Callable[[float], None], share: float) -> None:
+        with collective(self._comm):
+            answer(self._comm, "the load", path, share)
+
+    def _keep(self, load: Load | None) -> None:
+        self._held |= {constant: np.array(constant.value) for constant in _constants(load)}
+
+    def _newton(self, share: float) -> None:
+        """Solves for u under the load as it is.
+
+        Raises:
+            NotConverged, SingularSystem: if that fails; u is worth nothing then.
+        """
+        free, values = prescribed(self._space, self._conditions)
+        fixed = np.flatnonzero(~free)
+        newton = Newton(self._system, fixed, values, self._is_linear, self._solver)
+        newton.solve()
+        taken = tuple(newton.corrections)
+        self.increments += (Increment(share, tuple(newton.residuals), taken),)
+        told(self._comm, logging.INFO, "load %.4g: %d iterations", share, len(taken))
+
+
+def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:
+    """The form with u in place of a trial function."""
+    by_number = {argument.number(): argument for argument in residual.arguments()}
+    if 0 not in by_number:
+        raise ValueError("the residual has no test function: test_space(V) is the space of one")
+    test = by_number[0].ufl_function_space()
+    Spaces(u.function_space, test)
+    if 1 in by_number:
+        trial = by_number[1]
+        if trial.ufl_function_space() != u.function_space:
+            raise ValueError("the residual's trial function belongs to another space than u")
+        residual = ufl.replace(residual, {trial: u})
+    return residual
+
+
+def _constants(load: Load | None) -> Sequence[fem.Constant]:
+    if isinstance(load, fem.Constant):
+        return [load]
+    if load is None or callable(load):
+        return ()
+    remedy = "give a fem.Constant, a list of these, or a function of the share"
+    arguments.of_type("the load", load, Sequence, remedy)
+    for constant in load:
+        arguments.of_type("a load", constant, fem.Constant, remedy)
+    return load
+
+
+def _advice(failed: Exception, load: Load | None, done: float, share: float) -> str:
+    words = str(failed)
+    if isinstance(failed, SingularSystem):
+        words += ": conditions leave a motion free, or the solution branches here"
+    if load is None:
+        return (
+            f"{words}; u is as before: start nearer to the solution, or give what makes the load "
+            "as `load`, so that it can grow"
+        )
+    return f"{words}, from {done:.4g} to {share:.4g} of the load; u is the solution at {done:.4g}"

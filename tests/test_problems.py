@@ -1,0 +1,308 @@
+"""Problems stated by a residual: known solutions, increments, and what is refused."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
+
+from pw_elements import (
+    Iterative,
+    NotConverged,
+    PetrovGalerkinProblem,
+    Reduction,
+    SingularSystem,
+    Spaces,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    prescribe,
+    reactions,
+    solve,
+    test_space,
+)
+from pw_elements.linear_solver import Direct
+from pw_elements.meshes import mapped
+from study.verification.t_identity import distorted
+
+SHEAR, LAME = 1.0, 1.5
+DX = ufl.dx(metadata={"quadrature_degree": 6})
+A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
+
+
+def unit_mesh(cell, n):
+    dim = 2 if cell in (CellType.triangle, CellType.quadrilateral) else 3
+    build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
+    return mapped(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
+
+
+def scalar_problem(mesh):
+    V = fem.functionspace(mesh, ("Lagrange", 2))
+    rim = rim_of(V)
+    return V, fem.Function(V), ufl.TestFunction(test_space(V)), rim
+
+
+def rim_of(V):
+    topology = V.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    return fem.locate_dofs_topological(V, topology.dim - 1, exterior_facet_indices(topology))
+
+
+def interpolated(V, field):
+    g = fem.Function(V)
+    g.interpolate(field)
+    return g
+
+
+def first_piola(u):
+    """Of a compressible neo-Hookean solid."""
+    F = ufl.Identity(len(u)) + ufl.grad(u)
+    inverse = ufl.inv(F).T
+    return SHEAR * (F - inverse) + LAME * ufl.ln(ufl.det(F)) * inverse
+
+
+def rubber(mesh, method=Spaces.petrov_galerkin):
+    spaces = method(mesh)
+    u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    return spaces.trial, u, ufl.inner(first_piola(u), ufl.grad(v)) * DX
+
+
+def pressed(depth, n=4):
+    """A square, whose left half is pressed from above and sticks."""
+    mesh = create_rectangle(MPI.COMM_SELF, [(0.0, 0.0), (1.0, 1.0)], [n, n])
+    V, u, F = rubber(mesh)
+    move = fem.Constant(mesh, depth)
+
+    def above(x):
+        return np.isclose(x[1], 1.0) & (x[0] < 0.5 + 1e-9)
+
+    def below(x):
+        return np.isclose(x[1], 0.0)
+
+    conditions = [prescribe(V, 1, above, move), prescribe(V, 0, above)]
+    conditions += [prescribe(V, i, below) for i in (0, 1)]
+    return PetrovGalerkinProblem(F, u, conditions), move
+
+
+@pytest.mark.parametrize(
+    ("cell", "sizes"),
+    [
+        (CellType.triangle, (6, 12)),
+        (CellType.quadrilateral, (6, 12)),
+        (CellType.tetrahedron, (3, 6)),
+    ],
+)
+def test_nonlinear_poisson_has_orders_three_and_two(cell, sizes):
+    errors = []
+    for n in sizes:
+        V, u, v, rim = scalar_problem(unit_mesh(cell, n))
+        x = ufl.SpatialCoordinate(V.mesh)
+        exact = ufl.sin(2 * x[0]) * ufl.exp(x[1])
+        f = -ufl.div((1 + exact**2) * ufl.grad(exact))
+        F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - f * v * DX
+        given = interpolated(V, lambda x: np.sin(2 * x[0]) * np.exp(x[1]))
+        PetrovGalerkinProblem(F, u, fem.dirichletbc(given, rim)).solve()
+        e = u - exact
+        errors.append(
+            [np.sqrt(assemble_scalar(w * DX)) for w in (e**2, ufl.inner(ufl.grad(e), ufl.grad(e)))]
+        )
+    orders = np.log2(np.array(errors[0]) / errors[1])
+    assert orders == pytest.approx([3.0, 2.0], abs=0.25)
+
+
+def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
+    V, u, v, rim = scalar_problem(unit_mesh(CellType.tetrahedron, 2))
+    x, w = ufl.SpatialCoordinate(V.mesh), ufl.TrialFunction(V)
+    a = (1 + x[0]) * ufl.inner(ufl.grad(w), ufl.grad(v)) * DX + 3.0 * w * v * DX
+    L = ufl.exp(x[1]) * v * DX
+    condition = fem.dirichletbc(interpolated(V, lambda x: x[0] * x[2]), rim)
+    problem = PetrovGalerkinProblem(a - L, u, condition, Direct())
+    assert problem.solve() is u
+    K, f = assemble_matrix(a), assemble_vector(L)
+    expected = solve(K, f, Reduction.dirichlet(V, condition))
+    assert np.abs(u.x.array - expected.array).max() < 1e-13
+    difference = problem.reactions() - reactions(K, expected, f)
+    assert difference.norm() < 1e-13
+    (increment,) = problem.increments
+    assert (increment.share, increment.corrections) == (1.0, ())
+
+
+@pytest.mark.parametrize("cell", [CellType.triangle, CellType.tetrahedron, CellType.hexahedron])
+def test_homogeneous_deformation_is_exact(cell):
+    mesh = unit_mesh(cell, 2)
+    V, u, F = rubber(mesh)
+    dim = mesh.geometry.dim
+    strain = A[:dim, :dim] - np.eye(dim)
+    g = fem.Function(V)
+
+    def load(share):
+        g.interpolate(lambda x: share * strain @ x[:dim])
+
+    problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(g, rim_of(V)))
+    problem.solve(load)
+    exact = V.tabulate_dof_coordinates()[:, :dim] @ strain.T
+    assert np.abs(u.x.array.reshape(-1, dim) - exact).max() < 1e-13
+    # reactions are the stress times the weights' integrals: forces on one side are the traction
+    F_exact = A[:dim, :dim]
+    stress = SHEAR * (F_exact - np.linalg.inv(F_exact).T)
+    stress += LAME * np.log(np.linalg.det(F_exact)) * np.linalg.inv(F_exact).T
+    v = ufl.TestFunction(test_space(V))
+    P = fem.Constant(mesh, stress)
+    forces = assemble_vector(ufl.inner(ufl.dot(P, ufl.FacetNormal(mesh)), v) * ufl.ds)
+    assert (problem.reactions() - forces).norm() < 1e-12 * forces.norm()
+
+
+def test_neo_hookean_nodal_forces_turn_with_the_body():
+    angle = 0.7
+    Q = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    problem, move = pressed(-0.2)
+    u = problem.solve(move)
+    V, turned, F = rubber(u.function_space.mesh)
+    x = V.tabulate_dof_coordinates()[:, :2]
+    expected = (x + u.x.array.reshape(-1, 2)) @ Q.T - x
+    held = np.isclose(x[:, 1], 0.0) | (np.isclose(x[:, 1], 1.0) & (x[:, 0] < 0.5 + 1e-9))
+    g = fem.Function(V)
+
+    def load(share):  # it turns first, and is pressed while it does
+        angles = share * angle
+        c, s = np.cos(angles), np.sin(angles)
+        now = (x + share * u.x.array.reshape(-1, 2)) @ np.array([[c, s], [-s, c]]) - x
+        g.x.array[:] = now.ravel()
+
+    condition = fem.dirichletbc(g, np.flatnonzero(held).astype(np.int32))
+    again = PetrovGalerkinProblem(F, turned, condition)
+    again.solve(load, increments=2)
+    assert np.abs(turned.x.array - expected.ravel()).max() < 1e-13
+    forces = problem.reactions().array.reshape(-1, 2) @ Q.T
+    assert np.abs(again.reactions().array.reshape(-1, 2) - forces).max() < 1e-13
+
+
+def test_newtons_method_is_quadratic():
+    problem, move = pressed(-0.1)
+    problem.solve(move)
+    (increment,) = problem.increments
+    c = np.array(increment.corrections)
+    assert len(c) <= 6
+    assert c[-1] < 1e-8
+    assert np.all(c[2:] < 20 * c[1:-1] ** 2)
+    assert increment.residuals[-1] < 1e-12 * increment.residuals[0]
+
+
+def test_an_increment_is_cut_where_it_fails_as_a_whole():
+    problem, move = pressed(-0.6, 8)
+    problem.solve(move)
+    assert len(problem.increments) > 1
+    assert problem.increments[-1].share == 1.0
+    assert move.value == -0.6
+    gentle, small = pressed(-0.6, 8)
+    gentle.solve(small, increments=8)
+    assert np.abs(problem.u.x.array - gentle.u.x.array).max() < 1e-8
+
+
+def test_what_cannot_be_solved_leaves_the_last_solution():
+    problem, move = pressed(-1.5)  # through the bottom
+    with pytest.raises(NotConverged, match=r"of the load; u is the solution at 0\.\d+"):
+        problem.solve(move)
+    reached = problem.increments[-1].share
+    assert move.value == pytest.approx(-1.5 * reached, abs=1e-15)
+    inner = problem.reactions().array.reshape(-1, 2)
+    x = problem.u.function_space.tabulate_dof_coordinates()
+    free = ~(np.isclose(x[:, 1], 0.0) | np.isclose(x[:, 1], 1.0))
+    assert np.abs(inner[free]).max() < 1e-9 * np.abs(inner).max()
+    move.value *= 0.9
+    problem.solve(move)  # from there, not from 0
+    assert problem.increments[0].corrections[0] < 0.5
+
+
+def test_without_a_load_nothing_is_cut_and_u_stays():
+    problem, _ = pressed(-1.5)
+    with pytest.raises(NotConverged, match="u is as before: start nearer"):
+        problem.solve()
+    assert not problem.u.x.array.any()
+
+
+def test_a_second_load_grows_from_the_first():
+    problem, move = pressed(-0.1)
+    problem.solve(move)
+    move.value = -0.2
+    problem.solve([move], increments=2)
+    at_once, whole = pressed(-0.2)
+    at_once.solve(whole)
+    assert np.abs(problem.u.x.array - at_once.u.x.array).max() < 1e-12
+    assert [i.share for i in problem.increments] == [0.5, 1.0]
+    first = problem.increments[0]
+    assert first.corrections[0] < 0.6  # from -0.1, not from 0
+
+
+def test_a_body_that_is_not_held_is_singular():
+    _, u, F = rubber(unit_mesh(CellType.triangle, 2))
+    v = F.arguments()[0]
+    problem = PetrovGalerkinProblem(F - v[0] * DX, u)
+    with pytest.raises(SingularSystem, match="conditions leave a motion free"):
+        problem.solve()
+
+
+def residual_of(u, v):
+    return ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+
+
+def test_what_is_no_problem_is_refused():
+    V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
+    other = fem.functionspace(V.mesh, ("Lagrange", 1))
+    with pytest.raises(ValueError, match="no test function"):
+        PetrovGalerkinProblem(u * ufl.dx, u)
+    for F in (u * v * v * ufl.dx, u * ufl.dx + u * v * ufl.dx):
+        with pytest.raises(ValueError, match="the residual is no form linear in its weights"):
+            PetrovGalerkinProblem(F, u)
+    with pytest.raises(ValueError, match="does not depend on u"):
+        PetrovGalerkinProblem(residual_of(fem.Function(V), v), u)
+    with pytest.raises(ValueError, match="trial function belongs to another space"):
+        PetrovGalerkinProblem(residual_of(ufl.TrialFunction(other), v), u)
+    with pytest.raises(RuntimeError, match="number their nodes differently"):
+        PetrovGalerkinProblem(residual_of(u, ufl.TestFunction(other)), u)
+    with pytest.raises(TypeError, match="the residual is of the type Zero"):
+        PetrovGalerkinProblem(ufl.as_ufl(0) * 0, u)
+    with pytest.raises(TypeError, match="u is of the type FunctionSpace"):
+        PetrovGalerkinProblem(residual_of(u, v), V)
+    with pytest.raises(TypeError, match="the solver is 'mumps'"):
+        PetrovGalerkinProblem(residual_of(u, v), u, solver="mumps")
+    for solver in (Iterative(), "auto"):
+        with pytest.raises(ValueError, match="solve with one free matrix under supports"):
+            PetrovGalerkinProblem(residual_of(u, v), u, solver=solver)
+    twice = [fem.dirichletbc(value, rim, V) for value in (0.0, 1.0)]
+    with pytest.raises(ValueError, match="contradict each other"):
+        PetrovGalerkinProblem(residual_of(u, v), u, twice)
+    problem = PetrovGalerkinProblem(residual_of(u, v), u, twice[0])
+    with pytest.raises(ValueError, match="increments = 0"):
+        problem.solve(increments=0)
+    with pytest.raises(TypeError, match="a load is 3: give a fem"):
+        problem.solve([3])
+    with pytest.raises(ValueError, match="the load failed: ZeroDivisionError"):
+        problem.solve(lambda share: share / 0)
+
+
+def test_a_residual_that_is_not_finite_is_no_solution():
+    V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 2))
+    held = fem.dirichletbc(0.0, rim, V)
+    with pytest.raises(NotConverged, match="the residual is not finite"):
+        PetrovGalerkinProblem(residual_of(u, v) - ufl.ln(u) * v * DX, u, held).solve()
+    source = fem.Constant(V.mesh, np.nan)
+    with pytest.raises(NotConverged, match="the residual is not finite"):
+        PetrovGalerkinProblem(residual_of(u, v) - source * v * DX, u, held).solve()
+    assert not u.x.array.any()
+
+
+def test_functionals_of_weights_on_tetrahedra_have_their_points():
+    mesh = unit_mesh(CellType.tetrahedron, 2)
+    W = Spaces.petrov_galerkin(mesh, 0).test
+    w, v = fem.Function(W), ufl.TestFunction(W)
+    w.x.array[:] = np.cos(np.arange(len(w.x.array)))
+    M = assemble_matrix(ufl.inner(ufl.TrialFunction(W), v) * ufl.dx)
+    expected = w.x.petsc_vec.dot(M * w.x.petsc_vec)
+    assert assemble_scalar(w**2 * ufl.dx) == pytest.approx(expected, rel=1e-13)
+    with pytest.raises(ValueError, match="needs a form without test functions; this one is linear"):
+        assemble_scalar(v * ufl.dx)
+    with pytest.raises(ValueError, match="needs a function"):
+        assemble_scalar(1.0 * ufl.dx(domain=mesh))

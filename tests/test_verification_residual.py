@@ -1,0 +1,54 @@
+"""Sections V13 and V14: their exact fields, and Trefftz's way."""
+
+import numpy as np
+import pytest
+
+from study.verification.v13_graded import Graded, Sourced, Trefftz
+
+RATIO = 20.0
+
+
+def derivative(f, x, axis, h=1e-4):
+    step = np.zeros_like(x)
+    step[axis] = h
+    return (8 * (f(x + step) - f(x - step)) - f(x + 2 * step) + f(x - 2 * step)) / (12 * h)
+
+
+@pytest.mark.parametrize("problem", [Graded(RATIO), Sourced(RATIO)])
+def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
+    x = np.random.default_rng(0).uniform(0.05, 0.95, (2, 20))
+
+    def k(p):
+        return RATIO ** p[0] * (1 + problem.temperature(*p))
+
+    def flux(axis):
+        return lambda p: k(p) * derivative(lambda q: problem.temperature(*q), p, axis)
+
+    balance = sum(derivative(flux(axis), x, axis, 1e-3) for axis in (0, 1))
+    assert np.abs(balance / k(x) + problem.source(*x)).max() < 1e-6
+    right = np.array([np.ones(20), x[1]])
+    assert flux(0)(right) == pytest.approx(problem.flux(x[1]), rel=1e-6)
+    if problem.insulated:
+        for end in (0.0, 1.0):
+            assert np.abs(flux(1)(np.array([x[0], np.full(20, end)]))).max() < 1e-7
+
+
+@pytest.mark.parametrize(("problem", "degree", "error"), [(Graded, 14, 1e-6), (Sourced, 8, 1e-10)])
+def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, error):
+    class Hidden(problem):
+        """Whose temperature is known on the boundary alone."""
+
+        def temperature(self, x, y):
+            inside = np.maximum(np.abs(x - 0.5), np.abs(y - 0.5)) < 0.5 - 1e-12
+            return np.where(inside, np.nan, super().temperature(x, y))
+
+    known = problem(RATIO)
+    answer = Trefftz(Hidden(RATIO), degree)
+    x = np.random.default_rng(1).uniform(0, 1, (2, 50))
+    assert np.abs(answer.temperature(*x) - known.temperature(*x)).max() < error
+    assert answer.flux(x[1]) == pytest.approx(known.flux(x[1]), abs=300 * error)
+
+
+def test_trefftzs_way_says_where_its_iteration_does_not_settle():
+    with pytest.raises(ArithmeticError, match="the iteration changes by"):
+        Trefftz(Graded(1e4), 10)
