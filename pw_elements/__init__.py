@@ -45,7 +45,9 @@ from pw_elements.mechanics import (
 )
 from pw_elements.mesh_checks import DegenerateMesh
 from pw_elements.quadrature import cell_measure
+from pw_elements.sibling import Sibling
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
+from pw_elements.stability import critical_step
 
 __all__ = [
     "Body",
@@ -57,6 +59,7 @@ __all__ = [
     "NoModes",
     "NumberingError",
     "Reduction",
+    "Sibling",
     "SingularSystem",
     "SolverReport",
     "Spaces",
@@ -69,6 +72,7 @@ __all__ = [
     "buckling",
     "cell_measure",
     "composite_element",
+    "critical_step",
     "lumped_mass",
     "macro_element",
     "nodal_load",

@@ -29,7 +29,9 @@ from pw_elements.contact.errors import (
     RigidVelocity,
     SurfacePassed,
 )
+from pw_elements.contact.explicit import solve_impact
 from pw_elements.contact.fields import ContactFields, write
+from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.pictures import plot
@@ -56,14 +58,17 @@ __all__ = [
     "ContactProblem",
     "ContactState",
     "DegenerateMesh",
+    "Energies",
     "FlatPunch",
     "FreeBody",
+    "ImpactHistory",
     "MatchingNodes",
     "MissingForce",
     "Motion",
     "NoEquilibrium",
     "NotFound",
     "NotUnique",
+    "PairHistory",
     "PairState",
     "Parabola",
     "Plane",
@@ -78,6 +83,7 @@ __all__ = [
     "SurfacePassed",
     "plot",
     "solve_contact",
+    "solve_impact",
     "write",
 ]
 

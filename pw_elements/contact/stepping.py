@@ -104,7 +104,7 @@ class ContactProblem:
         self._solver, self._most = solver or Direct(), max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
         self._remedies = checked_remedies(remedies, space)
-        self._interface = nodal_interface(self.pairs, space, reduction)
+        self._interface = nodal_interface(self.pairs, space, reduction, K.getAttr("sibling"))
         self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
