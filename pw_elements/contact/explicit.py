@@ -24,13 +24,8 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, answer, collective
-from pw_elements.contact.histories import (
-    Energies,
-    ImpactHistory,
-    NodalContact,
-    PairHistory,
-    frame,
-)
+from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory, frame
+from pw_elements.contact.impulses import NodalContact, nodal_contact
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.nodes import free_columns
@@ -156,44 +151,6 @@ def solve_impact(
         velocity=v,
         frames=tuple(states),
         frame_times=tuple(step * n for n in kept),
-    )
-
-
-def nodal_contact(
-    motion: Array,
-    gap: Array,
-    normal: Array,
-    shift: Array,
-    held: npt.NDArray[np.bool_],
-    mass: Array,
-    friction: Array,
-    step: float,
-) -> NodalContact:
-    """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
-
-    Args:
-        motion: (m, dim), of the points in the step if there were no contact.
-        gap: (m,), at its start, to the surfaces as they are at its end.
-        normal: (m, dim), of these.
-        shift: (m, dim), of the surfaces in the step.
-        held: (m, dim), components that supports prescribe, which friction leaves alone.
-        mass: (m,).
-        friction: (m,), Coulomb's mu.
-        step: of time.
-    """
-    stiffness = mass / step**2
-    reached = gap + np.sum(normal * motion, axis=1)
-    pressed = np.where(reached < 0, -stiffness * reached, 0.0)
-    slip = np.where(held, 0.0, motion - shift)
-    slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
-    sticking = stiffness * np.linalg.norm(slip, axis=1)
-    share = np.minimum(1.0, friction * pressed / np.where(sticking > 0, sticking, 1.0))[:, None]
-    return NodalContact(
-        pressed,
-        -share * stiffness[:, None] * slip,
-        np.maximum(reached, 0.0),
-        normal,
-        np.where(share < 1, (1 - share) * slip, 0.0),
     )
 
 

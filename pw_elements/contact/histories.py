@@ -7,6 +7,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.contact.impulses import NodalContact
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.results import undeformed
@@ -112,30 +113,6 @@ class ImpactHistory:
     velocity: PETSc.Vec
     frames: tuple[ContactState, ...]
     frame_times: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class NodalContact:
-    """Contact in one step, at the points (m) of this process.
-
-    Args:
-        pressed: (m,), normal force.
-        friction: (m, dim), the rest of the force.
-        gap: (m,), at the end of the step.
-        normal: (m, dim).
-        slip: (m, dim), of the step.
-    """
-
-    pressed: Array
-    friction: Array
-    gap: Array
-    normal: Array
-    slip: Array
-
-    @property
-    def force(self) -> Array:
-        """Of the surface on the body, (m, dim)."""
-        return self.pressed[:, None] * self.normal + self.friction
 
 
 def frame(
