@@ -31,7 +31,7 @@ from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.nodes import free_columns
 from pw_elements.contact.pairs import ContactPair, MatchingNodes
 from pw_elements.mesh_checks import check_mesh
-from pw_elements.problem import Problem, check_load
+from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.progress import doing
 from pw_elements.sibling import Sibling
 from pw_elements.stability import critical_step, diagonal_mass
@@ -86,7 +86,7 @@ def solve_impact(
             of time; None for one that rests there; all rest unless given.
         displacement: (n,), at the start; the supports' own unless given.
         step: of time; 0.9 of the critical one unless given.
-        frames: how many `ContactState`s to keep, evenly spaced in time, for `write`.
+        frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`.
 
     Raises:
         TypeError, ValueError: for input that states no such problem; an unsymmetric stiffness,
@@ -130,7 +130,7 @@ def solve_impact(
     march = _March(K, _masses(M, space), free, interface, moves, load, step)
     march.start(u, v)
     steps = int(np.ceil(duration / step * (1 - _ROUND_OFF)))
-    kept = np.unique(np.linspace(1, steps, frames).round().astype(int)).tolist()
+    kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with doing(comm, f"{steps} steps of time"):
         for n in range(1, steps + 1):
@@ -255,6 +255,8 @@ class _March:
         with collective(self._comm):
             load = answer(self._comm, "the load", given, time) if callable(given) else given
             check_load(f"the load at the time {time:.6g}", load, "the stiffness", self._K)
+        if not is_finite(load):
+            raise ValueError(f"the load at the time {time:.6g} is not finite")
         return np.asarray(load.array_r)
 
     def _translations(self, time: float) -> Array:
