@@ -13,8 +13,23 @@ from mpi4py import MPI
 
 import numpy as np
 
-from pw_elements import Reduction, boundary_measure, lumped_mass, nodal_load, prescribe, solve
-from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, solve_contact
+from pw_elements import (
+    Reduction,
+    boundary_measure,
+    lumped_mass,
+    nodal_load,
+    prescribe,
+    solve,
+    symmetric_part,
+)
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    Motion,
+    Plane,
+    solve_contact,
+    solve_impact,
+)
 from pw_elements.meshes import curved, mapped, on_lines, triangles
 from pw_elements.recovery import SurfaceNodes, forces_along
 from tests.contact_cases import Block, at
@@ -129,6 +144,17 @@ def save_nowhere():
     problem.save(problem.undeformed, "/nowhere/state.npz")
 
 
+def impact(duration=1.0, **stated):
+    ones = K.createVecRight()
+    ones.set(1.0)
+    unit = K.duplicate()
+    unit.setDiagonal(ones)
+    unit.assemble()
+    return solve_impact(
+        symmetric_part(K), unit, BLOCK.free, BLOCK.pair(0.3), U, duration, ones, **stated
+    )
+
+
 def held():
     return Reduction.dirichlet(U, [prescribe(U, i, at(1, 0.0)) for i in (0, 1)])
 
@@ -193,6 +219,10 @@ SCENARIOS = {
     "state of a step differs": lambda: step_from(slip=1e-15),
     "state of a step with NaN": lambda: step_from(displacement=np.nan),
     "file": save_nowhere,
+    "path of a surface": lambda: impact(paths=[lambda _: (0, 0) if not BAD else raises()]),
+    "paths differ": lambda: impact(paths=[lambda time: (0, time + BAD)]),
+    "load in time": lambda: impact(load=lambda _: nan_on_one(LOAD)),
+    "duration differs": lambda: impact(duration=1.0 + BAD),
 }
 
 

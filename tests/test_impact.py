@@ -142,7 +142,7 @@ def test_forces_are_those_seen_from_a_train():
     """A body that is thrown at a plane at rest, and a plane that is driven into a resting body."""
     velocity = np.array([0.6, -0.8])
     thrown = BLOCK.fly(1.5, velocity, 0.3)
-    driven = BLOCK.fly(1.5, (0.0, 0.0), 0.3, paths=[lambda time: -velocity * time])
+    driven = BLOCK.fly(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
     size = np.abs(thrown.pairs[0].force).max()
     assert driven.pairs[0].force == pytest.approx(thrown.pairs[0].force, abs=1e-9 * size)
     assert driven.energies.imbalance < 1e-12
@@ -280,6 +280,7 @@ REFUSED = {
     "no time": (lambda: {"duration": np.nan}, "finite number"),
     "frames": (lambda: {"frames": 1.5}, "whole number"),
     "paths": (lambda: {"paths": [None, None]}, "2 paths for 1 contact pairs"),
+    "no path": (lambda: {"paths": [1.0]}, "give a function of time"),
     "path": (lambda: {"paths": [lambda _: (1.0,)]}, "path of contact pair 0"),
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
     "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
@@ -296,7 +297,7 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_impact_is_refused(name):
     changed, words = REFUSED[name]
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises((TypeError, ValueError), match=words):
         refused(**changed())
 
 

@@ -64,6 +64,8 @@ QUICK = [
     "V10/sphere-transferred-T10-3",
     "V10/punch-galerkin-T10-2",
     "V10/mindlin-pw-T10-2",
+    "V12/bar-2d-sibling-4",
+    "V12/frequency-square-hrz",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -79,6 +81,7 @@ SYSTEMS = {
     "V8": NONE,
     "V9": NONE,
     "V10": NONE,
+    "V12": NONE,
 }
 # What names say, whatever the section; the first pattern counts
 NAMED = {

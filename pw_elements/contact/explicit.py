@@ -26,6 +26,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, answer, collective
 from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory, frame
 from pw_elements.contact.impulses import NodalContact, nodal_contact
+from pw_elements.contact.inputs import checked_problem
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.nodes import free_columns
@@ -56,7 +57,7 @@ def solve_impact(
     duration: float,
     velocity: PETSc.Vec,
     load: Load | None = None,
-    paths: Sequence[Path | None] = (),
+    paths: Path | Sequence[Path | None] = (),
     displacement: PETSc.Vec | None = None,
     step: float | None = None,
     frames: int = 0,
@@ -83,7 +84,8 @@ def solve_impact(
         velocity: (n,), at the start; what supports prescribe of it is zero.
         load: load vector (n,), or a function of time that gives it.
         paths: of each pair's surface, the translation (dim,) from its initial place as a function
-            of time; None for one that rests there; all rest unless given.
+            of time; None for one that rests there; all rest unless given. A single one needs no
+            list.
         displacement: (n,), at the start; the supports' own unless given.
         step: of time; 0.9 of the critical one unless given.
         frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`.
@@ -94,6 +96,7 @@ def solve_impact(
         DegenerateMesh: for cells without volume or turned inside out.
         FloatingPointError: if the motion is not finite.
     """
+    stated = checked_problem(K, reduction, pairs, space, 1, None)
     moved = velocity if displacement is None else displacement
     Problem(
         {"the stiffness": K, "the mass": M},
@@ -107,13 +110,19 @@ def solve_impact(
         if step is not None:
             positive("step", step)
         whole("frames", frames, 0)
-        stated = [pairs] if isinstance(pairs, ContactPair) else list(pairs)
         if any(isinstance(pair.surface, MatchingNodes) for pair in stated):
             raise ValueError("impact is one against rigid surfaces, not of matching nodes")
-        moves = list(paths) or [None] * len(stated)
+        moves: list[Path | None] = (
+            [paths] if callable(paths) else list(paths) or [None] * len(stated)
+        )
+        for k, path in enumerate(moves):
+            if not (path is None or callable(path)):
+                raise TypeError(
+                    f"the path of contact pair {k} is {path!r}: give a function of time"
+                )
         if len(moves) != len(stated):
             raise ValueError(f"{len(moves)} paths for {len(stated)} contact pairs")
-    agree(comm, {"duration": duration, "step": step, "frames": frames, "the pairs": len(stated)})
+    agree(comm, {"the duration": duration, "the step": step, "the frames": frames})
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
     if step is None:
