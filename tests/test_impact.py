@@ -280,7 +280,7 @@ REFUSED = {
     "no time": (lambda: {"duration": np.nan}, "finite number"),
     "frames": (lambda: {"frames": 1.5}, "whole number"),
     "paths": (lambda: {"paths": [None, None]}, "2 paths for 1 contact pairs"),
-    "no path": (lambda: {"paths": [1.0]}, "give a function of time"),
+    "no path": (lambda: {"paths": [1.0]}, "has to be a function of time"),
     "path": (lambda: {"paths": [lambda _: (1.0,)]}, "path of contact pair 0"),
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
     "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
@@ -290,6 +290,8 @@ REFUSED = {
         lambda: {"pairs": ContactPair(at(1, 0.0), MatchingNodes(at(1, 1.0), FLOOR))},
         "not of matching nodes",
     ),
+    "inside": (lambda: {"displacement": BLOCK.even((0.0, -0.1))}, "would be shot out"),
+    "driven in": (lambda: {"paths": lambda _: (0.0, 0.1)}, "would be shot out"),
     "velocity": (lambda: {"velocity": BLOCK.even((np.nan, 0.0))}, "velocity is not finite"),
 }
 

@@ -15,6 +15,11 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     above.translation, above.force, states[-1].iterations, states[-1].residuals
     write("punch.bp", states, body)  # for ParaView
     plot(states[-1], body, pair=1)
+
+A body that is thrown at a floor, by explicit dynamics:
+
+    history = solve_impact(K, lumped, supports, floor, U, duration=1.0, velocity=thrown, frames=50)
+    write("thrown.bp", history.frames, body, history.frame_times)
 """
 
 from pw_elements._compat import renamed

@@ -26,11 +26,11 @@ from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, answer, collective
 from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory, frame
 from pw_elements.contact.impulses import NodalContact, nodal_contact
-from pw_elements.contact.inputs import checked_problem
+from pw_elements.contact.inputs import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.nodes import free_columns
-from pw_elements.contact.pairs import ContactPair, MatchingNodes
+from pw_elements.contact.pairs import ContactPair
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.progress import doing
@@ -39,13 +39,14 @@ from pw_elements.stability import critical_step, diagonal_mass
 from pw_elements.values import positive, vector, whole
 
 Array = npt.NDArray[np.float64]
-Path: TypeAlias = Callable[[float], Sequence[float]]
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
 # Part of the critical step that is taken unless another step is given
 _COURANT = 0.9
 # Of masses that are equal, and of a whole number of steps
 _ROUND_OFF = 1e-9
+# Largest penetration at the start that passes for round-off, over the extent of the contact nodes
+_PENETRATION = 1e-6
 
 
 def solve_impact(
@@ -57,7 +58,7 @@ def solve_impact(
     duration: float,
     velocity: PETSc.Vec,
     load: Load | None = None,
-    paths: Path | Sequence[Path | None] = (),
+    paths: PathInTime | Sequence[PathInTime | None] = (),
     displacement: PETSc.Vec | None = None,
     step: float | None = None,
     frames: int = 0,
@@ -97,31 +98,17 @@ def solve_impact(
         FloatingPointError: if the motion is not finite.
     """
     stated = checked_problem(K, reduction, pairs, space, 1, None)
-    moved = velocity if displacement is None else displacement
-    Problem(
-        {"the stiffness": K, "the mass": M},
-        {"the velocity": velocity, "the displacement": moved},
-        reductions=(reduction,),
-        space=space,
-    )
+    moves = checked_paths(paths, stated, space)
+    start = {"the velocity": velocity}
+    if displacement is not None:
+        start["the displacement"] = displacement
+    Problem({"the stiffness": K, "the mass": M}, start, reductions=(reduction,), space=space)
     comm = space.mesh.comm
     with collective(comm):
         positive("duration", duration)
         if step is not None:
             positive("step", step)
         whole("frames", frames, 0)
-        if any(isinstance(pair.surface, MatchingNodes) for pair in stated):
-            raise ValueError("impact is one against rigid surfaces, not of matching nodes")
-        moves: list[Path | None] = (
-            [paths] if callable(paths) else list(paths) or [None] * len(stated)
-        )
-        for k, path in enumerate(moves):
-            if not (path is None or callable(path)):
-                raise TypeError(
-                    f"the path of contact pair {k} is {path!r}: give a function of time"
-                )
-        if len(moves) != len(stated):
-            raise ValueError(f"{len(moves)} paths for {len(stated)} contact pairs")
     agree(comm, {"the duration": duration, "the step": step, "the frames": frames})
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
@@ -172,7 +159,7 @@ class _March:
         mass: Array,
         free: npt.NDArray[np.bool_],
         interface: Interface,
-        paths: Sequence[Path | None],
+        paths: Sequence[PathInTime | None],
         load: Load | None,
         step: float,
     ) -> None:
@@ -196,6 +183,13 @@ class _March:
         v.setArray(v.array_r - dt / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
         self._before = u.array_r - dt * v.array_r
         self._surfaces = self._seen()
+        gap, normal = self._surfaces
+        gap = gap + np.sum(normal * self.at_points(u), axis=1)
+        self._interface.refuse(
+            gap < -_PENETRATION * np.ptp(self._interface.gathered(self._interface.position)),
+            "lie inside the rigid surface at the start, and would be shot out: let it come from "
+            "farther away (the sibling's coefficients reach a curved surface a little earlier)",
+        )
         self._keep(np.zeros(3))
 
     def advance(self) -> NodalContact:

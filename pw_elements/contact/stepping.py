@@ -10,8 +10,7 @@ Planes make this linear in U. For curved surfaces under force control it is line
 active set found, and gap and n then taken at the U so found, until nothing changes.
 
 Other loops over time join here. One that cuts increments back calls `step` again from the same
-state, which nothing changes. An explicit one needs no `step`: from `nodal_interface` it takes
-the gaps, normals, friction and G, and it corrects the nodes' predicted motion by the law.
+state, which nothing changes. An explicit one, `explicit.solve_impact`, needs no `step`.
 """
 
 from collections.abc import Collection, Sequence
