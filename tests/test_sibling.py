@@ -22,7 +22,17 @@ from pw_elements import (
     solve,
     vibration_modes,
 )
-from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, Sphere, solve_contact
+from pw_elements.contact import (
+    OPEN,
+    ContactPair,
+    Motion,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+    solve_contact,
+)
+from pw_elements.contact.nodal import nodal_interface
 from pw_elements.recovery import force_transfer
 from study.matrices import dense
 from tests.contact_cases import at
@@ -62,7 +72,9 @@ def test_displacements_and_spectrum_are_galerkins(cell):
     sibling = Sibling.of(U)
     own, mass = sibling.matrix(K), sibling.matrix(M)
     assert own.isSymmetric(1e-12)
-    a = solve(own, sibling.load(f), sibling.dirichlet(held))
+    supports = sibling.dirichlet(held)
+    assert not (dense(supports.right).T @ supports.offset.array).any()
+    a = solve(own, sibling.load(f), supports)
     u = solve(K, f, Reduction.dirichlet(U, held))
     assert sibling.displacement(a).array == pytest.approx(u.array, abs=1e-11)
     assert sibling.coefficients(u).array == pytest.approx(a.array, abs=1e-11)
@@ -175,3 +187,32 @@ def test_what_does_not_belong_together_is_refused():
     floor = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
     with pytest.raises(ValueError, match="belongs to the symmetric sibling"):
         solve_contact(sibling.matrix(K), f, free, floor, U)
+
+
+def test_gaps_are_those_of_coefficients_where_all_neighbours_face_the_surface():
+    body = body_on("triangle", 3)
+    U = body.spaces.trial
+    sibling = Sibling.of(U)
+
+    def rolling(x):
+        return np.where(x[:, 0] < 1.2, 3 - np.cos(3 * x[:, 0]) - x[:, 1], np.inf)
+
+    upwards = np.array([[0.0, -1.0]])
+    surface = SignedDistance(rolling, lambda x: np.repeat(upwards, len(x), axis=0))
+    pair = ContactPair(at(1, 1.0), surface)
+    interface = nodal_interface([pair], U, sibling.dirichlet([]), sibling)
+    x = U.tabulate_dof_coordinates()
+    given = surface.gap(x[:, :2])
+    inverse = dense(sibling.inverse)[::2, ::2]
+    on_top = np.isclose(x[:, 1], 1.0)
+    changed = 0
+    for node, gap in zip(interface.node, interface.gaps(None), strict=True):
+        needed = np.flatnonzero(inverse[node])
+        assert on_top[needed].all()
+        if np.isfinite(given[needed]).all():
+            assert gap == pytest.approx(inverse[node, needed] @ given[needed], abs=1e-12)
+            changed += gap != pytest.approx(given[node], abs=1e-6)
+        else:
+            assert gap == given[node]
+    assert changed > 2
+    assert np.isinf(interface.gaps(None)).any()
