@@ -195,7 +195,7 @@ def test_gaps_are_those_of_coefficients_where_all_neighbours_face_the_surface():
     sibling = Sibling.of(U)
 
     def rolling(x):
-        return np.where(x[:, 0] < 1.2, 3 - np.cos(3 * x[:, 0]) - x[:, 1], np.inf)
+        return np.where(x[:, 0] < 1.3, 3 - np.cos(3 * x[:, 0]) - x[:, 1], np.inf)
 
     upwards = np.array([[0.0, -1.0]])
     surface = SignedDistance(rolling, lambda x: np.repeat(upwards, len(x), axis=0))
