@@ -49,8 +49,10 @@ from pw_elements.mechanics import (
 from pw_elements.mesh_checks import DegenerateMesh
 from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
+from pw_elements.sibling import Sibling
 from pw_elements.snes import NotConverged
 from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
+from pw_elements.stability import critical_step
 
 __all__ = [
     "Body",
@@ -66,6 +68,7 @@ __all__ = [
     "NumberingError",
     "PetrovGalerkinProblem",
     "Reduction",
+    "Sibling",
     "SingularSystem",
     "SolverNotConverged",
     "SolverReport",
@@ -80,6 +83,7 @@ __all__ = [
     "buckling",
     "cell_measure",
     "composite_element",
+    "critical_step",
     "lumped_mass",
     "macro_element",
     "nodal_flux",

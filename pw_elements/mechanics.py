@@ -391,9 +391,9 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
     vertices of the standard triangle.
 
-    In explicit dynamics combine it with the symmetric part of the stiffness or with the standard
-    one: with the unsymmetric stiffness the upper spectrum is complex, and undamped vibrations
-    grow whatever the time step (section V9 of the study).
+    In explicit dynamics combine it with a symmetric stiffness, best that of the `Sibling`, whose
+    own mass has positive row sums, too: with the unsymmetric stiffness the upper spectrum is
+    complex, and undamped vibrations grow whatever the time step (section V9 of the study).
 
     Raises:
         ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of

@@ -152,6 +152,11 @@ def check_weights(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PE
     own, other = K.getAttr("form"), thing.getAttr("form")
     if own is None or other is None:
         return
+    if (K.getAttr("sibling") is None) != (thing.getAttr("sibling") is None):
+        raise ValueError(
+            f"one of {name} and {stiffness} belongs to the symmetric sibling, whose unknowns are "
+            "coefficients: take Sibling.matrix and Sibling.load for both or for none"
+        )
     (test, trial), theirs = own.function_spaces, other.function_spaces[0]
     if theirs.mesh is not test.mesh:
         raise ValueError(f"{name} belongs to another mesh than {stiffness}")

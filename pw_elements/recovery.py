@@ -62,12 +62,23 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
         ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
             each face and cell of quadrilaterals and hexahedra).
     """
+    return transposed_transfer(space).transpose()
+
+
+def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
+    """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`.
+
+    Raises:
+        ValueError: as that.
+    """
     arguments.space(space)
     element = space.element.basix_element
     sizes = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
     if element.dim != sizes.get(element.cell_type.name):
         raise ValueError("the force transfer T exists for quadratic Lagrange spaces only")
-    shares = sp.csr_matrix(_shares(element)).tocoo()
+    # what the middle of an interval keeps and gives: T = [1, b; 0, a], and so is its inverse
+    keeps = (1 / _STAYS, -_GOES / _STAYS) if inverse else (_STAYS, _GOES)
+    shares = sp.csr_matrix(_shares(element, *keeps)).tocoo()
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     cells, owned = space.dofmap.list, index_map.size_local
     goes, comes = cells[:, shares.row].ravel(), cells[:, shares.col].ravel()
@@ -79,11 +90,10 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     rows = sp.kron(sp.csr_matrix((value, (transposed[0], column)), shape), np.eye(block), "csr")
     local = (owned * block, index_map.size_global * block)
     csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    T = PETSc.Mat().createAIJ((local, local), csr=csr, comm=space.mesh.comm)
-    return T.transpose()
+    return PETSc.Mat().createAIJ((local, local), csr=csr, comm=space.mesh.comm)
 
 
-def _shares(element: basix.finite_element.FiniteElement) -> Array:
+def _shares(element: basix.finite_element.FiniteElement, keeps: float, gives: float) -> Array:
     """T of one cell: of the node of each column, what goes to the node of each row."""
     inside = np.zeros(element.dim, dtype=int)  # dimension of each node's entity
     for dimension, of_dimension in enumerate(element.entity_dofs):
@@ -93,8 +103,8 @@ def _shares(element: basix.finite_element.FiniteElement) -> Array:
         for entity, dofs in enumerate(of_dimension):
             closure = element.entity_closure_dofs[dimension][entity]
             for dof in dofs:  # in the middle of the entity, along each of its directions
-                stays = inside[closure]
-                T[closure, dof] = _STAYS**stays * _GOES ** (dimension - stays)
+                kept = inside[closure]
+                T[closure, dof] = keeps**kept * gives ** (dimension - kept)
     return T
 
 

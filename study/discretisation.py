@@ -37,6 +37,7 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "galerkin-T6": Spaces.galerkin,
     "pw-T6": Spaces.petrov_galerkin,
     "pwsym-T6": Spaces.petrov_galerkin,
+    "sibling-T6": Spaces.galerkin,
     "galerkin-Q8": Spaces.serendipity,
     "pw-Q8": Spaces.petrov_galerkin,
     "pwsym-Q8": Spaces.petrov_galerkin,

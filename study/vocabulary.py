@@ -27,6 +27,7 @@ ELEMENTS = {
     "galerkin-T6": Element("standard T6", "^", "#D55E00"),
     "pw-T6": Element("new T6", "o", "#0072B2"),
     "pwsym-T6": Element("new T6, symmetrised", "d", "#56B4E9"),
+    "sibling-T6": Element("symmetric sibling T6", "x", "#2B7FB8"),
     "composite-T6": Element("composite T6", "v", "#B0568C"),
     "galerkin-Q8": Element("standard Q8", "s", "#B87A00"),
     "pw-Q8": Element("new Q8, condensed pair", "D", "#007A5A"),

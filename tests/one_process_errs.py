@@ -24,8 +24,16 @@ from pw_elements import (
     nodal_load,
     prescribe,
     solve,
+    symmetric_part,
 )
-from pw_elements.contact import ContactPair, ContactProblem, Motion, Plane, solve_contact
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    Motion,
+    Plane,
+    solve_contact,
+    solve_impact,
+)
 from pw_elements.meshes import curved, mapped, on_lines, triangles
 from pw_elements.recovery import SurfaceNodes, forces_along
 from tests.contact_cases import Block, at
@@ -153,6 +161,17 @@ def save_nowhere():
     problem.save(problem.undeformed, "/nowhere/state.npz")
 
 
+def impact(duration=1.0, **stated):
+    ones = K.createVecRight()
+    ones.set(1.0)
+    unit = K.duplicate()
+    unit.setDiagonal(ones)
+    unit.assemble()
+    return solve_impact(
+        symmetric_part(K), unit, BLOCK.free, BLOCK.pair(0.3), U, duration, ones, **stated
+    )
+
+
 def held():
     return Reduction.dirichlet(U, [prescribe(U, i, at(1, 0.0)) for i in (0, 1)])
 
@@ -228,6 +247,10 @@ SCENARIOS = {
     "load of a residual": lambda: stated(lambda _: 0 if not BAD else raises()),
     "load of a residual differs": lambda: stated(fem.Constant(MESH, 1.0 + BAD)),
     "solver of a residual": lambda: stated(None, solver=3 if BAD else None),
+    "path of a surface": lambda: impact(paths=[lambda _: (0, 0) if not BAD else raises()]),
+    "paths differ": lambda: impact(paths=[lambda time: (0, time + BAD)]),
+    "load in time": lambda: impact(load=lambda _: nan_on_one(LOAD)),
+    "duration differs": lambda: impact(duration=1.0 + BAD),
 }
 
 

@@ -86,6 +86,10 @@ SAID = {
     "solver of a residual": r"the solver is 3: give a LinearSolver such as Direct\(\) or .*",
     "file": r"the state cannot be written to /nowhere/.*: \[Errno 2\] No such file or directory: "
     "'/nowhere/.*'",
+    "path of a surface": f"the path of contact pair 0 {FAILED}",
+    "paths differ": f"the paths: {DIFFERS}",
+    "load in time": "the load at the time 0 is not finite",
+    "duration differs": f"the duration: {DIFFERS}",
 }
 
 

@@ -11,7 +11,7 @@ from study.verification import v9_explicit
 from study.verification.t_identity import distorted
 
 
-@pytest.mark.parametrize("matrices", ["pwsym-lumped", "galerkin-lumped"])
+@pytest.mark.parametrize("matrices", ["pwsym-lumped", "galerkin-lumped", "sibling-lumped"])
 def test_symmetric_pairs_vibrate_without_end(matrices):
     scalars = v9_explicit.pair(matrices, 4).scalars
     assert scalars["imaginary"] == 0

@@ -30,7 +30,7 @@ def size(name, value):
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-@pytest.mark.parametrize("module", ["parallel_numbers", "contact_numbers"])
+@pytest.mark.parametrize("module", ["parallel_numbers", "contact_numbers", "impact_numbers"])
 def test_same_numbers_on_one_two_and_three_processes(module):
     serial = numbers(module, 1)
     assert serial.get("identity", 0.0) < 1e-14

@@ -72,6 +72,8 @@ QUICK = [
     "V11/unequal-pw-dual-8",
     "V11/r0094-node-to-segment",
     "V11/spheres-pw-dual-3",
+    "V12/bar-2d-sibling-4",
+    "V12/frequency-square-hrz",
     "V13/square-own-8",
     "V13/cube-transferred-4",
     "V13/graded-pw-16",
@@ -94,6 +96,7 @@ SYSTEMS = {
     "V9": NONE,
     "V10": NONE,
     "V11": NONE,
+    "V12": NONE,
     "V13": NONE,
     "V14": NONE,
 }

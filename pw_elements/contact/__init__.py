@@ -15,6 +15,11 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     above.translation, above.force, states[-1].iterations, states[-1].residuals
     write("punch.bp", states, body)  # for ParaView
     plot(states[-1], body, pair=1)
+
+A body that is thrown at a floor, by explicit dynamics:
+
+    history = solve_impact(K, lumped, supports, floor, U, duration=1.0, velocity=thrown, frames=50)
+    write("thrown.bp", history.frames, body, history.frame_times)
 """
 
 from pw_elements._compat import renamed
@@ -29,7 +34,9 @@ from pw_elements.contact.errors import (
     RigidVelocity,
     SurfacePassed,
 )
+from pw_elements.contact.explicit import solve_impact
 from pw_elements.contact.fields import ContactFields, write
+from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory
 from pw_elements.contact.history import solve_contact
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
@@ -58,14 +65,17 @@ __all__ = [
     "ContactState",
     "DeformableSurface",
     "DegenerateMesh",
+    "Energies",
     "FlatPunch",
     "FreeBody",
+    "ImpactHistory",
     "MatchingNodes",
     "MissingForce",
     "Motion",
     "NoEquilibrium",
     "NotFound",
     "NotUnique",
+    "PairHistory",
     "PairState",
     "Parabola",
     "Plane",
@@ -80,6 +90,7 @@ __all__ = [
     "SurfacePassed",
     "plot",
     "solve_contact",
+    "solve_impact",
     "write",
 ]
 

@@ -1,8 +1,8 @@
 """What a caller states of a contact computation, checked on all processes at once."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from petsc4py import PETSc
 
@@ -19,6 +19,8 @@ from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import LinearSolver
 from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.values import whole
+
+PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
@@ -84,6 +86,33 @@ def solver_for(
     if matching:
         raise ValueError(f"Iterative() knows rigid surfaces alone, {why}: take Direct()")
     return taken, reduction.masked()
+
+
+def checked_paths(
+    paths: PathInTime | Sequence[PathInTime | None],
+    pairs: Sequence[ContactPair],
+    space: fem.FunctionSpace,
+) -> list[PathInTime | None]:
+    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
+
+    Raises:
+        TypeError: for what is no function of time.
+        ValueError: for another number than that of the pairs, or pairs of two bodies.
+    """
+    with collective(space.mesh.comm):
+        if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
+            raise ValueError("impact is one against rigid surfaces, not of two bodies")
+        each: list[PathInTime | None] = [paths] if callable(paths) else list(paths)
+        each = each or [None] * len(pairs)
+        if len(each) != len(pairs):
+            raise ValueError(f"{len(each)} paths for {len(pairs)} contact pairs")
+        for k, path in enumerate(each):
+            if not (path is None or callable(path)):
+                raise TypeError(
+                    f"the path of contact pair {k} is {arguments.described(path)}: it has to be a "
+                    "function of time"
+                )
+    return each
 
 
 def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:

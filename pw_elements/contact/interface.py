@@ -109,10 +109,12 @@ class Interface:
         surfaces: Sequence[Surface],
         space_rows: PETSc.Vec,
         interfering: Sequence[bool] = (),
+        inverse: PETSc.Mat | None = None,
     ) -> None:
         """Puts pairs together; `space_rows` (n,) has the distribution of the displacements.
 
-        Surfaces may cut the body in pairs that are `interfering`.
+        Surfaces may cut the body in pairs that are `interfering`. Unknowns are displacements, or
+        coefficients which `inverse`, (n, n), makes of these.
         """
         self.comm: MPI.Comm = space_rows.comm.tompi4py()
         self.surfaces = list(surfaces)
@@ -129,6 +131,7 @@ class Interface:
         self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), space_rows)
         transposed = _matrix(sp.vstack([part.force for part in points], "csr"), space_rows)
         self.force = transposed.transpose(PETSc.Mat())
+        self._inverse = inverse
         self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
 
     @property
@@ -149,7 +152,7 @@ class Interface:
         wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
         self.check_supports(None)
-        cut = ~(self.gaps(None) >= -_PENETRATION * diagonal) & ~self._interfering
+        cut = ~(self._by_pair("gap", None, ()) >= -_PENETRATION * diagonal) & ~self._interfering
         rigid = self.faced == RIGID
         self.refuse(
             cut & rigid,
@@ -166,7 +169,7 @@ class Interface:
     @cached_property
     def interference(self) -> Array:
         """Depth (m,) of the points inside their surface, zero unless that is asked for."""
-        return np.where(self._interfering, np.maximum(0.0, -self.gaps(None)), 0.0)
+        return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None, ())), 0.0)
 
     def check_supports(self, translations: Array | None) -> None:
         """Raises ValueError if a point that a surface faces cannot move along its normal."""
@@ -262,13 +265,39 @@ class Interface:
         return translations[self.pair]
 
     def gaps(self, translations: Array | None) -> Array:
-        """Gap (m,) of the undeformed body to the translated surfaces."""
-        return self._by_pair("gap", translations, ())
+        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it."""
+        gap = self._by_pair("gap", translations, ())
+        return gap if self._inverse is None else self._of_coefficients(gap, translations)
 
     def normals(self, translations: Array | None) -> Array:
         """Normals (m, dim) of the translated surfaces at the undeformed body."""
         dim = self.position.shape[1]
         return self._by_pair("normal", translations, (dim,))
+
+    def _of_coefficients(self, gap: Array, translations: Array | None) -> Array:
+        """Gaps (m,) which coefficients close where displacements close the given ones.
+
+        A node keeps its own where one of those whose displacements its coefficient is made of
+        faces nothing.
+        """
+        inverse = self._inverse
+        assert inverse is not None
+        normal = self.normals(translations)
+        faced = np.isfinite(gap)
+        first, last = inverse.getOwnershipRange()
+        dim = normal.shape[1]
+        node = self.node - first // dim
+
+        def transformed(values: Array) -> Array:
+            vector = inverse.createVecRight()
+            of_nodes = np.zeros(((last - first) // dim, dim))
+            of_nodes[node] = values
+            vector.setArray(of_nodes.ravel())
+            return np.asarray((inverse * vector).array_r.reshape(-1, dim)[node])
+
+        whole = np.abs(transformed(np.tile(faced[:, None], dim))[:, 0] - 1) < _UNIT
+        away = transformed(np.where(faced, gap, 0.0)[:, None] * normal)
+        return np.where(whole, np.sum(away * normal, axis=1), gap)
 
     def _by_pair(
         self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]

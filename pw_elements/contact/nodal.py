@@ -17,6 +17,7 @@ from pw_elements.contact.mortar import mortar_points
 from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
+from pw_elements.sibling import Sibling
 from pw_elements.values import field, is_number
 
 Array = npt.NDArray[np.float64]
@@ -27,9 +28,14 @@ _VECTORS = ("point", "direction", "apex", "centre")
 
 
 def nodal_interface(
-    pairs: Sequence[ContactPair], space: fem.FunctionSpace, reduction: Reduction
+    pairs: Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    reduction: Reduction,
+    sibling: Sibling | None = None,
 ) -> Interface:
     """Contact points of pairs, and checks of what can be checked before any computation.
+
+    The unknowns are coefficients where a sibling is given, and gaps are theirs.
 
     Raises:
         ValueError: for no nodes, a node that does not exist, lies inside of the body, is in two
@@ -67,7 +73,9 @@ def nodal_interface(
             faced.append(owned_nodes(whose, pair.surface.nodes, space))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], mu, body)
         points.append(_points(body, node, mu, opposite))
-    interface = Interface(points, shapes, body.rows, [pair.interference for pair in pairs])
+    interfering = [pair.interference for pair in pairs]
+    inverse = None if sibling is None else sibling.inverse
+    interface = Interface(points, shapes, body.rows, interfering, inverse)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     return interface

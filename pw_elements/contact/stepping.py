@@ -8,7 +8,7 @@ present place (initial place + translation U), so that for the displacement a of
 and the slip of an increment is the tangential part of (a - U) less that at its start.
 Planes make this linear in U. For curved surfaces under force control it is linearised, the
 active set found, and gap and n then taken at the U so found, until nothing changes. Other loops
-over time join here: `step` changes no state.
+over time join here: `step` changes no state. `explicit.solve_impact` needs no `step`.
 """
 
 from collections.abc import Collection, Sequence
@@ -104,7 +104,7 @@ class ContactProblem:
         self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
         self._remedies = checked_remedies(remedies, space)
-        self._interface = nodal_interface(self.pairs, space, reduction)
+        self._interface = nodal_interface(self.pairs, space, reduction, K.getAttr("sibling"))
         self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None

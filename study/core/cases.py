@@ -37,6 +37,7 @@ SECTIONS = {
     "V9": "study.verification.v9_explicit",
     "V10": "study.verification.v10_space",
     "V11": "study.verification.v11_two_bodies",
+    "V12": "study.verification.v12_impact",
     "V13": "study.verification.v13_fluxes",
     "V14": "study.verification.v14_rubber",
     "P": "study.peers.p_compare",

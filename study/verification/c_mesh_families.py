@@ -63,6 +63,16 @@ def on_cube(_: str, side: float) -> Mesh:
     return meshed(_cube, 3, side)
 
 
+def on_strip(_: str, side: float) -> Mesh:
+    """Strip 1 x 4, upright, of triangles by Gmsh."""
+    return meshed(_strip, 2, side)
+
+
+def on_bar(_: str, side: float) -> Mesh:
+    """Bar 1 x 1 x 4, upright, of tetrahedra by Gmsh."""
+    return meshed(_bar, 3, side)
+
+
 def on_hollow_ball(_: str, side: float) -> Mesh:
     """Eighth of a hollow ball of tetrahedra by Gmsh, curved on both spheres."""
     return meshed(_hollow_ball, 3, side, order=2)
@@ -94,6 +104,14 @@ def _quarter_ring() -> None:
 
 def _cube() -> None:
     gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+
+
+def _strip() -> None:
+    gmsh.model.occ.addRectangle(0, 0, 0, 1, 4)
+
+
+def _bar() -> None:
+    gmsh.model.occ.addBox(0, 0, 0, 1, 1, 4)
 
 
 def _hollow_ball() -> None:

@@ -1,8 +1,8 @@
 """Bodies in space on the elements of section V10, and contact pressures on their faces.
 
 Two of these ways are what becomes of the standard element: its nodal forces times T, and its
-symmetric sibling, whose stiffness is T K T^T. The sibling's unknowns are coefficients a of the
-displacements u = T^T a, its forces belong to them, and contact is stated on their gaps T^-T g.
+symmetric sibling, whose stiffness is T K T^T. The sibling's unknowns are coefficients of the
+displacements, its forces belong to them, and contact is stated on their gaps.
 """
 
 from collections.abc import Callable
@@ -14,19 +14,19 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
-from scipy.spatial import cKDTree
 
 from pw_elements import (
     Body,
     Material,
     Reduction,
+    Sibling,
     StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     reactions,
 )
-from pw_elements.contact import ContactState, Surface
+from pw_elements.contact import ContactState
 from pw_elements.mechanics import Marker, Vector
 from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
 from study.core.store import Result
@@ -37,8 +37,6 @@ Array = npt.NDArray[np.float64]
 
 # Radius within which pressures are compared, over the contact's
 INNER = 0.8
-# Of a mid-side node's coefficient, what its displacement keeps
-_KEPT = 3 / 4
 
 
 @dataclass(frozen=True)
@@ -50,26 +48,29 @@ class Solid:
         body: spaces and material.
         galerkin: stiffness of the trial and test space, free.
         K: the stiffness that is solved with.
-        T: the transfer of nodal forces, where the element has it.
+        T: the transfer of nodal forces, where the standard element's get it.
+        sibling: where the unknowns are its coefficients.
     """
 
     element: str
     body: Body
     galerkin: PETSc.Mat
     K: PETSc.Mat
-    T: PETSc.Mat | None
+    T: PETSc.Mat | None = None
+    sibling: Sibling | None = None
 
     @classmethod
     def of(cls, element: str, mesh: Mesh, material: Material) -> "Solid":
         """Assembles it."""
         body = Body(spaces(element, mesh), material, StressState.SOLID)
         stiffness = assemble_matrix(body.stiffness())
-        if element not in ("transferred-T10", "sibling-T10"):
-            return cls(element, body, stiffness, stiffness, None)
-        T = force_transfer(body.spaces.trial)
         if element == "transferred-T10":
+            T = force_transfer(body.spaces.trial)
             return cls(element, body, stiffness, stiffness, T)
-        return cls(element, body, stiffness, T.matMult(stiffness).matTransposeMult(T), T)
+        if element == "sibling-T10":
+            sibling = Sibling.of(body.spaces.trial)
+            return cls(element, body, stiffness, sibling.matrix(stiffness), sibling=sibling)
+        return cls(element, body, stiffness, stiffness)
 
     @property
     def space(self) -> fem.FunctionSpace:
@@ -81,16 +82,17 @@ class Solid:
         """Number of unknowns, prescribed ones too."""
         return int(self.K.getSize()[0])
 
-    @property
-    def is_sibling(self) -> bool:
-        """Whether the unknowns are coefficients."""
-        return self.element.startswith("sibling")
-
     def surface_load(self, traction: Vector, where: Marker) -> PETSc.Vec:
         """Load vector of a traction on the part of the boundary that a marker holds on."""
         surface = boundary_measure(self.body.spaces.mesh, where)
         load = assemble_vector(self.body.surface_load(traction, surface))
-        return self.T * load if self.T is not None and self.is_sibling else load
+        return load if self.sibling is None else self.sibling.load(load)
+
+    def supports(self, conditions: list[fem.DirichletBC]) -> Reduction:
+        """Supports that prescribe displacements."""
+        if self.sibling is not None:
+            return self.sibling.dirichlet(conditions)
+        return Reduction.dirichlet(self.space, conditions)
 
     def held(self, where: Marker, displacement: Callable[[Array], Array]) -> list[fem.DirichletBC]:
         """Prescribed displacements (n, 3) at points (n, 3) of whole faces of the boundary."""
@@ -98,32 +100,18 @@ class Solid:
         field = fem.Function(self.space)
         x = self.space.tabulate_dof_coordinates()[nodes]
         field.x.array.reshape(-1, 3)[nodes] = displacement(x)
-        field.x.array[:] = self._coefficients(field.x.petsc_vec).array_r
         return [fem.dirichletbc(field, nodes)]
 
     def held_by_load(self, where: Marker, displacement: Callable[[Array], Array]) -> PETSc.Vec:
         """Load that stands for displacements of faces, which the supports then hold."""
-        moved = Reduction.dirichlet(self.space, self.held(where, displacement)).offset
+        moved = self.supports(self.held(where, displacement)).offset
         load = self.K * moved
         load.scale(-1.0)
         return load
 
-    def facing(self, surface: Surface) -> Surface:
-        """A surface as the unknowns of the nodes see it."""
-        if not self.is_sibling:
-            return surface
-        x = self.space.tabulate_dof_coordinates()
-        gap = np.zeros((len(x), 3))
-        gap[:, 2] = np.nan_to_num(surface.gap(x), posinf=0.0)
-        vector = self.K.createVecRight()
-        vector.setArray(gap.ravel())
-        change = (self._coefficients(vector).array_r.reshape(-1, 3) - gap)[:, 2]
-        near = np.isclose(x[:, 2], 0.0)
-        return _Corrected(surface, cKDTree(x[near, :2]), change[near])
-
     def nodal_forces(self, state: ContactState, load: PETSc.Vec, where: Marker) -> Array:
         """Contact forces (m, 3) of the last increment at the nodes that `SurfaceNodes` has."""
-        if self.T is None or self.is_sibling:
+        if self.T is None:
             (pair,) = state.pairs
             return np.asarray(pair.force_normal[:, None] * pair.normal + pair.force_tangential)
         forces = self.T * reactions(self.galerkin, state.displacement, load)
@@ -133,18 +121,9 @@ class Solid:
 
     def tractions(self, surface: SurfaceNodes, forces: Array) -> Array:
         """Forces (m, 3) over areas, by the nodes' weights; NaN where a node has none."""
-        if self.T is None:
+        if self.T is None and self.sibling is None:
             return surface.pressure(forces)
         return surface.tributary_pressure(forces)
-
-    def _coefficients(self, u: PETSc.Vec) -> PETSc.Vec:
-        """T^-T u, by the mid-sides' share alone: vertices keep their values."""
-        a = u.copy()
-        if self.T is not None and self.is_sibling:
-            image = u.duplicate()
-            self.T.multTranspose(u, image)
-            a.maxpy([1 / _KEPT, -1 / _KEPT], [u, image])
-        return a
 
 
 def face_result(
@@ -196,20 +175,3 @@ def face_result(
     }
     numbers = {name: float(value) for name, value in scalars.items()}
     return Result(numbers, dimensionless(numbers), curves, dofs=solid.dofs)
-
-
-@dataclass(frozen=True)
-class _Corrected:
-    """A surface whose gap is changed at each node, told by its place across the axis z."""
-
-    surface: Surface
-    places: cKDTree
-    change: Array
-
-    def gap(self, x: Array) -> Array:
-        """Gap (n,) of points (n, 3)."""
-        return self.surface.gap(x) + self.change[self.places.query(x[:, :2])[1]]
-
-    def normal(self, x: Array) -> Array:
-        """The surface's own (n, 3)."""
-        return self.surface.normal(x)

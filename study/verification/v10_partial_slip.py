@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import Material, Reduction, prescribe
+from pw_elements import Material, prescribe
 from pw_elements.contact import (
     STICK,
     ContactPair,
@@ -71,12 +71,12 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
         return displacement
 
     middle = prescribe(solid.space, 1, lambda p: np.isclose(p[1], 0.0))
-    shape = solid.facing(Parabola((0.0, 0.0, 0.0), RADIUS))
+    shape = Parabola((0.0, 0.0, 0.0), RADIUS)
     upper = MatchingNodes(facing(DISTANCE), shape, offset=(0.0, 0.0, DISTANCE))
     # two far fields: loads stand for their prescribed values
     loads = [solid.held_by_load(beyond, field(pushed)) for pushed in (False, True)]
     sides = [prescribe(solid.space, i, beyond) for i in range(3)]
-    supports = Reduction.dirichlet(solid.space, [middle, *sides])
+    supports = solid.supports([middle, *sides])
     down = -2 * known.normal.approach
     motions = [Motion((0.0, 0.0, down)), Motion((2 * known.shift, 0.0, down))]
     pair = ContactPair(facing(0.0), upper, SLIDING, motions)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 from scipy.spatial.transform import Rotation
 
-from pw_elements import Material, Reduction, prescribe
+from pw_elements import Material, prescribe
 from pw_elements.contact import (
     ContactPair,
     FlatPunch,
@@ -120,7 +120,7 @@ def _block(
         conditions = [prescribe(solid.space, i, side(i, 0.0)) for i in (0, 1)]
     plane = Plane((0.0, 0.0, 0.0), tuple(turn[:, 2]))
     pair = ContactPair(base, plane, friction)
-    supports = Reduction.dirichlet(solid.space, conditions)
+    supports = solid.supports(conditions)
     states = solve_contact(solid.K, load, supports, [pair], solid.space)
 
     surface = SurfaceNodes.of(solid.body, base)
@@ -161,9 +161,9 @@ def _indented(
 
     conditions = solid.held(beyond, field)
     conditions += [prescribe(solid.space, i, symmetry(i)) for i in (0, 1)]
-    pair = ContactPair(below, solid.facing(rigid), 0.0, [Motion((0.0, 0.0, -known.approach))])
+    pair = ContactPair(below, rigid, 0.0, [Motion((0.0, 0.0, -known.approach))])
     nothing = solid.K.createVecLeft()
-    supports = Reduction.dirichlet(solid.space, conditions)
+    supports = solid.supports(conditions)
     states = solve_contact(solid.K, nothing, supports, [pair], solid.space)
     surface = SurfaceNodes.of(solid.body, below)
     forces = -solid.nodal_forces(states[-1], nothing, below)

@@ -19,6 +19,7 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
+    Sibling,
     Spaces,
     StressState,
     assemble_matrix,
@@ -107,18 +108,22 @@ def _matrices(
     galerkin = Body(Spaces.galerkin(mesh), MATERIAL, StressState.PLANE_STRESS)
     K_galerkin = assemble_matrix(galerkin.stiffness())
     K_pw = assemble_matrix(pw.stiffness())
+    space = pw.spaces.trial
+    sibling = Sibling.of(galerkin.spaces.trial)
     K = {
         "unsymmetric": K_pw,
         "symmetric part": symmetric_part(K_pw),
         "standard": K_galerkin,
+        "sibling": sibling.matrix(K_galerkin),
     }[stiffness]
     M = assemble_matrix(pw.mass())
     if mass == "lumped":
-        M = lumped_mass(M, pw.spaces.trial)
-    space = pw.spaces.trial
+        M = lumped_mass(M, space)
     held = Reduction.dirichlet(space, [prescribe(space, i, _clamped) for i in (0, 1)])
     weight = assemble_vector(galerkin.body_load((0.0, -1.0)))
     sag = solve(K_galerkin, weight, held)
+    if stiffness == "sibling":  # its own lumped mass is the new element's on triangles
+        sag = sibling.coefficients(sag)
     return K, M, held, dense(held.right).T @ sag.array_r
 
 
@@ -131,9 +136,15 @@ PAIRS = {
     "pw-consistent": partial(_matrices, stiffness="unsymmetric", mass="consistent"),
     "pwsym-lumped": partial(_matrices, stiffness="symmetric part", mass="lumped"),
     "galerkin-lumped": partial(_matrices, stiffness="standard", mass="lumped"),
+    "sibling-lumped": partial(_matrices, stiffness="sibling", mass="lumped"),
 }
 # Whose stiffness it is; the mass is that of the new element always
-ELEMENTS = {"unsymmetric": "pw-T6", "symmetric part": "pwsym-T6", "standard": "galerkin-T6"}
+ELEMENTS = {
+    "unsymmetric": "pw-T6",
+    "symmetric part": "pwsym-T6",
+    "standard": "galerkin-T6",
+    "sibling": "sibling-T6",
+}
 SQUARES = 8
 
 

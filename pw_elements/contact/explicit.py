@@ -1,0 +1,296 @@
+"""Impact: central differences with nodal unilateral contact and Coulomb friction.
+
+With a diagonal mass M, velocities at half steps and displacements at whole ones,
+
+    v(n+1/2) = v(n-1/2) + dt M^-1 (f(n) - K u(n) + r(n)),    u(n+1) = u(n) + dt v(n+1/2),
+
+the contact forces r(n) are those that the displacements they lead to ask for: a node that would
+lie inside the rigid surface at n+1 is put back on it, r_n = mass x correction / dt^2, and of the
+slip that it would make on the way as much is taken back as r_t <= mu r_n allows. The mass being
+diagonal, this is Coulomb's law at each node, to the last digit, without any iteration.
+
+With a symmetric K the energy E(n+1/2) = v(n+1/2)' M v(n+1/2) / 2 + u(n)' K u(n+1) / 2 changes by
+the work (f(n) + r(n))' (u(n+1) - u(n-1)) / 2 of loads and contact alone, exactly.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.algebra import Reduction
+from pw_elements.collective import agree, answer, collective
+from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory, frame
+from pw_elements.contact.impulses import NodalContact, nodal_contact
+from pw_elements.contact.inputs import PathInTime, checked_paths, checked_problem
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.nodal import nodal_interface
+from pw_elements.contact.nodes import free_columns
+from pw_elements.contact.pairs import ContactPair
+from pw_elements.mesh_checks import check_mesh
+from pw_elements.problem import Problem, check_load, is_finite
+from pw_elements.progress import doing
+from pw_elements.sibling import Sibling
+from pw_elements.stability import critical_step, diagonal_mass
+from pw_elements.values import positive, vector, whole
+
+Array = npt.NDArray[np.float64]
+Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
+
+# Part of the critical step that is taken unless another step is given
+_COURANT = 0.9
+# Of masses that are equal, and of a whole number of steps
+_ROUND_OFF = 1e-9
+# Largest penetration at the start that passes for round-off, over the extent of the contact nodes
+_PENETRATION = 1e-6
+
+
+def solve_impact(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    reduction: Reduction,
+    pairs: ContactPair | Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    duration: float,
+    velocity: PETSc.Vec,
+    load: Load | None = None,
+    paths: PathInTime | Sequence[PathInTime | None] = (),
+    displacement: PETSc.Vec | None = None,
+    step: float | None = None,
+    frames: int = 0,
+) -> ImpactHistory:
+    """Motion of a body that may hit rigid surfaces, by central differences.
+
+        sibling = Sibling.of(U)
+        K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
+        history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
+        history.time, history.pairs[0].total, history.energies.kinetic
+
+    Take the symmetric sibling, or the standard element and a diagonal mass that is positive.
+    Unsymmetric stiffnesses are refused: in their upper spectrum eigenvalues are complex, and
+    undamped motions grow whatever the step (section V9 of the study).
+
+    Args:
+        K: stiffness (n, n), symmetric, all rows and columns free.
+        M: mass (n, n), diagonal and positive, the same for all components of a node, such as
+            `lumped_mass` makes.
+        reduction: supports; they keep their values.
+        pairs: contact pairs, against rigid surfaces. Their `motions` do not count here.
+        space: trial space of the displacements.
+        duration: positive; the last step ends there or later.
+        velocity: (n,), at the start; what supports prescribe of it is zero.
+        load: load vector (n,), or a function of time that gives it.
+        paths: of each pair's surface, the translation (dim,) from its initial place as a function
+            of time; None for one that rests there; all rest unless given. A single one needs no
+            list.
+        displacement: (n,), at the start; the supports' own unless given.
+        step: of time; 0.9 of the critical one unless given.
+        frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`.
+
+    Raises:
+        TypeError, ValueError: for input that states no such problem; an unsymmetric stiffness,
+            a mass that is not diagonal, positive and isotropic, or a step that is not stable.
+        DegenerateMesh: for cells without volume or turned inside out.
+        FloatingPointError: if the motion is not finite.
+    """
+    stated = checked_problem(K, reduction, pairs, space, 1, None)
+    moves = checked_paths(paths, stated, space)
+    start = {"the velocity": velocity}
+    if displacement is not None:
+        start["the displacement"] = displacement
+    Problem({"the stiffness": K, "the mass": M}, start, reductions=(reduction,), space=space)
+    comm = space.mesh.comm
+    with collective(comm):
+        positive("duration", duration)
+        if step is not None:
+            positive("step", step)
+        whole("frames", frames, 0)
+    agree(comm, {"the duration": duration, "the step": step, "the frames": frames})
+    check_mesh(space.mesh)
+    critical = critical_step(K, M, reduction)
+    if step is None:
+        step = _COURANT * critical
+    if step > critical:
+        raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
+    sibling: Sibling | None = K.getAttr("sibling")
+    interface = nodal_interface(stated, space, reduction, sibling)
+    free = _free(reduction)
+    u, v = reduction.offset.copy(), velocity.copy()
+    v.setArray(np.where(free, velocity.array_r, 0.0))
+    if displacement is not None:
+        u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
+    march = _March(K, _masses(M, space), free, interface, moves, load, step)
+    march.start(u, v)
+    steps = int(np.ceil(duration / step * (1 - _ROUND_OFF)))
+    kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
+    states = []
+    with doing(comm, f"{steps} steps of time"):
+        for n in range(1, steps + 1):
+            contact = march.advance()
+            if n in kept:
+                moved = u.copy() if sibling is None else sibling.displacement(u)
+                states.append(
+                    frame(interface, moved, march.at_points(moved), contact, march.places[-1], n)
+                )
+    forces, places = np.array(march.forces), np.array(march.places)
+    return ImpactHistory(
+        step=step,
+        critical_step=critical,
+        time=step * np.arange(steps + 1, dtype=np.float64),
+        energies=Energies(*np.array(march.energies).T),
+        pairs=tuple(PairHistory.of(interface, k, forces, places) for k in range(len(stated))),
+        displacement=u,
+        velocity=v,
+        frames=tuple(states),
+        frame_times=tuple(step * n for n in kept),
+    )
+
+
+class _March:
+    """Displacements and velocities as they go on, and what is kept of each step."""
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        mass: Array,
+        free: npt.NDArray[np.bool_],
+        interface: Interface,
+        paths: Sequence[PathInTime | None],
+        load: Load | None,
+        step: float,
+    ) -> None:
+        self._K, self._mass, self._step, self._interface = K, mass, step, interface
+        self._inverse = np.where(free, 1 / mass, 0.0)
+        self._paths, self._load, self._comm = paths, load, interface.comm
+        dim = interface.position.shape[1]
+        first, _ = K.getOwnershipRange()
+        self._rows = interface.node[:, None] * dim + np.arange(dim) - first
+        self.energies: list[Array] = []
+        self.forces: list[Array] = []
+        self.places: list[Array] = []
+
+    def start(self, u: PETSc.Vec, v: PETSc.Vec) -> None:
+        """From displacements and velocities at the time 0, which `advance` will change."""
+        dt = self._step
+        self._u, self._v, self._inner = u, v, u.duplicate()
+        self._K.mult(u, self._inner)
+        self.places.append(self._translations(0.0))
+        # velocities half a step before the start make the first step like all others
+        v.setArray(v.array_r - dt / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
+        self._before = u.array_r - dt * v.array_r
+        self._surfaces = self._seen()
+        gap, normal = self._surfaces
+        gap = gap + np.sum(normal * self.at_points(u), axis=1)
+        self._interface.refuse(
+            gap < -_PENETRATION * np.ptp(self._interface.gathered(self._interface.position)),
+            "lie inside the rigid surface at the start, and would be shot out: let it come from "
+            "farther away (the sibling's coefficients reach a curved surface a little earlier)",
+        )
+        self._keep(np.zeros(3))
+
+    def advance(self) -> NodalContact:
+        """Goes one step on."""
+        interface, dt = self._interface, self._step
+        time = dt * len(self.forces)
+        load, now = self._loads(time), self._u.array_r.copy()
+        velocity = self._v.array_r + dt * self._inverse * (load - self._inner.array_r)
+        self.places.append(self._translations(time + dt))
+        shift = self.places[-1] - self.places[-2]
+        if shift.any():
+            self._surfaces = self._seen()
+        gap, normal = self._surfaces
+        gap = gap + np.sum(normal * now[self._rows], axis=1)
+        contact = nodal_contact(
+            dt * velocity[self._rows],
+            gap,
+            normal,
+            shift[interface.pair],
+            interface.equation < 0,
+            self._mass[self._rows[:, 0]],
+            interface.friction,
+            dt,
+        )
+        velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
+        self._v.setArray(velocity)
+        self._u.axpy(dt, self._v)
+        self._K.mult(self._u, self._inner)
+
+        half = (self._u.array_r - self._before) / 2
+        normal_force = contact.pressed[:, None] * normal
+        pushes = (normal_force, contact.friction)
+        self._before = now
+        self._keep(np.array([load @ half, *(np.sum(push * half[self._rows]) for push in pushes)]))
+        self.forces.append(contact.force)
+        return contact
+
+    def at_points(self, vector: PETSc.Vec) -> Array:
+        """Values (m, dim) of a vector (n,) at the contact points of this process."""
+        return np.asarray(vector.array_r[self._rows])
+
+    def _keep(self, work: Array) -> None:
+        """Energies after a step, and the work done in it."""
+        v = self._v.array_r
+        energies = [self._mass * v @ v / 2, self._before @ self._inner.array_r / 2, *work]
+        found = self._comm.allreduce(np.array(energies))
+        if not np.isfinite(found).all():
+            raise FloatingPointError(
+                f"the motion is not finite after {len(self.energies)} steps: look at the loads"
+            )
+        if self.energies:
+            found[2:] += self.energies[-1][2:]
+        self.energies.append(found)
+
+    def _seen(self) -> tuple[Array, Array]:
+        """Gaps and normals of the undeformed body's points to the surfaces as they are now."""
+        place = self.places[-1]
+        self._interface.check_supports(place)
+        return self._interface.gaps(place), self._interface.normals(place)
+
+    def _loads(self, time: float) -> Array:
+        """Load (n,) on this process."""
+        given = self._load
+        if given is None:
+            return np.zeros_like(self._mass)
+        with collective(self._comm):
+            load = answer(self._comm, "the load", given, time) if callable(given) else given
+            check_load(f"the load at the time {time:.6g}", load, "the stiffness", self._K)
+        if not is_finite(load):
+            raise ValueError(f"the load at the time {time:.6g} is not finite")
+        return np.asarray(load.array_r)
+
+    def _translations(self, time: float) -> Array:
+        """Of the surfaces, (pairs, dim)."""
+        comm, dim = self._comm, self._rows.shape[1]
+        each = np.zeros((len(self._paths), dim))
+        with collective(comm):
+            for k, path in enumerate(self._paths):
+                if path is not None:
+                    whose = f"the path of contact pair {k}"
+                    each[k] = vector(whose, answer(comm, whose, path, time), dim)
+        agree(comm, {"the paths": each})
+        return each
+
+
+def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
+    """Masses (n,) on this process, the same for all components of a node."""
+    mass = diagonal_mass(M).array_r.copy()
+    of_node = mass.reshape(-1, space.dofmap.index_map_bs)
+    with collective(space.mesh.comm):
+        if np.any(np.ptp(of_node, axis=1) > _ROUND_OFF * of_node[:, 0]):
+            raise ValueError(
+                "the masses of a node's components differ: friction has no direction then"
+            )
+    return mass
+
+
+def _free(reduction: Reduction) -> npt.NDArray[np.bool_]:
+    """Which unknowns (n,) of this process no support holds."""
+    column = free_columns(reduction.right)
+    with collective(reduction.offset.comm.tompi4py()):
+        if reduction.inner is not None or np.any(column < -1):
+            raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")
+    return np.asarray(column >= 0)
