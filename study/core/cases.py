@@ -37,6 +37,7 @@ SECTIONS = {
     "V9": "study.verification.v9_explicit",
     "V10": "study.verification.v10_space",
     "P": "study.peers.p_compare",
+    "K": "study.cost.k_cost",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
 
