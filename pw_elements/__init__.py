@@ -33,7 +33,8 @@ from pw_elements.elements import (
     quadratic_element,
     serendipity_element,
 )
-from pw_elements.linear_solver import Direct, LinearSolver, SolverReport
+from pw_elements.iterative import Iterative
+from pw_elements.linear_solver import Direct, LinearSolver, SolverNotConverged, SolverReport
 from pw_elements.mechanics import (
     Body,
     Material,
@@ -52,12 +53,14 @@ __all__ = [
     "BucklingModes",
     "DegenerateMesh",
     "Direct",
+    "Iterative",
     "LinearSolver",
     "Material",
     "NoModes",
     "NumberingError",
     "Reduction",
     "SingularSystem",
+    "SolverNotConverged",
     "SolverReport",
     "Spaces",
     "StressState",

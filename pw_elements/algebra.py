@@ -25,11 +25,14 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
+from dolfinx.fem.petsc import create_matrix
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
+from pw_elements.multigrid import Masked, Projection, Supports, is_blocked, python_matrix
 from pw_elements.parts import numbered
 from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
@@ -43,11 +46,16 @@ _SAME_VALUE = 1e-9
 _ROUND_OFF = 1e-13
 
 
-def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
+def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
     Integrals over tetrahedra with piecewise-linear functions get the rule these need. The form
     (and by it mesh and spaces) lives as long as the matrix.
+
+    Args:
+        form: of trial and test functions.
+        blocked: stores a vector field's matrix by nodes (PETSc's BAIJ), in 0.7 of the memory, as
+            `Iterative` needs it: another format is copied by it. Everything else converts it.
 
     Raises:
         TypeError: if it is no UFL form.
@@ -55,7 +63,8 @@ def assemble_matrix(form: ufl.Form) -> PETSc.Mat:
             that is wrong for it.
     """
     compiled = _compiled(form, 2, "a matrix")
-    matrix = _assemble_matrix(compiled)
+    matrix = create_matrix(compiled, "baij" if blocked else None)
+    _assemble_matrix(matrix, compiled)
     matrix.assemble()
     matrix.setAttr("form", compiled)
     return matrix
@@ -96,6 +105,7 @@ class Reduction:
         offset: a_0, (n,): prescribed values.
         inner: Q, (n, n), of a condensation.
         space: trial space whose degrees of freedom are reduced, if it is known.
+        supports: what `dirichlet` was told, which an iterative solver needs; None of others.
 
     Raises:
         TypeError: for what is no matrix or vector.
@@ -107,6 +117,7 @@ class Reduction:
     offset: PETSc.Vec
     inner: PETSc.Mat | None = None
     space: fem.FunctionSpace | None = None
+    supports: Supports | None = None
 
     def __post_init__(self) -> None:
         with collective(arguments.processes(self.offset, self.space)):
@@ -137,7 +148,7 @@ class Reduction:
         free, offset = _prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
         selection = _selection(free, offset)
-        return cls(selection, selection, offset, space=space)
+        return cls(selection, selection, offset, space=space, supports=Supports(space, free))
 
     @classmethod
     def condensation(
@@ -165,6 +176,7 @@ class Reduction:
             SingularSystem: if an inner node has no stiffness.
         """
         Problem({"the stiffness": K}, space=space)
+        K = unblocked(K)
         free, offset = _prescribed(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
@@ -207,6 +219,28 @@ class Reduction:
         offset.scale(share)
         return replace(self, offset=offset)
 
+    def masked(self) -> "Reduction":
+        """The same supports, the unknowns being numbered as before and zero where prescribed.
+
+        Raises:
+            ValueError: if this reduction does more than prescribe values.
+        """
+        if self.supports is None:
+            raise ValueError(NO_SUPPORTS)
+        kept = _selection(self.supports.free, self.offset, renumbered=False)
+        return replace(self, left=kept, right=kept)
+
+    def supported(self, K: PETSc.Mat) -> PETSc.Mat:
+        """What `matrix` is of `masked` supports, not assembled: ones where values are prescribed.
+
+        Raises:
+            ValueError: as `masked` says.
+        """
+        if self.supports is None:
+            raise ValueError(NO_SUPPORTS)
+        projection = Projection(self.supports.free, self.supports.space.dofmap.index_map_bs)
+        return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
+
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """This condensation for mass matrices, where two left matrices L are in use.
 
@@ -229,7 +263,7 @@ class Reduction:
             TypeError, ValueError: if K is no matrix that goes with the reduction.
         """
         self._check_system(K)
-        reduced = self.left.transposeMatMult(K.matMult(self.right))
+        reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
         reduced.setAttr("form", K.getAttr("form"))
         return reduced
 
@@ -316,9 +350,7 @@ class Reduction:
         )
 
 
-def solve(
-    K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver | None = None
-) -> PETSc.Vec:
+def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Displacements a (n,) of K a = f under a reduction.
 
     The vector's attribute "report", `a.getAttr("report")`, is the `SolverReport`.
@@ -327,20 +359,31 @@ def solve(
         K: stiffness (n, n), all rows and columns free.
         f: load (n,).
         reduction: supports, condensation.
-        solver: `Direct()` unless given.
+        solver: `Direct()`, `Iterative()`, or "auto" for the latter in space from 15 000 unknowns
+            on, which is taken unless one is given.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
-        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`.
+        SolverNotConverged: if an iterative solver does not come near enough to it.
+        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`, or
+            a solver that does not serve the reduction.
     """
     Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
+    taken = chosen(solver, reduction.supports)
+    if isinstance(taken, Iterative):
+        reduction = reduction.masked()
     reduction = reduction.under(K, f)
-    load, matrix = reduction.load(K, f), reduction.matrix(K)
-    prepared = factorise(matrix, solver=solver)
-    solution = load.duplicate()
-    prepared.ksp.solve(load, solution)
+    load = reduction.load(K, f)
+    if isinstance(taken, Iterative):
+        prepared = ready(taken.prepare(K, supports=reduction.supports))
+        solution = prepared.solve(load)
+    else:
+        matrix = reduction.matrix(K)
+        prepared = factorise(matrix, solver=taken)
+        solution = load.duplicate()
+        prepared.ksp.solve(load, solution)
+        _check_residual(matrix, solution, load)
     prepared.ksp.destroy()
-    _check_residual(matrix, solution, load)
     full = reduction.expand(solution)
     full.setAttr("report", prepared.report)
     return full
@@ -378,6 +421,15 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     return part
 
 
+def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix, or a copy of one stored in blocks, in the format that products need."""
+    if not is_blocked(matrix):
+        return matrix
+    converted = matrix.convert("aij", PETSc.Mat())
+    converted.setAttr("form", matrix.getAttr("form"))
+    return converted
+
+
 def factorise(
     matrix: PETSc.Mat, symmetric: bool = False, solver: LinearSolver | None = None
 ) -> PreparedSolver:
@@ -386,7 +438,15 @@ def factorise(
     Raises:
         SingularSystem: if a known solution does not come back, or a pivot is zero.
     """
-    prepared = (solver or Direct()).prepare(matrix, symmetric)
+    return ready((solver or Direct()).prepare(matrix, symmetric))
+
+
+def ready(prepared: PreparedSolver) -> PreparedSolver:
+    """A solver that has been set up.
+
+    Raises:
+        SingularSystem: if its matrix is singular.
+    """
     try:
         prepared.set_up()
     except SingularSystem as error:
@@ -533,15 +593,18 @@ def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -
     return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
 
 
-def _selection(free: np.ndarray, rows: PETSc.Vec) -> PETSc.Mat:
-    """Columns of the identity that belong to the free ones of the owned rows."""
+def _selection(free: np.ndarray, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+    """Columns of the identity that belong to the free ones of the owned rows.
+
+    Those of the others are left out, or else zero.
+    """
     comm = rows.comm.tompi4py()
-    count = int(free.sum())
+    count = int(free.sum()) if renumbered else len(free)
     first = comm.scan(count) - count
     indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
-    columns = np.arange(first, first + count, dtype=PETSc.IntType)
+    columns = np.arange(count) if renumbered else np.flatnonzero(free)
     return PETSc.Mat().createAIJ(
         (rows.getSizes(), (count, PETSc.DETERMINE)),
-        csr=(indptr, columns, np.ones(count)),
+        csr=(indptr, (first + columns).astype(PETSc.IntType), np.ones(len(columns))),
         comm=rows.comm,
     )

@@ -14,10 +14,19 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements._compat import renamed
-from pw_elements.algebra import Reduction, factorise, symmetric_part
+from pw_elements.algebra import Reduction, factorise, symmetric_part, unblocked
 from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
-from pw_elements.linear_solver import LinearSolver, PreparedSolver, SolverReport
+from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen, free_motion
+from pw_elements.linear_solver import (
+    Direct,
+    LinearSolver,
+    PreparedSolver,
+    SingularSystem,
+    SolverNotConverged,
+    SolverReport,
+)
+from pw_elements.multigrid import Supports
 from pw_elements.problem import Problem, check_weights, refuse_negative
 from pw_elements.progress import doing
 from pw_elements.values import number, whole
@@ -40,6 +49,10 @@ _SLENDER = 1e-3
 # Those of free bars, slender ones too, lie below 1e-16; a clamped one 500 times as long as high,
 # of elements as long as high, has 7e-13
 _RIGID = 2e-15
+# |x.A y - y.A x| over |A y| |x|, of random x and y, that makes a symmetric matrix
+_SYMMETRIC = 1e-14
+# Residual of a mode that an iterative solver may leave
+_TRUE = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
 
@@ -104,7 +117,7 @@ def vibration_modes(
     count: int = 1,
     symmetrised: bool = False,
     shift: float | None = None,
-    solver: LinearSolver | None = None,
+    solver: Solver = None,
 ) -> VibrationModes:
     """Smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
 
@@ -117,12 +130,15 @@ def vibration_modes(
             solver does with an unsymmetric element.
         shift: a number below the wanted eigenvalues, at which the pair is inverted: the nearer
             to them the faster; a small negative one unless given.
-        solver: of the systems with K - shift M; `Direct()` unless given.
+        solver: of the systems with K - shift M; `Direct()`, by LDL^T where they are symmetric,
+            `Iterative()`, or "auto" for the latter in space from 200 000 unknowns on, which is
+            taken unless one is given. A symmetrised pair needs factors.
 
     Raises:
         TypeError, ValueError: for things that do not make one problem, see `problem.Problem`; for
             matrices whose diagonals add up to less than zero, and numbers out of range.
         SingularSystem: if the shift is an eigenvalue.
+        SolverNotConverged: if an iterative solver does not come near enough to a solution.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
@@ -130,7 +146,9 @@ def vibration_modes(
     refuse_negative(_MASS, M)
     if shift is not None:
         shift = number("shift", shift)
-    A, B = reduction.matrix(M), reduction.matrix(K)
+    taken = _chosen(solver, reduction, symmetrised)
+    K, M = unblocked(K), unblocked(M)
+    A, B, reduced_by, supports = _pair(M, K, reduction, taken)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
@@ -142,10 +160,10 @@ def vibration_modes(
         shift = -_SHIFT * short / B.getSize()[0]
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
     B.setAttr("form", None)  # the next call would lose it, and mesh and all never be freed
-    B.axpy(-shift, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
-    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, indefinite, solver)
+    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, indefinite, taken, supports)
     if mu.real.min() <= 0:
         raise NoModes(
             f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
@@ -159,7 +177,7 @@ def vibration_modes(
         return replace(again, report=again.report.after(report))
     return VibrationModes(
         values.real,
-        [_shape(reduction, mode) for mode in reduced],
+        [_shape(reduced_by, mode) for mode in reduced],
         residuals,
         float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0)),
         int(rigid.sum()),
@@ -173,7 +191,7 @@ def buckling(
     reduction: Reduction,
     count: int = 1,
     symmetrised: bool = False,
-    solver: LinearSolver | None = None,
+    solver: Solver = None,
 ) -> BucklingModes:
     """Smallest positive factors of (K + factor K_sigma) d = 0.
 
@@ -184,17 +202,21 @@ def buckling(
         count: how many factors.
         symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
             solver does with an unsymmetric element.
-        solver: of the systems with K; `Direct()` unless given.
+        solver: of the systems with K, as in `vibration_modes`.
 
     Raises:
         TypeError, ValueError: for things that do not make one problem, see `problem.Problem`; for
             a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
+        SolverNotConverged: if an iterative solver does not come near enough to a solution.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
     check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
-    A, B = reduction.matrix(K_sigma), reduction.matrix(K)
+    taken = _chosen(solver, reduction, symmetrised)
+    A, B, reduced_by, supports = _pair(K_sigma, unblocked(K), reduction, taken)
+    if supports is not None and free_motion(B, supports):
+        raise SingularSystem("the supports leave a rigid motion free: add Dirichlet conditions")
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     size = A.norm(PETSc.NormType.FROBENIUS)
@@ -204,7 +226,7 @@ def buckling(
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
-    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, _UNSTABLE, solver)
+    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, _UNSTABLE, taken, supports)
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
             f"only {np.sum(mu.real > _UNSTRESSED)} of {count} factors are positive: "
@@ -212,7 +234,7 @@ def buckling(
         )
     return BucklingModes(
         scale / mu.real,
-        [_shape(reduction, mode) for mode in reduced],
+        [_shape(reduced_by, mode) for mode in reduced],
         residuals,
         float(np.max(np.abs(mu.imag) / mu.real)),
         report,
@@ -225,7 +247,7 @@ def _check(
     reduction: Reduction,
     count: int,
     symmetrised: bool,
-    solver: LinearSolver | None,
+    solver: Solver,
 ) -> None:
     Problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
     with collective(processes(reduction)):
@@ -234,13 +256,29 @@ def _check(
     refuse_negative(_STIFFNESS, K)
 
 
+def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSolver:
+    why = "a symmetrised pair needs its pivots counted" if symmetrised else ""
+    return chosen(solver, reduction.supports, why, MANY_FOR_MODES)
+
+
+def _pair(
+    A: PETSc.Mat, B: PETSc.Mat, reduction: Reduction, solver: LinearSolver
+) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Supports | None]:
+    """Both matrices reduced; or under supports A masked and B free, a copy, and the supports."""
+    if not isinstance(solver, Iterative):
+        return reduction.matrix(A), reduction.matrix(B), reduction, None
+    masked = reduction.masked()
+    return masked.matrix(A), B.copy(), masked, masked.supports
+
+
 def _largest(
     A: PETSc.Mat,
     B: PETSc.Mat,
     count: int,
     symmetric: bool,
     indefinite: str,
-    solver: LinearSolver | None,
+    solver: LinearSolver,
+    supports: Supports | None,
 ) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
     """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
 
@@ -249,11 +287,22 @@ def _largest(
     Raises:
         ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
         SingularSystem: if B is singular.
+        SolverNotConverged: if an iterative solver fails.
         NoModes: if not all values converged, or B, which is to be symmetric, is not positive
             definite; `indefinite` says what that means.
     """
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
+    inverse: PreparedSolver
+    if supports is not None and isinstance(solver, Iterative):
+        inverse = krylov = solver.prepare(B, symmetric, supports)
+        krylov.multigrid.ready()
+        B = krylov.operator
+    else:
+        ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
+        inverse = factorise(B, ldl, solver)
+    if symmetric:
+        _refuse_indefinite(inverse, indefinite)
     eigensolver = SLEPc.EPS().create(A.comm)
     eigensolver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
@@ -262,9 +311,6 @@ def _largest(
     eigensolver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
     eigensolver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
     begun, comm = perf_counter(), A.comm.tompi4py()
-    inverse = factorise(B, symmetric, solver)
-    if symmetric:
-        _refuse_indefinite(inverse, indefinite)
     eigensolver.getST().setKSP(inverse.ksp)
     what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
     try:
@@ -288,7 +334,28 @@ def _largest(
         residuals[i] = _residual(A, B, values[i], real, imaginary)
         modes.append(imaginary if values[i].imag < 0 else real)
     eigensolver.destroy()
+    if supports is not None and not residuals.max() <= _TRUE:
+        raise SolverNotConverged(
+            f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: take "
+            "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
+        )
     return values, modes, residuals, inverse.report
+
+
+def _by_mumps(solver: LinearSolver) -> bool:
+    package = "pc_factor_mat_solver_type"
+    return isinstance(solver, Direct) and package not in {n.lstrip("-") for n in solver.options}
+
+
+def _is_symmetric(matrix: PETSc.Mat) -> bool:
+    """Whether x.A y is y.A x for random x and y."""
+    x, y, A_x, A_y = (matrix.createVecRight() for _ in range(4))
+    first, last = x.getOwnershipRange()
+    random = np.random.default_rng(first)
+    for vector, image in ((x, A_x), (y, A_y)):
+        vector.setArray(random.normal(size=last - first))
+        matrix.mult(vector, image)
+    return bool(abs(x.dot(A_y) - y.dot(A_x)) <= _SYMMETRIC * A_y.norm() * x.norm())
 
 
 def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:

@@ -40,6 +40,10 @@ class SingularSystem(RuntimeError):
     """The system has no unique solution, mostly for want of supports."""
 
 
+class SolverNotConverged(RuntimeError):
+    """An iterative solver has not come near enough to the solution."""
+
+
 @dataclass(frozen=True)
 class SolverReport:
     """What solved a problem, and what it took.
@@ -181,7 +185,7 @@ class Factors:
         self._preconditioner.setType("cholesky" if symmetric else "lu")
         self._preconditioner.setFactorSolverType("mumps")
         if options:
-            _set_options(self.ksp, options)
+            set_options(self.ksp, options)
         self._kind = self.ksp.getType()
         self._preconditioner.setFactorSetUpSolverType()
         package = self._preconditioner.getFactorSolverType()
@@ -290,7 +294,7 @@ def _refused(options: Mapping[str, str | int | float | bool], error: PETSc.Error
     return ValueError(f"PETSc cannot factorise with the options {dict(options)}: {said}")
 
 
-def _set_options(ksp: PETSc.KSP, options: Mapping[str, str | int | float | bool]) -> None:
+def set_options(ksp: PETSc.KSP, options: Mapping[str, str | int | float | bool]) -> None:
     """Gives options to a solver under a prefix that is the same for the same options."""
     words = sorted(f"{name} {value}" for name, value in options.items())
     prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"

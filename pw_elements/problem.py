@@ -7,7 +7,7 @@ apart; those that were made by hand know none and are judged by their sizes.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -69,7 +69,7 @@ class Problem:
     loads: Mapping[str, PETSc.Vec] = field(default_factory=dict)
     reductions: Sequence[Reduced] = ()
     space: fem.FunctionSpace | None = None
-    solver: LinearSolver | None = None
+    solver: LinearSolver | Literal["auto"] | None = None
 
     def __post_init__(self) -> None:
         everything = [*self._vectors.values(), *self.matrices.values()]
@@ -177,12 +177,13 @@ def check_reduction(reduction: object) -> None:
 
 
 def check_solver(solver: object) -> None:
-    """Raises TypeError unless it is a `LinearSolver` or None; local."""
-    if solver is not None and (
-        isinstance(solver, type) or not callable(getattr(solver, "prepare", None))
-    ):
+    """Raises TypeError unless it is a `LinearSolver`, "auto" or None; local."""
+    if solver is None or solver == "auto":
+        return
+    if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
         raise TypeError(
-            f"the solver is {arguments.described(solver)}: give a LinearSolver such as Direct()"
+            f"the solver is {arguments.described(solver)}: give a LinearSolver such as Direct() or "
+            'Iterative(), or "auto"'
         )
 
 

@@ -133,3 +133,49 @@ def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
     balance = sp.csr_matrix((data, (row, column)), total.shape)
     balance.sort_indices()
     return balance
+
+
+def read_and_spread(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
+    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is.
+
+    Args:
+        force: H^T reduced, (points dim, equations).
+        equation: (m, dim), number of each point's own equations, -1 where there is none.
+    """
+    indptr, column, value = force.getValuesCSR()
+    value = value.copy()
+    of_entry = np.repeat(equation.ravel(), np.diff(indptr))
+    own = column == of_entry
+    diagonal = np.ones(len(indptr) - 1)
+    diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[own]] = value[own]
+    value[own | (of_entry < 0)] = 0.0
+    flexible = 1 / diagonal.reshape(equation.shape)
+    if not force.comm.tompi4py().allreduce(int(np.any(value != 0)), MPI.MAX):
+        return flexible, None
+    csr = (indptr, column, -value)
+    return flexible, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+
+
+def reading(force: PETSc.Mat, flexible: Array, equation: Indices) -> PETSc.Mat:
+    """L, (points dim, equations), of the arguments and the first result of `read_and_spread`."""
+    numbers = equation.ravel()
+    stated = numbers >= 0
+    indptr = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+    csr = (indptr, numbers[stated].astype(PETSc.IntType), flexible.ravel()[stated])
+    return PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+
+
+def own_stiffness(forces: sp.csr_matrix, motion: sp.csr_matrix, equation: Indices) -> Array:
+    """(L K) / G at each point's own unknowns (m, dim); 0 where it has none."""
+    own = equation.ravel()
+    rows = np.flatnonzero(own >= 0)
+    stiffness, unit = (np.asarray(part[rows, own[rows]]).ravel() for part in (forces, motion))
+    values = np.zeros(len(own))
+    values[rows] = stiffness / unit
+    return values.reshape(equation.shape)
+
+
+def stated_mean(values: Array, stated: npt.NDArray[np.bool_]) -> Array:
+    """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
+    count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), 1.0)

@@ -178,9 +178,10 @@ class Policy:
         self._cycles = Cycles(comm)
 
     def restart(self, first: ActiveSet | None = None) -> None:
-        """Forgets the active sets visited, as after a new linearisation; notes the first one."""
+        """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""
         self._cycles = Cycles(self._comm)
         if first is not None:
+            self._hold.rescues = 0
             self._cycles.repeats(first)
 
     def wanted(self, active: ActiveSet, contact: Contact) -> ActiveSet:

@@ -15,6 +15,7 @@ from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
+from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import LinearSolver
 from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.values import whole
@@ -30,7 +31,7 @@ def checked_problem(
     pairs: ContactPair | Sequence[ContactPair],
     space: fem.FunctionSpace,
     max_iterations: int,
-    solver: LinearSolver | None,
+    solver: Solver,
 ) -> list[ContactPair]:
     """The pairs of a problem, one or several.
 
@@ -60,6 +61,24 @@ def checked_problem(
             },
         )
     return stated
+
+
+def solver_for(
+    solver: Solver, reduction: Reduction, pairs: Sequence[ContactPair]
+) -> tuple[LinearSolver, Reduction]:
+    """The solver that is meant, and the reduction in the form in which it takes it.
+
+    Raises:
+        ValueError: if an iterative solver does not serve the reduction or the pairs.
+    """
+    matching = any(isinstance(pair.surface, MatchingNodes) for pair in pairs)
+    why = "nodes of two bodies that face each other need factors" if matching else ""
+    taken = chosen(solver, reduction.supports, why)
+    if not isinstance(taken, Iterative):
+        return taken, reduction
+    if matching:
+        raise ValueError(f"Iterative() knows rigid surfaces alone, {why}: take Direct()")
+    return taken, reduction.masked()
 
 
 def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:

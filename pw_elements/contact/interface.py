@@ -38,6 +38,8 @@ from pw_elements.values import field
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+# What of a coordinate may be round-off
+ROUND_OFF = 4 * float(np.finfo(float).eps)
 # Largest initial penetration that passes for round-off and faceting, over the body's diagonal
 _PENETRATION = 1e-6
 # Largest normal component of a prescribed displacement, a cosine
@@ -210,6 +212,16 @@ class Interface:
             )
             for k in range(self.pairs)
         ]
+
+    @cached_property
+    def extent(self) -> float:
+        """Largest extent of the points along an axis."""
+        low, high = np.full(self.position.shape[1], np.inf), np.full(self.position.shape[1], np.inf)
+        if len(self.position):
+            low, high = self.position.min(axis=0), -self.position.max(axis=0)
+        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MIN)
+        return float((-high - low).max())
 
     def shifts(self, translations: Array | None) -> Array:
         """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""

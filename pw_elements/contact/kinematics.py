@@ -66,7 +66,7 @@ class Kinematics:
             displacement: of the nodes.
             force: on the nodes.
         """
-        step = _STEP * (np.ptp(interface.gathered(interface.position), axis=0).max() or 1.0)
+        step = _STEP * (interface.extent or 1.0)
         frame = frames(interface.normals(translations), interface.equation >= 0)
         normal, tangents = frame[:, 0], frame[:, 1:]
         gap, loss = interface.gaps(translations), normal.copy()

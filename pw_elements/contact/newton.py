@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra import Reduction
-from pw_elements.contact.errors import NotFound, NotUnique
+from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
 from pw_elements.contact.globalisation import Policy, counted, same
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import ActiveSet, Contact, equations, turned
 from pw_elements.contact.state import ContactState
@@ -24,10 +24,9 @@ Array = npt.NDArray[np.float64]
 
 # Violation of the law over the largest nodal contact force
 TOLERANCE = 1e-9
-# What of the violation may be round-off: over stiffness x displacement, and over stiffness x
-# coordinate, for a gap is a difference of coordinates
+# What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
+# it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
-ROUND_OFF = 4 * float(np.finfo(float).eps)
 # Relative change of friction beside a singular tangent, and of a solution that goes on there
 _BESIDE, _NEAR = 1e-6, 1e-3
 
@@ -224,12 +223,31 @@ def newton(
 
     `told`, if it is given, is called with each iteration's number, active set and violation.
 
+    Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
+    with exact ones.
+
     Returns:
         The solution and the number of linear systems, `most` at most.
 
     Raises:
         NotUnique, NotFound: as `solve_contact` says.
     """
+    try:
+        return _iterated(increment, active, place, policy, most, told)
+    except ContactFailed:
+        if not increment.system.insist():
+            raise
+        return _iterated(increment, active, place, policy, most, told)
+
+
+def _iterated(
+    increment: Increment,
+    active: ActiveSet,
+    place: Kinematics,
+    policy: Policy,
+    most: int,
+    told: Callable[[int, ActiveSet, float], None] | None,
+) -> tuple[Iterate, int]:
     system = increment.system
     policy.restart(active)
     for iteration in range(1, most + 1):
@@ -239,6 +257,9 @@ def newton(
         if told:
             told(iteration, active, violation)
         if violation <= 1:
+            if not system.settled:
+                system.forget_factors()  # equilibrium may lag behind
+                continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
             now = increment.seen(now.reduced, now.translations, place)
             violation = increment.violation(now)

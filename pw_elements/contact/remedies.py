@@ -47,6 +47,26 @@ def _tractable(interface: Interface) -> bool:
     return unknowns(points, interface.position.shape[1]) <= _MOST
 
 
+def otherwise(
+    failure: ContactFailed,
+    increment: Increment,
+    condensed: Callable[[], Condensation],
+    place: Kinematics,
+    policy: Callable[[], Policy],
+    most: int,
+) -> tuple[Iterate | None, ContactFailed]:
+    """The solution where the iteration has failed, if there is one, and what else is to be told.
+
+    `NotUnique` is told as it is; for the arguments see `without_active_sets`.
+    """
+    if isinstance(failure, NotUnique):
+        return None, failure
+    try:
+        return without_active_sets(increment, condensed, place, policy, most), failure
+    except NotUnique as unique:
+        return None, unique
+
+
 def without_active_sets(
     increment: Increment,
     condensed: Callable[[], Condensation],

@@ -6,9 +6,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet
-from pw_elements.contact.newton import ROUND_OFF, Increment, Iterate
+from pw_elements.contact.newton import Increment, Iterate
 from pw_elements.contact.state import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.linear_solver import SolverReport
 

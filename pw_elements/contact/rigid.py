@@ -8,12 +8,11 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from dolfinx import fem, la
-from scipy.sparse.csgraph import connected_components
+from dolfinx import fem
 
 from pw_elements.contact.errors import listed
 from pw_elements.contact.state import Free
+from pw_elements.multigrid import connected_pieces
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -224,26 +223,3 @@ def direction(vector: Array) -> str:
     if np.linalg.norm(np.delete(vector, main)) <= NOTHING:
         return ("-" if vector[main] < 0 else "") + _AXES[main]
     return listed(vector[None])
-
-
-def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
-    """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
-    comm, cells = space.mesh.comm, space.dofmap.list
-    index_map = space.dofmap.index_map
-    local = index_map.size_local + index_map.num_ghosts
-    row = np.repeat(np.arange(len(cells)), cells.shape[1])
-    shape = (len(cells), local)
-    of_cell = sp.csr_matrix((np.ones(cells.size, dtype=np.int8), (row, cells.ravel())), shape)
-    count, part = connected_components(of_cell.T @ of_cell, directed=False)
-    first = sum(comm.allgather(count)[: comm.rank])
-    # parts of two processes are one piece if they share a node: the owner's number tells which
-    number = la.vector(index_map, 1)
-    number.array[:] = part + first
-    number.scatter_forward()
-    ghosts = np.arange(index_map.size_local, local)
-    ends = np.stack([part[ghosts] + first, number.array[ghosts].astype(np.int64)])
-    total = comm.allreduce(count, MPI.SUM)
-    links = np.unique(np.concatenate(comm.allgather(ends), axis=1), axis=1)
-    graph = sp.csr_matrix((np.ones(links.shape[1]), links), (total, total))
-    pieces, piece = connected_components(graph, directed=False)
-    return piece[part + first].astype(np.int64), int(pieces)

@@ -1,9 +1,11 @@
-"""The active set that an increment's iteration starts from."""
+"""Active set and displacements that an increment's iteration starts from."""
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.contact.errors import FreeBody
@@ -12,11 +14,14 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import SLIP, STICK, ActiveSet, sticking
 from pw_elements.contact.state import ContactState
+from pw_elements.spaces import as_function
 
 Array = npt.NDArray[np.float64]
 
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING = 1e-9
+# Padding of cells among which that around a point of another mesh is looked for
+_BESIDE = 1e-6
 
 
 def first_active_set(
@@ -48,6 +53,23 @@ def first_active_set(
     )
 
 
+def first_displacement(
+    before: ContactState, guess: ContactState | None, space: fem.FunctionSpace
+) -> PETSc.Vec:
+    """Displacements (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
+    if guess is None or guess.displacement.getAttr("space") is None:
+        return before.displacement
+    known, mesh = guess.displacement.getAttr("space"), space.mesh
+    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    there, here = as_function(known, guess.displacement), fem.Function(space)
+    data = fem.create_interpolation_data(space, known, cells, padding=_BESIDE)
+    here.interpolate_nonmatching(there, cells, interpolation_data=data)
+    here.x.scatter_forward()
+    start = before.displacement.duplicate()
+    start.setArray(here.x.array[: start.getLocalSize()])
+    return start
+
+
 def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
     return sticking(closed, place.interface.friction, place.frame.shape[1] - 1)
 
@@ -55,8 +77,7 @@ def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
 def _touching(place: Kinematics) -> ActiveSet:
     """Points that the moved surface reaches; the nearest of each pair in any case."""
     interface: Interface = place.interface
-    gap, x = place.gap, interface.gathered(interface.position)
-    near = _TOUCHING * np.ptp(x, axis=0).max()
+    gap, near = place.gap, _TOUCHING * interface.extent
     closed = gap <= near
     for k in range(interface.pairs):
         mine = interface.pair == k

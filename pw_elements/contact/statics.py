@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 # Stiffness of a motion, over what it would be for an arbitrary one: as good as none below, and
 # no more than round-off where something is to be proved by it
 _FREE, _NONE = 1e-8, 1e-11
+# Rows that are factorised at once, to save memory
+_AT_ONCE = 100_000
 
 
 class RigidMotions:
@@ -164,5 +166,8 @@ def _triangle(rows: Array, comm: MPI.Comm) -> Array:
 
     A Gram matrix would square what is small, and lose it.
     """
-    own = np.linalg.qr(rows, mode="r")
+    own: Array = np.zeros((0, rows.shape[1]))
+    for first in range(0, len(rows), _AT_ONCE):
+        part = np.vstack([own, rows[first : first + _AT_ONCE]])
+        own = np.asarray(np.linalg.qr(part, mode="r"))
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))

@@ -7,11 +7,8 @@ present place (initial place + translation U), so that for the displacement a of
 
 and the slip of an increment is the tangential part of (a - U) less that at its start.
 Planes make this linear in U. For curved surfaces under force control it is linearised, the
-active set found, and gap and n then taken at the U so found, until nothing changes.
-
-Other loops over time join here. One that cuts increments back calls `step` again from the same
-state, which nothing changes. An explicit one needs no `step`: from `nodal_interface` it takes
-the gaps, normals, friction and G, and it corrects the nodes' predicted motion by the law.
+active set found, and gap and n then taken at the U so found, until nothing changes. Other loops
+over time join here: `step` changes no state.
 """
 
 from collections.abc import Collection, Sequence
@@ -27,7 +24,7 @@ from dolfinx import fem
 from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
-from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
+from pw_elements.contact.errors import ContactFailed, NotFound
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
     check_belongs,
@@ -37,21 +34,22 @@ from pw_elements.contact.inputs import (
     checked_problem,
     checked_remedies,
     checked_step,
+    solver_for,
 )
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
 from pw_elements.contact.progress import Callback, Reporter, checked_callback
 from pw_elements.contact.refusals import no_equilibrium, refusal
-from pw_elements.contact.remedies import REMEDIES, Remedy, without_active_sets
+from pw_elements.contact.remedies import REMEDIES, Remedy, otherwise
 from pw_elements.contact.results import contact_state, undeformed
-from pw_elements.contact.starts import first_active_set
+from pw_elements.contact.starts import first_active_set, first_displacement
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.watch import Watch
-from pw_elements.linear_solver import Direct, LinearSolver
+from pw_elements.iterative import Iterative, Solver
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import bar, doing
 
@@ -73,7 +71,7 @@ class ContactProblem:
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements.
-        solver: of the linear systems; `Direct()` unless given.
+        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; what it raises ends the computation.
@@ -93,15 +91,16 @@ class ContactProblem:
         reduction: Reduction,
         pairs: ContactPair | Sequence[ContactPair],
         space: fem.FunctionSpace,
-        solver: LinearSolver | None = None,
+        solver: Solver = None,
         max_iterations: int = 50,
         callback: Callback | None = None,
         remedies: Collection[Remedy] = REMEDIES,
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
+        self._solver, reduction = solver_for(solver, reduction, self.pairs)
         self._K, self._reduction, self._space = K, reduction, space
-        self._solver, self._most = solver or Direct(), max_iterations
+        self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
         self._remedies = checked_remedies(remedies, space)
         self._interface = nodal_interface(self.pairs, space, reduction)
@@ -125,7 +124,8 @@ class ContactProblem:
             motions: of each pair's surface from its initial place, None for one that rests
                 there; all rest unless given. A single pair's needs no list.
             guess: state from whose active set to start, of a coarser mesh, say: each node takes
-                the status of the nearest. It is no history.
+                the status of the nearest; an iterative solver takes its displacements, too (unless
+                it was read from a file). It is no history.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
@@ -137,6 +137,7 @@ class ContactProblem:
             NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
             NotFound: if none has been found otherwise; it has the state that came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
+            SolverNotConverged: if an iterative solver fails, singular tangents among the reasons.
         """
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
         begun = perf_counter()
@@ -146,8 +147,7 @@ class ContactProblem:
             try:
                 found = self._solved(state, end, guess, reporter)
             except NotFound:
-                joined = self._cut(state, end, reporter)
-                if joined is None:
+                if (joined := self._cut(state, end, reporter)) is None:
                     raise
                 found = joined
         reporter.ended(found, perf_counter() - begun)
@@ -157,11 +157,8 @@ class ContactProblem:
         """The state at a target, in parts; None if it is not found that way."""
         if "cutback" not in self._remedies or homogeneous(state):
             return None
-
-        def part(before: ContactState, target: Target) -> ContactState:
-            return self._solved(before, target, None, reporter)
-
-        return in_parts(part, state, held_by(state, self._K, self._interface), end)
+        start = held_by(state, self._K, self._interface)
+        return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
 
     def _solved(
         self,
@@ -185,6 +182,7 @@ class ContactProblem:
 
         first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
+        system.start(lambda: first_displacement(state, guess, self._space), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
@@ -196,14 +194,11 @@ class ContactProblem:
             proof = no_equilibrium(increment, place, rigid)
             if proof is not None:
                 raise proof from None
-            last, found = failure, None
-            if "condensed" in self._remedies and not isinstance(failure, NotUnique):
-                try:
-                    found = without_active_sets(
-                        increment, lambda: self._condensed, place, policy, self._most
-                    )
-                except NotUnique as unique:
-                    last = unique
+            found, last = None, failure
+            if "condensed" in self._remedies and not isinstance(self._solver, Iterative):
+                found, last = otherwise(
+                    failure, increment, lambda: self._condensed, place, policy, self._most
+                )
             if found is None:
                 raise refusal(last, increment, state, system.report.since(before)) from None
             now, iterations = found, increment.systems
@@ -211,6 +206,7 @@ class ContactProblem:
         smallness, report = self._watch.after(increment, now, state), system.report.since(before)
         if reporter:
             reporter.violation = increment.violation(now)
+        now.full.setAttr("space", self._space)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, report, smallness)
 
     @cached_property
@@ -259,7 +255,7 @@ def solve_contact(
     space: fem.FunctionSpace,
     start: ContactState | Sequence[ContactState] = (),
     max_iterations: int = 50,
-    solver: LinearSolver | None = None,
+    solver: Solver = None,
     callback: Callback | None = None,
     remedies: Collection[Remedy] = REMEDIES,
 ) -> list[ContactState]:
@@ -274,11 +270,10 @@ def solve_contact(
         space: trial space of the displacements.
         start: states of the same increments, from a coarser mesh, say: each increment starts
             from the status of the nearest node. It is a guess, no history: slip counts from the
-            undeformed body in the first increment, whatever it starts from (`ContactProblem.step`
-            goes on from a state). Without it the first increment starts from the nodes that
-            touch, every other one from the previous one.
+            undeformed body in the first increment (`ContactProblem.step` goes on from a state).
+            Without it the first starts from the nodes that touch, others from the one before.
         max_iterations: linear systems of one iteration.
-        solver: of the linear systems; `Direct()` unless given.
+        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; what it raises ends the computation.
         remedies: as in `ContactProblem`.

@@ -9,10 +9,12 @@ the free translations U at the end:
     (E L K + C G) a - D U   = c + E L f     theirs
     sum L K a               = totals + sum L f
 
-G couples a point to as many nodes as it likes. The nonzero pattern is that of all active sets: the
-matrix is made and analysed once. A solver that would not have it assembled takes the place of
-`Tangent`: it needs K', L K, G and the combinations E, C, D.
+The nonzero pattern is that of all active sets: the matrix is made and analysed once. An iterative
+solver has nothing assembled: `krylov.KrylovTangent` takes the place of `Tangent`, where the points
+are nodes and so K' = K but for their own rows.
 """
+
+from collections.abc import Callable
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -27,10 +29,17 @@ from pw_elements.contact.assembly import (
     balance_rows,
     border_columns,
     local_rows,
+    own_stiffness,
+    read_and_spread,
+    reading,
+    stated_mean,
     with_points,
 )
 from pw_elements.contact.interface import Interface
+from pw_elements.contact.krylov import KrylovTangent
 from pw_elements.contact.state import Free
+from pw_elements.contact.unassembled import NodePoints
+from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import LinearSolver, SolverReport
 
 Array = npt.NDArray[np.float64]
@@ -66,32 +75,56 @@ class ContactSystem:
         solver: LinearSolver,
     ) -> None:
         self.reduction, self.interface, self.free = reduction, interface, free
-        self.stiffness = reduction.matrix(K)
         self.comm: MPI.Comm = interface.comm
+        unassembled = isinstance(solver, Iterative)
+        self.stiffness = reduction.supported(K) if unassembled else reduction.matrix(K)
         first, last = self.stiffness.getOwnershipRange()
         stated = interface.equation >= 0
         self._own = np.where(stated, interface.equation - first, -1)
         outside = stated & ((self._own < 0) | (self._own >= last - first))
         if self.comm.allreduce(int(outside.any()), MPI.MAX):
             raise ValueError("the reduction moves a contact node to another process")
-        motion = interface.motion.matMult(reduction.right)
         force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
-        self._flexible, self._spread = self._read_and_spread(force)
-        reading = self._reading()
-        forces = reading.matMult(self.stiffness)
+        self._flexible, self._spread = read_and_spread(force, interface.equation)
+        self._tangent: Tangent | KrylovTangent
+        if isinstance(solver, Iterative):
+            assert reduction.supports is not None, "other reductions are refused before"
+            self.scale = stated_mean(K.getDiagonal().array_r[self._own] * self._flexible, stated)
+            points = NodePoints.of(interface, self._own, self._flexible, self.scale, free)
+            self._tangent = KrylovTangent(K, reduction.supports, points, solver)
+            return
+        motion = interface.motion.matMult(reduction.right)
+        forces = reading(force, self._flexible, interface.equation).matMult(self.stiffness)
         fixed = self.stiffness
         if self._spread is not None:
             fixed = self._spread.transposeMatMult(forces)
             fixed.axpy(1.0, self.stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         read, moved = local_rows(forces, len(free)), local_rows(motion, len(free))
-        self.scale = self._stiffness_scale(read, moved)
+        self.scale = stated_mean(own_stiffness(read, moved, interface.equation), stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
         all_rows = local_rows(fixed, len(free)), read, moved, borders
         self._tangent = Tangent(*all_rows, self._own, first, self.comm, solver)
 
     @property
+    def settled(self) -> bool:
+        """Whether the last solution was as exact as the end of an iteration asks for."""
+        return self._tangent.settled
+
+    def start(self, displacement: Callable[[], PETSc.Vec], translations: Array) -> None:
+        """Has an iterative solver begin at displacements (n,) and surfaces (pairs, dim)."""
+        if isinstance(self._tangent, KrylovTangent):
+            begin = self.reduction.right * displacement()
+            self._tangent.start(begin.array_r, np.array([translations[at] for at in self.free]))
+
+    def insist(self) -> bool:
+        """Has all solutions of an increment exact; False if they were."""
+        inexact = not self._tangent.always_exact
+        self._tangent.always_exact = True
+        return inexact
+
+    @property
     def own_factors(self) -> bool:
-        """Whether by factors of its own matrix; else a single gap of it may be inaccurate."""
+        """Whether as exact as can be; else a single gap of it may be inaccurate."""
         return self._tangent.own_factors
 
     @property
@@ -178,40 +211,6 @@ class ContactSystem:
         self._spread.multTranspose(read, spread)
         return local + spread.array_r
 
-    def _read_and_spread(self, force: PETSc.Mat) -> tuple[Array, PETSc.Mat | None]:
-        """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is."""
-        indptr, column, value = force.getValuesCSR()
-        value = value.copy()
-        equation = np.repeat(self.interface.equation.ravel(), np.diff(indptr))
-        own = column == equation
-        diagonal = np.ones(len(indptr) - 1)
-        diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[own]] = value[own]
-        value[own | (equation < 0)] = 0.0
-        flexible = 1 / diagonal.reshape(self._own.shape)
-        if not self.comm.allreduce(int(np.any(value != 0)), MPI.MAX):
-            return flexible, None
-        csr = (indptr, column, -value)
-        return flexible, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
-
-    def _reading(self) -> PETSc.Mat:
-        """L, (points dim, equations)."""
-        equation = self.interface.equation.ravel()
-        stated = equation >= 0
-        indptr = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
-        csr = (indptr, equation[stated].astype(PETSc.IntType), self._flexible.ravel()[stated])
-        sizes = (self.interface.motion.getSizes()[0], self.stiffness.getSizes()[0])
-        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.stiffness.comm)
-
-    def _stiffness_scale(self, forces: sp.csr_matrix, motion: sp.csr_matrix) -> Array:
-        """Mean of (L K) / G at each point's own unknowns; 1 where it has none."""
-        own = self.interface.equation.ravel()
-        rows = np.flatnonzero(own >= 0)
-        stiffness, unit = (np.asarray(part[rows, own[rows]]).ravel() for part in (forces, motion))
-        values = np.zeros(len(own))
-        values[rows] = stiffness / unit
-        count, total = np.sum(self._own >= 0, axis=1), values.reshape(self._own.shape).sum(axis=1)
-        return np.where(count > 0, total / np.maximum(count, 1), 1.0)
-
 
 class Tangent:
     """The assembled matrix of any active set, and its solver.
@@ -229,6 +228,7 @@ class Tangent:
     Attributes:
         solver: that is bound to the matrix.
         own_factors: whether the last solution is by factors of its own matrix.
+        settled, always_exact: True, as all of its solutions are.
         factorised: combinations (m, 3, dim, dim) at the last factorisation.
     """
 
@@ -258,7 +258,7 @@ class Tangent:
         )
         self.solver = solver.prepare(self.matrix)
         self.factorised: Array | None = None
-        self.own_factors = False
+        self.own_factors, self.settled, self.always_exact = False, True, True
 
     def solve(self, right: Array, balance: Array, E: Array, C: Array, D: Array) -> Array:
         """Unknowns of this process, those of free translations at the end of the last one.

@@ -1,0 +1,73 @@
+"""Prints numbers of the iterative solver that must not depend on the number of processes."""
+
+import json
+
+from mpi4py import MPI
+
+import numpy as np
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import (
+    Body,
+    Iterative,
+    Material,
+    Reduction,
+    SingularSystem,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    prescribe,
+    solve,
+    vibration_modes,
+)
+from pw_elements.contact import solve_contact
+from tests.contact_iterative import CASES, Solid
+
+comm = MPI.COMM_WORLD
+numbers: dict[str, list[float] | float | str] = {}
+
+
+def supported(cell):
+    mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (6, 3, 3), CellType[cell])
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "solid")
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
+    foot = [prescribe(U, i, lambda x: np.isclose(x[0], 0.0), 0.1 * i) for i in range(3)]
+    held = Reduction.dirichlet(U, foot)
+    numbers[f"{cell}_displacement_norm"] = solve(K, f, held, Iterative()).norm()
+    modes = vibration_modes(K, assemble_matrix(body.mass()), held, 3, solver=Iterative())
+    numbers[f"{cell}_frequencies"] = modes.eigenvalues.tolist()
+    try:
+        solve(K, f, Reduction.dirichlet(U, foot[:2]), Iterative())
+    except SingularSystem:
+        numbers[f"{cell}_free"] = 1.0
+
+
+def contact(case):
+    body = Solid(comm=comm)
+    for k, state in enumerate(solve_contact(*body.arguments(case), solver=Iterative())):
+        numbers[f"{case} {k} displacement_norm"] = state.displacement.norm()
+        for number, pair in enumerate(state.pairs):
+            name = f"{case} {k} {number}"
+            numbers[f"{name} statuses"] = np.bincount(pair.status, minlength=3).tolist()
+            numbers[f"{name} force"] = float(np.abs(pair.force).max())
+            numbers[f"{name} largest"] = pair.force_normal.max()
+
+
+def nested():
+    (coarse,) = solve_contact(*Solid(n=2, comm=comm).arguments("rough floor"), solver=Iterative())
+    solid = Solid(n=4, comm=comm)
+    solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
+    fine = solid.arguments("rough floor")
+    (state,) = solve_contact(*fine, solver=Iterative(), start=coarse)
+    numbers["nested"] = state.displacement.norm()
+
+
+supported("tetrahedron")
+supported("hexahedron")
+for case in CASES:
+    contact(case)
+nested()
+if comm.rank == 0:
+    print(json.dumps(numbers))

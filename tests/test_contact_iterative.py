@@ -1,0 +1,148 @@
+"""Contact by the iterative solver: the states of the direct one, in space."""
+
+import numpy as np
+import pytest
+
+from pw_elements import Direct, Iterative, Spaces
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    FreeBody,
+    MatchingNodes,
+    NotFound,
+    Plane,
+    solve_contact,
+)
+from pw_elements.contact.system import ContactSystem
+from pw_elements.contact.unassembled import NodePoints
+from tests.contact_cases import at
+from tests.contact_iterative import CASES, Solid
+
+ELEMENTS = [
+    ("tetrahedron", Spaces.petrov_galerkin),
+    ("tetrahedron", Spaces.galerkin),
+    ("hexahedron", Spaces.petrov_galerkin),
+    ("hexahedron", Spaces.galerkin),
+]
+
+
+@pytest.fixture(scope="module", params=ELEMENTS, ids=lambda p: f"{p[1].__name__}-{p[0]}")
+def solid(request):
+    return Solid(*request.param)
+
+
+def compare(found, known):
+    """Statuses to be the same, displacements to 1e-10, forces to 1e-9 of the largest."""
+    for a, b in zip(found, known, strict=True):
+        size = b.displacement.norm()
+        assert (a.displacement - b.displacement).norm() < 1e-10 * size
+        for p, q in zip(a.pairs, b.pairs, strict=True):
+            assert np.array_equal(p.status, q.status)
+            largest = np.abs(q.force_normal).max()
+            assert np.abs(p.force_normal - q.force_normal).max() < 1e-9 * largest
+            assert np.abs(p.force_tangential - q.force_tangential).max() < 1e-9 * largest
+            assert p.translation == pytest.approx(q.translation, rel=1e-9, abs=1e-12)
+        assert a.residuals.largest() < 1e-9
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_states_are_those_of_the_direct_solver(solid, case):
+    arguments = solid.arguments(case)
+    states = solve_contact(*arguments, solver=Iterative())
+    compare(states, solve_contact(*arguments, solver=Direct()))
+    assert states[-1].unique is None
+    report = states[-1].report
+    assert (report.method, report.factorisations) == ("GMRES with p-multigrid", 0)
+    assert 0 < report.krylov_iterations < 150
+
+
+def test_on_the_way_solutions_are_inexact():
+    """All of an increment's systems together take about what a single exact one takes."""
+    (state,) = solve_contact(*Solid(n=5).arguments("rough floor"), solver=Iterative())
+    assert state.iterations > 5
+    assert state.report.krylov_iterations < 8 * state.iterations
+
+
+def test_the_shell_is_the_assembled_tangent():
+    """Products with random active sets against the matrix that factors are made of."""
+    solid = Solid(n=2)
+    K, _, supports, pair, U = solid.arguments("plate by forces")
+    exact, shell = (ContactProblem(K, supports, pair, U, s) for s in (Direct(), Iterative()))
+    free = ((0, 0), (0, 2))
+    assembled, krylov = (problem._bound(free)[0] for problem in (exact, shell))
+    rng = np.random.default_rng(3)
+    m, dim = assembled.interface.position.shape
+    E, C, D = rng.normal(size=(3, m, dim, dim))
+    load = assembled.reduction.load(K, K.createVecLeft())
+    tangent = assembled._tangent
+    tangent.solve(load.array_r, np.zeros(2), E, C, D)
+    kept = supports.supports.free
+    given = rng.normal(size=int(kept.sum()) + 2)
+    x, y = tangent.matrix.createVecs()
+    x.setArray(given)
+    tangent.matrix.mult(x, y)
+
+    operator = krylov._tangent._operator
+    krylov._tangent._context.state(E, C, D)
+    full, image = operator.createVecs()
+    whole = np.append(kept, [True, True])
+    values = np.zeros(len(whole))
+    values[whole] = given
+    full.setArray(values)
+    operator.mult(full, image)
+    assert np.abs(image.array_r[whole] - y.array_r).max() < 1e-11 * np.abs(y.array_r).max()
+    assert np.all(image.array_r[~whole] == 0)
+
+
+def test_points_at_nodes(solid):
+    K, _, supports, pair, U = solid.arguments("tilted")
+    problem = ContactProblem(K, supports, pair, U, Iterative())
+    system: ContactSystem = problem._bound(())[0]
+    points: NodePoints = system._tangent._points
+    x = U.tabulate_dof_coordinates()[points.node]
+    assert x == pytest.approx(system.interface.position)
+    assert np.array_equal(points.own, points.node[:, None] * 3 + np.arange(3))
+    direct = ContactProblem(K, supports, pair, U, Direct())._bound(())[0]
+    assert points.scale == pytest.approx(direct.scale, rel=1e-12)
+
+
+def test_a_coarser_mesh_state_saves_work():
+    (coarse,) = solve_contact(*Solid(n=3).arguments("rough floor"), solver=Iterative())
+    fine = Solid(n=6).arguments("rough floor")
+    (cold,) = solve_contact(*fine, solver=Iterative())
+    (nested,) = solve_contact(*fine, solver=Iterative(), start=coarse)
+    compare([nested], [cold])
+    assert nested.report.krylov_iterations < 0.85 * cold.report.krylov_iterations
+    assert nested.iterations < cold.iterations
+
+
+def test_steps_go_on_from_any_state():
+    solid = Solid()
+    K, loads, supports, pair, U = solid.arguments("sphere")
+    problem = ContactProblem(K, supports, pair, U, Iterative())
+    pressed = problem.step(problem.undeformed, loads[0], [pair.motions[0]])
+    other = problem.step(pressed, loads[0], [pair.motions[1]])
+    again = problem.step(pressed, loads[0], [pair.motions[1]])
+    compare([again], [other])  # the coarse level may be another one
+    compare([pressed, other], solve_contact(K, loads, supports, pair, U, solver=Direct()))
+
+
+def test_failures_are_those_of_contact():
+    solid = Solid()
+    K, load, supports, pair, U = solid.arguments("rough floor")
+    pulled = load.copy()
+    pulled.scale(-1.0)
+    with pytest.raises(FreeBody):
+        solve_contact(K, pulled, supports, pair, U, solver=Iterative())
+    with pytest.raises(NotFound):
+        solve_contact(K, load, supports, pair, U, max_iterations=2, solver=Iterative())
+
+
+def test_two_bodies_need_factors():
+    solid = Solid()
+    K, load, supports, _, U = solid.arguments("rough floor")
+    pair = ContactPair(at(2, 0.0), MatchingNodes(at(2, 1.0), Plane((0, 0, 0), (0, 0, 1))))
+    with pytest.raises(ValueError, match=r"knows rigid surfaces alone.*take Direct\(\)"):
+        solve_contact(K, load, supports, pair, U, solver=Iterative())
+    with pytest.raises(TypeError, match="the solver is 'quick'"):
+        solve_contact(K, load, supports, pair, U, solver="quick")
