@@ -48,9 +48,7 @@ def _rows(results: Results, task: str, element: str, method: str) -> list[dict[s
     return sorted((results[key].scalars for key in keys), key=lambda row: row["dofs"])
 
 
-def _curve(
-    ax: Axes, rows: list[dict[str, float]], name: str, element: str, line: str
-) -> None:
+def _curve(ax: Axes, rows: list[dict[str, float]], name: str, element: str, line: str) -> None:
     if rows:
         label = LOOK[element]["label"] if line == "-" else "_"
         look = LOOK[element] | {"linestyle": line, "label": label}

@@ -75,7 +75,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     rows = sp.kron(sp.csr_matrix((value, (transposed[0], column)), shape), np.eye(block), "csr")
     local = (owned * block, index_map.size_global * block)
     csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    T = PETSc.Mat().createAIJ((local, local), csr=csr, comm=space.mesh.comm)
+    T = PETSc.Mat().createAIJ((local, local), bsize=block, csr=csr, comm=space.mesh.comm)
     return T.transpose()
 
 
