@@ -54,9 +54,9 @@ def walked(problem, states: Sequence[ContactState]):
     """The problem in the parts into which its increments were cut, their steps, and shares.
 
     Loads and motions are on the straight way from one increment to the next; the shares are of
-    the displacements that supports prescribe, which are there from the first increment on.
+    what supports and interference prescribe, which is there from the first increment on.
     """
-    loads, steps, supports = [], [], []
+    loads, steps, shares = [], [], []
     motions: list[list[Motion]] = [[] for _ in problem.pairs]
     load = problem.K.createVecLeft()
     was = [(np.zeros(problem.space.mesh.geometry.dim),) * 2 for _ in problem.pairs]
@@ -67,14 +67,14 @@ def walked(problem, states: Sequence[ContactState]):
             f.axpy(share, problem.loads[k])
             loads.append(f)
             steps.append(Step.of(part))
-            supports.append(share if k == 0 else 1.0)
+            shares.append(share if k == 0 else 1.0)
             for number, pair in enumerate(problem.pairs):
                 end = pair.motions[k] if pair.motions else Motion([0.0] * len(was[number][0]))
                 motions[number].append(_part(end, *was[number], share))
         load = problem.loads[k]
         was = [(pair.translation, pair.force) for pair in state.pairs]
     pairs = [replace(p, motions=m) for p, m in zip(problem.pairs, motions, strict=True)]
-    return replace(problem, loads=loads, pairs=pairs), steps, supports
+    return replace(problem, loads=loads, pairs=pairs), steps, shares
 
 
 def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
@@ -88,14 +88,14 @@ def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
 
 
 def residuals(
-    problem, steps: Sequence[Step], supports: Sequence[float] | None = None
+    problem, steps: Sequence[Step], shares: Sequence[float] | None = None
 ) -> list[dict[str, float]]:
     """Each condition's largest violation, for every step of a history from its beginning.
 
     Args:
         problem: it has `K`, `space`, `loads`, `conditions` (of the supports) and `pairs`.
         steps: from the first increment on.
-        supports: share of the prescribed displacements in each step; all unless given.
+        shares: of what supports and interference prescribe, in each step; all unless given.
     """
     space, comm = problem.space, problem.space.mesh.comm
     dim = space.mesh.geometry.dim
@@ -120,14 +120,26 @@ def residuals(
             lost,
             lost_length,
         )
-        moved_by = prescribed if supports is None else supports[k] * prescribed
-        found = {"supports": scale.length_of(np.where(held, np.abs(a - moved_by), 0.0))}
+        share = 1.0 if shares is None else shares[k]
+        found = {"supports": scale.length_of(np.where(held, np.abs(a - share * prescribed), 0.0))}
         balanced = np.ones(owned, dtype=bool)
         for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
             moved, was = step.translations[number], before.translations[number]
             slipped = (a[nodes] - moved) - (before.displacement[nodes] - was)
+            place, still_inside = x[nodes] - moved, np.zeros(len(nodes))
+            if pair.interference:
+                still_inside = (1 - share) * np.maximum(0.0, -pair.surface.gap(x[nodes]))
             faced, values = _law(
-                pair, x[nodes] - moved, a[nodes], slipped, r[nodes], ~held[nodes], mu, scale, nodes
+                pair,
+                place,
+                a[nodes],
+                slipped,
+                r[nodes],
+                ~held[nodes],
+                mu,
+                scale,
+                nodes,
+                still_inside,
             )
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
@@ -178,12 +190,16 @@ def _law(
     mu: Array,
     scale: _Scale,
     nodes: npt.NDArray,
+    still_inside: Array,
 ) -> tuple[npt.NDArray[np.bool_], dict[str, float]]:
-    """Which nodes a surface faces, and how well its law holds there."""
+    """Which nodes a surface faces, and how well its law holds there.
+
+    Nodes may still be inside of it by some depth (n,), where interference is resolved in parts.
+    """
     if not len(nodes):
         names = ("penetration", "tension", "complementarity", "cone", "stick", "direction")
         return np.zeros(0, dtype=bool), dict.fromkeys(names, 0.0)
-    gap, normal = pair.surface.gap(place), pair.surface.normal(place)
+    gap, normal = pair.surface.gap(place) + still_inside, pair.surface.normal(place)
     faced = np.isfinite(gap)
     gap, normal, a, slipped, r, free, mu, nodes = (
         values[faced] for values in (gap, normal, a, slipped, r, free, mu, nodes)

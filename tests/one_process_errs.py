@@ -8,6 +8,7 @@ import faulthandler
 import json
 import sys
 from dataclasses import replace
+from unittest.mock import patch
 
 from mpi4py import MPI
 
@@ -46,6 +47,19 @@ def scalar(x):
 
 def contact(pair=None, loads=LOAD, reduction=BLOCK.free, **options):
     return solve_contact(K, loads, reduction, pair or BLOCK.pair(0.3), U, **options)
+
+
+def singular(*_):
+    raise np.linalg.LinAlgError("singular")
+
+
+def dragged_off(proved=lambda *_: None, search=singular):
+    """What process 0 does by itself where the iteration has failed."""
+    with (
+        patch("pw_elements.contact.refusals._proved", proved),
+        patch("pw_elements.contact.remedies._search", search),
+    ):
+        return contact(loads=BLOCK.pulled(1e3, 1))
 
 
 class Gap:
@@ -192,6 +206,8 @@ SCENARIOS = {
     "state of a step": other_state,
     "state of a step differs": lambda: step_from(slip=1e-15),
     "state of a step with NaN": lambda: step_from(displacement=np.nan),
+    "proof": lambda: dragged_off(proved=singular),
+    "search": dragged_off,
     "file": save_nowhere,
 }
 

@@ -79,12 +79,18 @@ SAID = {
     "state of a step": "the state belongs to other contact nodes than this problem's",
     "state of a step differs": f"the state: {DIFFERS}",
     "state of a step with NaN": "the state has forces or displacements that are not finite",
+    "proof": "singular",
+    "search": "singular",
     "file": r"the state cannot be written to /nowhere/.*: \[Errno 2\] No such file or directory: "
     "'/nowhere/.*'",
 }
 
 
-KINDS = {"file": "FileNotFoundError"} | dict.fromkeys(
+KINDS = {
+    "file": "FileNotFoundError",
+    "proof": "LinAlgError",
+    "search": "LinAlgError",
+} | dict.fromkeys(
     ["condition", "kind of a pair", "kind of loads", "supports", "start"], "TypeError"
 )
 

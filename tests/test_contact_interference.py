@@ -1,9 +1,13 @@
 """Interference: a ring that is shrunk onto a rigid shaft, by Lamé's solution."""
 
+from dataclasses import dataclass
+
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 from pw_elements import (
     Body,
@@ -14,13 +18,32 @@ from pw_elements import (
     assemble_matrix,
     prescribe,
 )
-from pw_elements.contact import SLIP, ContactPair, ContactProblem, Plane, solve_contact
-from pw_elements.contact.cutback import Target, between, held_by
+from pw_elements.contact import (
+    SLIP,
+    ContactPair,
+    ContactProblem,
+    NotFound,
+    Plane,
+    solve_contact,
+)
+from pw_elements.contact.cutback import Target, between, held_by, in_parts
 from pw_elements.meshes import quadrilaterals, triangles
 from tests.contact_cases import at
+from tests.contact_residuals import residuals, walked, worst
 
 INNER, OUTER, HEIGHT = 2.0, 3.5, 0.6
 MODULUS, NU, DEPTH = 500.0, 0.3, 0.01
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What residuals are recomputed from."""
+
+    K: PETSc.Mat
+    space: fem.FunctionSpace
+    loads: list
+    conditions: list
+    pairs: list
 
 
 def lame():
@@ -38,6 +61,7 @@ class Ring:
         self.space = body.spaces.trial
         self.K = assemble_matrix(body.stiffness())
         ends = [prescribe(self.space, 1, at(1, z)) for z in (0.0, HEIGHT)]
+        self.conditions = ends
         self.reduction = Reduction.dirichlet(self.space, ends)
         self.nothing = self.K.createVecLeft()
 
@@ -94,3 +118,23 @@ def test_parts_of_a_fit_are_parts_of_its_depth():
         part = state.pairs[0]
         assert part.force == pytest.approx(share * whole.pairs[0].force, rel=1e-10)
         assert np.all(part.status == SLIP)
+
+
+def test_a_fit_in_parts_obeys_the_law_in_each_of_them():
+    ring = Ring(3)
+    pair = ring.pair(mu=0.2)
+    problem = ContactProblem(ring.K, ring.reduction, pair, ring.space)
+    start = held_by(problem.undeformed, ring.K, problem._interface)
+    end = Target.of(ring.nothing, (), problem._interface)
+
+    def timid(state, target):
+        if target.stated - (0.0 if state is problem.undeformed else 0.5) > 0.5:
+            raise NotFound("too much")
+        return problem._solved(state, target)
+
+    cut = in_parts(timid, problem.undeformed, start, end)
+    stated = Stated(ring.K, ring.space, [ring.nothing], ring.conditions, [pair])
+    assert [share for share, _ in cut.substates] == [0.5]
+    assert worst(residuals(*walked(stated, [cut]))) < 1e-9
+    unscaled, steps, _ = walked(stated, [cut])
+    assert worst(residuals(unscaled, steps)) > 1e-3

@@ -43,6 +43,7 @@ from pw_elements.contact.equilibrium import Points, escape, proof
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, at
 from tests.contact_proofs import flaws, sound
+from tests.contact_residuals import Step, residuals, worst
 from tests.random_contact import problem as random_problem
 from tests.test_contact_matching import doubled, lower_nodes
 
@@ -509,3 +510,20 @@ def test_same_words_on_one_two_and_three_processes():
     ]
     for processes in (2, 3):
         assert words(processes) == serial
+
+
+def test_what_is_not_found_says_where_no_proof_was_looked_for():
+    """A proof is for given normals; those of a curved surface that is free turn with it."""
+    with pytest.raises(NotFound, match="none was looked for where pair 0 is concerned"):
+        random_problem(383).solve(remedies=())
+    with pytest.raises(NotFound) as flat:
+        random_problem(1310).solve(remedies=())
+    assert "none was looked for" not in str(flat.value)
+
+
+def test_friction_is_held_to_the_tolerance_where_coordinates_are_rounded():
+    """Near nu = 1/2 the round-off of gaps is 6e-8 of the forces here; slips have none of it."""
+    stated = random_problem(637)
+    with pytest.raises(NoEquilibrium) as error:
+        stated.solve()
+    assert worst(residuals(stated, [Step.of(state) for state in error.value.states])) < 1e-9

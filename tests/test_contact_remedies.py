@@ -1,5 +1,6 @@
 """What is tried where the active-set iteration fails, each remedy alone."""
 
+from collections import Counter
 from itertools import product
 
 from mpi4py import MPI
@@ -31,8 +32,10 @@ from pw_elements.contact.complementarity import lemke, sprung
 from pw_elements.contact.condensed import Condensation, CondensedIncrement, gathered, scattered
 from pw_elements.contact.cutback import Target, between, held_by, homogeneous, in_parts
 from pw_elements.contact.globalisation import LastHold, Policy
+from pw_elements.contact.interface import NoContactStated
 from pw_elements.contact.newton import Increment, Reference
 from pw_elements.contact.remedies import without_active_sets
+from pw_elements.contact.system import ContactSystem, Tangent
 from pw_elements.linear_solver import Direct
 from pw_elements.meshes import on_lines
 from study.verification.graded_meshes import growing
@@ -301,6 +304,29 @@ def test_increments_in_parts_have_a_true_history():
     assert worst(residuals(stated, [Step.of(state) for state in states])) > 1e-8
 
 
+def test_linear_systems_of_failed_attempts_are_counted(monkeypatch):
+    solved, factorised = Counter(), Counter()
+    solve, solve_one = ContactSystem.solve, Tangent._solution
+
+    def counted(system, *arguments):
+        solved[system] += 1
+        return solve(system, *arguments)
+
+    def told(tangent, *arguments):
+        solution = solve_one(tangent, *arguments)
+        factorised[tangent] += tangent.own_factors
+        return solution
+
+    monkeypatch.setattr(ContactSystem, "solve", counted)
+    monkeypatch.setattr(Tangent, "_solution", told)
+    states = problem(1088).solve()
+    (cut,) = (state for state in states if state.substates)
+    assert cut.iterations > sum(part.iterations for _, part in cut.substates)
+    condensing = max(solved, key=lambda system: (system.free == (), solved[system]))
+    assert sum(state.iterations for state in states) == solved.total() - solved[condensing]
+    assert sum(state.report.factorisations for state in states) >= factorised.total()
+
+
 def test_parts_are_the_increments_that_a_user_would_make():
     """A step that is refused beyond a third of the way is made in quarters."""
     case = Punch()
@@ -330,6 +356,15 @@ def test_parts_are_the_increments_that_a_user_would_make():
     assert cut.pairs[0].slip[closed] == pytest.approx(slip[closed], abs=1e-12)
     assert cut.increment == 2
     assert in_parts(lambda *_: timid(pressed, end), pressed, start, end) is None
+
+    def unsupported(state, target):
+        try:
+            return timid(state, target)
+        except NotFound as far:
+            raise NoContactStated("prescribed normal displacement") from far
+
+    again = in_parts(unsupported, pressed, start, end)
+    assert (again.displacement - cut.displacement).norm() == 0
 
 
 def test_a_state_holds_its_load():

@@ -13,8 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from study.benchmarks import calculix_block
 from study.peers import calculix
-from study.peers.decks import BOTTOM, LEFT, PROBLEMS, RIGHT, TOP, Block, HalfBeam, TrianglePairs
+from study.peers.decks import BOTTOM, LEFT, RIGHT, TOP, Block, HalfBeam, TrianglePairs
+from study.peers.grids import Grid
+from study.peers.printed import tables
+from study.peers.problems import PROBLEMS
+from study.peers.standard_decks import SPECIMENS, RoughBlock
 
 ROOT = Path(__file__).parents[1]
 MESH = TrianglePairs((0.0, -1.0), (3.0, 1.0), (3, 2))
@@ -104,7 +109,7 @@ def test_tables_are_found_below_their_headings():
 
         12  0.0E+00  3.0E+00  0.0E+00
 """
-    first, second = calculix.tables(printed, "forces")
+    first, second = tables(printed, "forces")
     assert first.tolist() == [[12, -5.5e-16, 0.16, 0], [13, 1e-16, 0.66, 0]]
     assert second.tolist() == [[12, 0, 3, 0]]
 
@@ -143,6 +148,84 @@ def test_block_has_the_constants_of_plane_stress():
     plane_strain = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     assert plane_strain == pytest.approx(problem.modulus / (1 - problem.ratio**2))
     assert E / (1 + nu) == pytest.approx(problem.modulus / (1 + problem.ratio))
+
+
+@pytest.fixture(params=["T6", "Q8", "T10"])
+def grid(request):
+    if request.param == "T10":
+        return Grid("T10", (0.5, 0.0, -1.0), (2.0, 1.0, 1.0), (3, 2, 2))
+    return Grid(request.param, (0.5, 0.0), (2.0, 1.0), (3, 2))
+
+
+EDGES = {"T6": "01 12 20", "Q8": "01 12 23 30", "T10": "01 12 20 03 13 23"}
+
+
+def test_mid_side_nodes_of_a_grid_are_in_the_middle(grid):
+    x = np.array(grid.nodes)
+    edges = [(int(a), int(b)) for a, b in EDGES[grid.cell].split()]
+    for cell in grid.elements:
+        nodes = x[np.array(cell) - 1]
+        middles = np.array([(nodes[a] + nodes[b]) / 2 for a, b in edges])
+        assert nodes[-len(edges) :] == pytest.approx(middles)
+    assert {node for cell in grid.elements for node in cell} == set(range(1, len(x) + 1))
+    assert len({tuple(place) for place in x.tolist()}) == len(x)
+
+
+def test_cells_of_a_grid_are_not_inside_out_and_fill_it(grid):
+    x = np.array(grid.nodes)
+    corners = [x[np.array(cell) - 1][: len(grid.lower) + 1] for cell in grid.elements]
+    volumes = [np.linalg.det(c[1:] - c[0]) for c in corners]
+    share = {"T6": 1 / 2, "Q8": 1, "T10": 1 / 6}[grid.cell]
+    assert min(volumes) > 0
+    assert sum(volumes) * share == pytest.approx(np.prod(np.subtract(grid.upper, grid.lower)))
+
+
+def test_faces_of_a_grid_cover_its_sides_once(grid):
+    up = len(grid.lower) - 1
+    faces = grid.faces_where(lambda x: x[up] == grid.upper[up])
+    nodes = [set(grid.face(*face)) for face in faces]
+    assert set.union(*nodes) == set(grid.nodes_where(lambda x: x[up] == grid.upper[up]))
+    assert len(faces) == (3 if up == 1 else 3 * 2 * 2)
+    assert {len(face) for face in nodes} == {3 if up == 1 else 6}
+
+
+def test_a_grid_bulges_between_its_ends(grid):
+    wide = replace(grid, bulge=0.2)
+    x, y = np.array(grid.nodes), np.array(wide.nodes)
+    ends = (x[:, 0] == 0.5) | (x[:, 0] == 2.0)
+    assert y[ends] == pytest.approx(x[ends])
+    assert np.ptp(y[:, 1]) == pytest.approx(1.2 * np.ptp(x[:, 1]), rel=0.03)
+
+
+def test_a_push_on_mid_side_nodes_is_the_traction_times_the_area():
+    block = SPECIMENS["contact-C3D10-surface"]
+    rows = [line.split(",") for line in block.pushed(block.on(0, 0.0), (0.02, 0.01))[1:]]
+    for axis, size in (("1", 0.02), ("2", 0.01)):
+        assert sum(float(force) for _, a, force in rows if a == axis) == pytest.approx(size)
+
+
+def test_no_number_of_a_deck_is_longer_than_calculix_reads():
+    for problem in (*SPECIMENS.values(), calculix_block.block(8)):
+        data = (line for line in problem.deck().splitlines() if not line.startswith("*"))
+        assert max(len(number) for line in data for number in line.split(",")) <= 20
+
+
+def test_blocks_of_the_benchmark_are_as_large_as_they_are_said_to_be(tmp_path):
+    assert [3 * len(calculix_block.block(n).grid.nodes) for n in (8, 11)] == [28_611, 71_415]
+    command = [sys.executable, "-m", "study.benchmarks.calculix_block", "--cells", "2"]
+    subprocess.run([*command, "--deck", str(tmp_path)], cwd=ROOT, check=True)
+    assert (tmp_path / "block-2.inp").read_text() == calculix_block.block(2).deck()
+
+
+@needs_ccx
+def test_benchmark_tells_the_cost_of_a_run_and_refuses_a_failed_one(monkeypatch):
+    cost = calculix_block.measure(calculix.executable(), calculix_block.block(2))
+    assert cost.iterations > 1
+    assert cost.cpu > 0
+    assert cost.megabytes > 5
+    monkeypatch.setattr(RoughBlock, "deck", lambda _: "*NODE\n*PLASTIC\n")
+    with pytest.raises(calculix.PeerError, match="CalculiX failed"):
+        calculix_block.measure(calculix.executable(), calculix_block.block(2))
 
 
 def test_script_starts_without_dolfinx():
@@ -205,8 +288,33 @@ class TestAgainstOurs:
             assert scalars[f"beyond_control_{name}"] < 5e-4
             assert scalars[f"elsewhere_{name}"] < 5e-3
 
-    def test_a_file_that_has_changed_meanwhile_is_refused(self):
-        from study.peers import p_compare
+    @pytest.mark.parametrize(
+        ("case", "name", "reduced", "exact"),
+        [
+            ("statics-C3D10", "displacement", 1e-6, 0.0),
+            ("statics-C3D10-curved", "reaction", 1e-6, 1e-3),
+            ("statics-CAX6", "reaction", 1e-6, 1e-4),
+            ("frequencies-CAX6", "eigenvalue", 1e-6, 1e-3),
+            ("frequencies-CAX8", "eigenvalue", 1e-6, 1e-6),
+            ("frequencies-C3D10-curved", "eigenvalue", 1e-6, 1e-3),
+            ("buckling-CPE6", "critical_pressure", 1e-6, 0.0),
+            ("buckling-CPE8", "critical_pressure", 1e-6, 0.0),
+            ("contact-CAX6", "force_normal", 2e-5, 1e-3),
+            ("contact-C3D10", "force_normal", 2e-5, 0.0),
+            ("contact-C3D10-friction", "force_tangential", 2e-3, 0.0),
+        ],
+    )
+    def test_differences_are_those_of_quadrature(self, case, name, reduced, exact):
+        from study.peers import p_standard
 
-        with pytest.raises(ValueError, match="two-triangles has changed"):
-            p_compare.reactions("two-triangles", "0")
+        scalars = p_standard.against_standard(case, calculix.tracked_digest(case)).scalars
+        assert scalars[f"reduced_{name}"] < reduced
+        assert scalars[f"exact_{name}"] > exact
+
+    @pytest.mark.parametrize("problem", ["two-triangles", "statics-C3D10"])
+    def test_a_file_that_has_changed_meanwhile_is_refused(self, problem):
+        from study.peers import p_compare, p_standard
+
+        run = p_compare.reactions if problem == "two-triangles" else p_standard.against_standard
+        with pytest.raises(ValueError, match=f"{problem} has changed"):
+            run(problem, "0")

@@ -35,6 +35,7 @@ QUICK = [
     "P/block-even",
     "P/beam-16x4-mode2",
     "P/block-native",
+    "P/buckling-CPE6",
     "P/two-triangles",
     "T/composite-mass",
     "T/order-pw-T10",

@@ -30,12 +30,13 @@ from pw_elements.contact.errors import (
     SurfacePassed,
 )
 from pw_elements.contact.fields import ContactFields, write
+from pw_elements.contact.history import solve_contact
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, MatchingNodes, Motion
 from pw_elements.contact.pictures import plot
 from pw_elements.contact.progress import Progress
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
-from pw_elements.contact.stepping import ContactProblem, solve_contact
+from pw_elements.contact.stepping import ContactProblem
 from pw_elements.contact.surfaces import (
     FlatPunch,
     Parabola,

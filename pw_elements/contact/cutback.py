@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.contact.errors import ContactFailed
-from pw_elements.contact.interface import Interface
+from pw_elements.contact.interface import Interface, NoContactStated
 from pw_elements.contact.newton import Reference
 from pw_elements.contact.pairs import Motion
 from pw_elements.contact.state import ContactState, Free
@@ -136,7 +136,7 @@ def in_parts(
         share = min(1.0, done + size)
         try:
             now = replace(step(now, between(start, end, share)), increment=state.increment + 1)
-        except ContactFailed as failed:
+        except (ContactFailed, NoContactStated) as failed:
             if now.displacement.comm.rank == 0:
                 log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
             size /= 2
@@ -153,7 +153,7 @@ def in_parts(
 def _joined(
     parts: Sequence[ContactState], substates: tuple[tuple[float, ContactState], ...]
 ) -> ContactState:
-    """The last part, with the slip and the cost of all."""
+    """The last part, with the slip of all."""
     last = parts[-1]
     pairs = tuple(
         replace(
@@ -164,13 +164,4 @@ def _joined(
         )
         for k, pair in enumerate(last.pairs)
     )
-    report = parts[0].report
-    for part in parts[1:]:
-        report = part.report.after(report)
-    return replace(
-        last,
-        pairs=pairs,
-        iterations=sum(part.iterations for part in parts),
-        report=report,
-        substates=substates,
-    )
+    return replace(last, pairs=pairs, substates=substates)

@@ -54,8 +54,8 @@ class RigidVelocity:
 class MissingForce:
     """What would have to be added to the loads, at the least, for an equilibrium to be possible.
 
-    The smallest is that with the smallest sum of components, moments over the piece's radius of
-    gyration. Components that supports balance are zero.
+    The least is what has the smallest sum of the components' magnitudes, moments being divided by
+    the piece's radius of gyration. Components that supports balance are zero.
 
     Args:
         force: (pieces, dim), on each connected piece.
@@ -73,9 +73,9 @@ class ContactFailed(RuntimeError):
 
     Attributes:
         states: `ContactState`s of the increments before the one that failed.
-        state: the `ContactState` of this increment that came nearest to a solution, if any did.
-            It is none (`converged` is False; its residuals say by how much), but shows where the
-            iteration got stuck, and may be the `guess` of another attempt.
+        state: the `ContactState` of this increment that came nearest to a solution, or None. It
+            is no solution itself (`converged` is False; its residuals say by how much), but shows
+            where the iteration got stuck, and may be the `guess` of another attempt.
     """
 
     states: Sequence[ContactState] = ()
@@ -99,7 +99,7 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent is singular at a solution, though no rigid motion is free: there are more."""
+    """The tangent is singular at a solution, though no rigid motion is free: there are others."""
 
 
 class NotFound(ContactFailed):

@@ -50,6 +50,10 @@ _UNIT = 1e-6
 _OUTWARDS = 0.1
 
 
+class NoContactStated(ValueError):
+    """Points of which no contact is stated, where they or their surfaces are."""
+
+
 @dataclass(frozen=True)
 class Points:
     """The contact points (m) of one pair that belong to this process.
@@ -179,10 +183,10 @@ class Interface:
                 )
 
     def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
-        """Raises a ValueError that names the positions of points, if there are any."""
+        """Raises NoContactStated, with the positions of points, if there are any."""
         places = self.gathered(self.position[wrong])
         if len(places):
-            raise ValueError(f"contact nodes at {listed(places)} {what}")
+            raise NoContactStated(f"contact nodes at {listed(places)} {what}")
 
     def gathered(self, values: npt.NDArray) -> npt.NDArray:
         """Rows of all processes, on each of them."""

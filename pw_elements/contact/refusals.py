@@ -1,8 +1,11 @@
 """Which refusal it is when the iteration of an increment has failed, and its words."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.collective import collective
 from pw_elements.contact.equilibrium import Points, gathered, proof
 from pw_elements.contact.errors import (
     ContactFailed,
@@ -26,8 +29,10 @@ Array = npt.NDArray[np.float64]
 
 def no_equilibrium(
     increment: Increment, place: Kinematics, rigid: RigidMotions
-) -> NoEquilibrium | None:
+) -> tuple[NoEquilibrium | None, list[int]]:
     """The refusal with its proof, if there is one; the same on all processes.
+
+    And the pairs of which no proof was looked for: their surfaces are curved and free to move.
 
     Args:
         increment: whose iteration has failed.
@@ -38,13 +43,19 @@ def no_equilibrium(
     work, size = rigid.power(increment.load, increment.totals)
     points = gathered(increment, place, works)
     error: NoEquilibrium | None = None
-    if increment.system.comm.rank == 0:
-        error = _proved(points, basis, work, size, rigid.modes)
-    return increment.system.comm.bcast(error)
+    comm = increment.system.comm
+    with collective(comm):
+        if comm.rank == 0:
+            error = _proved(points, basis, work, size, rigid.modes)
+    return comm.bcast(error), [int(k) for k in np.unique(points.pair[points.turning])]
 
 
 def refusal(
-    failure: ContactFailed, increment: Increment, before: ContactState, report: SolverReport
+    failure: ContactFailed,
+    increment: Increment,
+    before: ContactState,
+    spent: tuple[int, SolverReport],
+    unproved: Sequence[int],
 ) -> ContactFailed:
     """`NotUnique` if that is what the tangent showed, else `NotFound`; both with a state.
 
@@ -52,22 +63,26 @@ def refusal(
         failure: of the iteration; no proof against an equilibrium has been found.
         increment: that failed.
         before: state at its start.
-        report: what solved its linear systems in vain.
+        spent: linear systems solved in vain, and what they took.
+        unproved: pairs of which no proof was looked for.
     """
     near, state = "", None
+    doubt = "That is no proof that there is no solution" + "".join(
+        f", and none was looked for where pair {k} is concerned: its surface is curved and free to "
+        "move, so that its normals are not given"
+        for k in unproved
+    )
     if increment.nearest is not None:
         now, violation = increment.nearest
         size = Smallness(np.nan, np.nan, np.nan)  # of no solution
-        state = contact_state(
-            increment, now, increment.systems, before, report, size, converged=False
-        )
+        iterations, report = spent
+        state = contact_state(increment, now, iterations, before, report, size, converged=False)
         share = f"{violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         failure = NotFound(
-            f"{failure}. That is no proof that there is no solution.{near} Smaller increments, "
-            "pressing before pushing, or a start from states of a smaller friction or a coarser "
-            "mesh may find one"
+            f"{failure}. {doubt}.{near} Smaller increments, pressing before pushing, or a start "
+            "from states of a smaller friction or a coarser mesh may find one"
         )
     failure.state = state
     return failure

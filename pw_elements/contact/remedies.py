@@ -15,6 +15,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.collective import collective
 from pw_elements.contact.complementarity import sprung, unknowns
 from pw_elements.contact.condensed import Condensation, CondensedIncrement, scattered
 from pw_elements.contact.errors import ContactFailed, NotUnique
@@ -101,14 +102,15 @@ def without_active_sets(
         for _ in range(_ROUNDS):
             problem = CondensedIncrement(increment, condensation, place)
             near = problem.start if near is None else near
-            found = _search(problem, spring, near) if comm.rank == 0 else None
+            with collective(comm):
+                found = _search(problem, spring, near) if comm.rank == 0 else None
             z, exact = comm.bcast(found)
             if z is None:
                 break
             if exact is not None:
                 active = _active_set(problem, increment, exact)
                 try:
-                    solution = newton(increment, active, place, policy(), most)[0]
+                    solution = newton(increment, active, place, policy(), most)
                 except ContactFailed as failed:
                     solution = _at_itself(problem, increment, exact)
                     if solution is not None and isinstance(failed.__cause__, SingularSystem):

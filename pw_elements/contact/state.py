@@ -147,7 +147,9 @@ class ContactState:
     Args:
         displacement: full vector (n,) in the trial space's numbering.
         pairs: one state per contact pair.
-        iterations: linear systems solved.
+        iterations: linear systems solved, those of failed attempts and parts included. The
+            solutions by which a remedy condenses the body to its contact points are not counted,
+            their factorisation is, in `report`.
         unique: False if determinants of tangents have different signs: of all that the problem
             has factorised so far, and of those on the way to a state that was read. Then the
             friction is so large that several states can be in equilibrium with the same loads;
@@ -163,7 +165,8 @@ class ContactState:
             range of small displacements.
         substates: (share, state) of the inner ends of the parts into which the increment was cut,
             see `ContactProblem`: share of the way from the loads and motions before it to its own.
-            `slip` and `iterations` are of all parts. Empty in a state that was read from a file.
+            `slip` and `iterations` are of all parts. Files have none: they hold what the next
+            increment needs.
         converged: False in the `state` of an error, which is no solution: nothing goes on from it.
     """
 

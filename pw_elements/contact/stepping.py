@@ -1,4 +1,4 @@
-"""Increments of load and motion: `ContactProblem.step`, and `solve_contact`, a loop over it.
+"""Increments of load and motion: `ContactProblem.step`; `history.solve_contact` is a loop over it.
 
 Small displacements: gap and normal belong to the *undeformed* body and the surface at its
 present place (initial place + translation U), so that for the displacement a of a node
@@ -12,6 +12,7 @@ over time join here: `step` changes no state.
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -29,7 +30,6 @@ from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
     check_belongs,
     check_state,
-    checked_increments,
     checked_path,
     checked_problem,
     checked_remedies,
@@ -50,8 +50,9 @@ from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.watch import Watch
 from pw_elements.iterative import Iterative, Solver
+from pw_elements.linear_solver import SolverReport
 from pw_elements.mesh_checks import check_mesh
-from pw_elements.progress import bar, doing
+from pw_elements.progress import doing
 
 
 class ContactProblem:
@@ -77,7 +78,7 @@ class ContactProblem:
             that has one; what it raises ends the computation.
         remedies: what is tried where the iteration fails: "condensed" does without active sets,
             on the contact points alone (see `remedies`), "cutback" halves the increment (see
-            `cutback` and `ContactState.substates`), which is another path.
+            `cutback` and `ContactState.substates`), which with friction is another path.
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
@@ -135,7 +136,8 @@ class ContactProblem:
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
-            NotFound: if none has been found otherwise; it has the state that came nearest.
+            NotFound: if no solution has been found, whether there is one or not; `state` is what
+                came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
             SolverNotConverged: if an iterative solver fails, singular tangents among the reasons.
         """
@@ -144,12 +146,14 @@ class ContactProblem:
         end = Target.of(load, moved, self._interface)
         reporter = Reporter(self._interface.comm, state.increment, self._callback)
         with doing(self._interface.comm, f"contact increment {state.increment}"):
+            before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
             except NotFound:
                 if (joined := self._cut(state, end, reporter)) is None:
                     raise
-                found = joined
+                iterations, report = self._spent(end.free, before)
+                found = replace(joined, iterations=iterations, report=report)
         reporter.ended(found, perf_counter() - begun)
         return found
 
@@ -170,7 +174,7 @@ class ContactProblem:
         """The state at a target, in one piece."""
         interface, prescribed = self._interface, target.translations
         system, rigid = self._bound(target.free)
-        before = system.report
+        before = self._spent(target.free)
         past = Reference.of(state, interface)
         increment = Increment(
             system, self._K, target.load, prescribed, target.totals, past, target.stated
@@ -189,9 +193,9 @@ class ContactProblem:
         active = first_active_set(place, state, guess, rigid.left_free)
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
-            now, iterations = newton(increment, active, place, policy(), self._most, told)
+            now = newton(increment, active, place, policy(), self._most, told)
         except ContactFailed as failure:
-            proof = no_equilibrium(increment, place, rigid)
+            proof, unproved = no_equilibrium(increment, place, rigid)
             if proof is not None:
                 raise proof from None
             found, last = None, failure
@@ -200,14 +204,26 @@ class ContactProblem:
                     failure, increment, lambda: self._condensed, place, policy, self._most
                 )
             if found is None:
-                raise refusal(last, increment, state, system.report.since(before)) from None
-            now, iterations = found, increment.systems
+                spent = self._spent(target.free, before)
+                raise refusal(last, increment, state, spent, unproved) from None
+            now = found
         interface.check_supports(now.translations)
-        smallness, report = self._watch.after(increment, now, state), system.report.since(before)
+        smallness = self._watch.after(increment, now, state)
+        iterations, report = self._spent(target.free, before)
         if reporter:
             reporter.violation = increment.violation(now)
         now.full.setAttr("space", self._space)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, report, smallness)
+
+    def _spent(
+        self, free: Free, before: tuple[int, SolverReport] = (0, SolverReport("nothing", 0))
+    ) -> tuple[int, SolverReport]:
+        """Linear systems of iterations since before, and what they and condensing took."""
+        system, _ = self._bound(free)
+        report = system.report
+        if "_condensed" in vars(self):
+            report = self._condensed.report.after(report)
+        return system.solved - before[0], report.since(before[1])
 
     @cached_property
     def _condensed(self) -> Condensation:
@@ -215,6 +231,8 @@ class ContactProblem:
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
+
+        Everything that the next increment needs is there; `substates` are left out.
 
         Raises:
             TypeError: for what is no state or path.
@@ -245,56 +263,3 @@ class ContactProblem:
             )
             self._rigid = RigidMotions(self._system, self._space)
         return self._system, self._rigid
-
-
-def solve_contact(
-    K: PETSc.Mat,
-    loads: PETSc.Vec | Sequence[PETSc.Vec],
-    reduction: Reduction,
-    pairs: ContactPair | Sequence[ContactPair],
-    space: fem.FunctionSpace,
-    start: ContactState | Sequence[ContactState] = (),
-    max_iterations: int = 50,
-    solver: Solver = None,
-    callback: Callback | None = None,
-    remedies: Collection[Remedy] = REMEDIES,
-) -> list[ContactState]:
-    """Displacements and contact forces at the end of each increment.
-
-    Args:
-        K: stiffness (n, n), all rows and columns free; unsymmetric ones are welcome.
-        loads: load vector (n,) at the end of each increment.
-        reduction: supports (or condensation) that keep the contact nodes' displacements, or
-            prescribe some that are tangential.
-        pairs: contact pairs; a node belongs to one of them.
-        space: trial space of the displacements.
-        start: states of the same increments, from a coarser mesh, say: each increment starts
-            from the status of the nearest node. It is a guess, no history: slip counts from the
-            undeformed body in the first increment (`ContactProblem.step` goes on from a state).
-            Without it the first starts from the nodes that touch, others from the one before.
-        max_iterations: linear systems of one iteration.
-        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
-        callback: called with a `Progress` after each iteration and each increment, on each process
-            that has one; what it raises ends the computation.
-        remedies: as in `ContactProblem`.
-
-    Raises:
-        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
-            `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
-            per increment, or no iterations.
-        DegenerateMesh: for cells without volume or turned inside out.
-        FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as `ContactProblem.step` says.
-            They name the increment, counted from 0, and have the states before it as `states`.
-    """
-    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    increments = checked_increments(K, loads, problem.pairs, start, space)
-    states = [problem.undeformed]
-    for k, (load, motions, guess) in enumerate(increments):
-        try:
-            with doing(space.mesh.comm, bar(k, len(increments))):
-                states.append(problem.step(states[-1], load, motions, guess))
-        except ContactFailed as error:
-            error.args = (f"increment {k}: {error}",)
-            error.states = states[1:]
-            raise
-    return states[1:]

@@ -9,9 +9,8 @@ the free translations U at the end:
     (E L K + C G) a - D U   = c + E L f     theirs
     sum L K a               = totals + sum L f
 
-The nonzero pattern is that of all active sets: the matrix is made and analysed once. An iterative
-solver has nothing assembled: `krylov.KrylovTangent` takes the place of `Tangent`, where the points
-are nodes and so K' = K but for their own rows.
+The nonzero pattern is that of all active sets. An iterative solver has nothing assembled:
+`krylov.KrylovTangent` takes the place of `Tangent`, with nodes for points.
 """
 
 from collections.abc import Callable
@@ -63,6 +62,7 @@ class ContactSystem:
 
     Attributes:
         stiffness: K reduced, L^T K R of the reduction.
+        solved: number of linear systems solved so far.
         scale: c of the law, (m,): mean stiffness of a point's components, or 1 without any.
     """
 
@@ -76,10 +76,10 @@ class ContactSystem:
     ) -> None:
         self.reduction, self.interface, self.free = reduction, interface, free
         self.comm: MPI.Comm = interface.comm
-        unassembled = isinstance(solver, Iterative)
-        self.stiffness = reduction.supported(K) if unassembled else reduction.matrix(K)
-        first, last = self.stiffness.getOwnershipRange()
-        stated = interface.equation >= 0
+        self.solved = 0
+        iterative = isinstance(solver, Iterative)
+        self.stiffness = reduction.supported(K) if iterative else reduction.matrix(K)
+        (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
         self._own = np.where(stated, interface.equation - first, -1)
         outside = stated & ((self._own < 0) | (self._own >= last - first))
         if self.comm.allreduce(int(outside.any()), MPI.MAX):
@@ -93,13 +93,15 @@ class ContactSystem:
             points = NodePoints.of(interface, self._own, self._flexible, self.scale, free)
             self._tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
-        motion = interface.motion.matMult(reduction.right)
         forces = reading(force, self._flexible, interface.equation).matMult(self.stiffness)
         fixed = self.stiffness
         if self._spread is not None:
             fixed = self._spread.transposeMatMult(forces)
             fixed.axpy(1.0, self.stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        read, moved = local_rows(forces, len(free)), local_rows(motion, len(free))
+        read, moved = (
+            local_rows(rows, len(free))
+            for rows in (forces, interface.motion.matMult(reduction.right))
+        )
         self.scale = stated_mean(own_stiffness(read, moved, interface.equation), stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
         all_rows = local_rows(fixed, len(free)), read, moved, borders
@@ -162,6 +164,7 @@ class ContactSystem:
         Raises:
             SingularSystem: if there is no unique solution.
         """
+        self.solved += 1
         loads, right = self._read(load), self._spread_load(load)
         stated = self._own >= 0
         right[self._own[stated]] = (np.einsum("nab,nb->na", E, loads) + constraint)[stated]

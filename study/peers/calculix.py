@@ -17,18 +17,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from study.core.store import write_json
-from study.peers.decks import PROBLEMS, Block, HalfBeam, NativePressure, Problem, TwoTriangles
+from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
+from study.peers.printed import Array, tables
+from study.peers.problems import PROBLEMS, Problem
+from study.peers.standard_decks import Specimen
 
 RESULTS = Path(__file__).with_name("results")
 
 # CalculiX prints seven digits; other processors and versions may round otherwise, and iterations
 # end elsewhere within their tolerance
 TOLERANCE = 1e-5
-
-Array = npt.NDArray[np.float64]
 
 
 class PeerError(Exception):
@@ -56,6 +56,17 @@ def load(case: str) -> Peer:
     content = json.loads(_path(case).read_bytes())
     numbers = {name: np.array(values) for name, values in content["numbers"].items()}
     return Peer(content["version"], content["deck_sha256"], numbers)
+
+
+def peer_of(case: str, tracked: str) -> Peer:
+    """Read a tracked file that has this digest.
+
+    Raises:
+        ValueError: if it has another.
+    """
+    if tracked != tracked_digest(case):
+        raise ValueError(f"the file of {case} has changed since the study was started")
+    return load(case)
 
 
 def tracked_digest(case: str) -> str:
@@ -114,22 +125,9 @@ def difference(new: Peer, old: Peer) -> float:
     )
 
 
-def tables(printed: str, start: str) -> list[Array]:
-    """Rows of numbers (rows, columns) below each heading that begins like this."""
-    found: list[list[list[float]]] = []
-    wanted = False
-    for line in printed.splitlines():
-        words = line.split()
-        if words and not re.fullmatch(r"[-+.\dEe]+", words[0]):
-            wanted = line.strip().startswith(start)
-            if wanted:
-                found.append([])
-        elif words and wanted:
-            found[-1].append([float(word) for word in words])
-    return [np.array(table) for table in found]
-
-
 def _numbers(problem: Problem, printed: str) -> dict[str, Array]:
+    if isinstance(problem, Specimen):
+        return problem.numbers(printed)
     if isinstance(problem, HalfBeam):
         (factors,) = tables(printed, "FACTOR")
         return {"critical_stress": problem.stress * factors[:, 1]}

@@ -85,7 +85,7 @@ class TrianglePairs:
             "*NODE",
             *(f"{k},{x!r},{y!r},0." for k, (x, y) in enumerate(self.nodes, start=1)),
             f"*ELEMENT,TYPE={element},ELSET=BODY",
-            *(_row([k, *cell]) for k, cell in enumerate(self.elements, start=1)),
+            *(row([k, *cell]) for k, cell in enumerate(self.elements, start=1)),
             f"*MATERIAL,NAME=ELASTIC\n*ELASTIC\n{modulus!r},{ratio!r}",
             f"*SOLID SECTION,ELSET=BODY,MATERIAL=ELASTIC\n{thickness!r}",
         ]
@@ -101,13 +101,13 @@ class TwoTriangles:
         """The input file."""
         mesh = self.mesh
         lower = mesh.row(0)
-        return _text(
+        return text(
             [
                 *mesh.body("CPS6", 1.0, 0.3, 1.0),
-                f"*NSET,NSET=SUPPORT\n{_row(lower)}",
+                f"*NSET,NSET=SUPPORT\n{row(lower)}",
                 f"*BOUNDARY\nSUPPORT,2,2\n{lower[0]},1,1",
                 "*STEP\n*STATIC",
-                *_pressure(mesh.top(0.0, 1.0), TOP, 1.0),
+                *distributed(mesh.top(0.0, 1.0), TOP, 1.0),
                 "*NODE PRINT,NSET=SUPPORT\nRF\n*END STEP",
             ]
         )
@@ -164,7 +164,7 @@ class Block:
         """The input file."""
         mesh, middle = self.mesh, self.mesh.node(self.mesh.divisions[0], 0)
         held = [] if self.friction else [f"{middle},1,1"]
-        return _text(
+        return text(
             [
                 *mesh.body(self.element, *self._constants(), self.thickness),
                 *self._rigid(),
@@ -193,7 +193,7 @@ class Block:
                 f"{number},{x + reach * a!r},{height!r},{float(b)!r}"
                 for number, (height, (a, b)) in zip(brick, corners, strict=True)
             ]
-            elements.append(_row([len(self.mesh.elements) + 1 + k, *brick]))
+            elements.append(row([len(self.mesh.elements) + 1 + k, *brick]))
         section = "*SOLID SECTION,ELSET=BRICKS,MATERIAL=ELASTIC"
         bricks = ["*ELEMENT,TYPE=C3D8,ELSET=BRICKS", *elements, section]
         return ["*NODE,NSET=RIGID", *places, *bricks]
@@ -222,13 +222,13 @@ class Block:
         pressure = self.scale * self.pressure
         pressed = self.mesh.top(*self.pressed)
         if not self.pull:
-            return ["*STEP\n*STATIC\n1.,1.", *_pressure(pressed, TOP, pressure)]
+            return ["*STEP\n*STATIC\n1.,1.", *distributed(pressed, TOP, pressure)]
         return [
             "*AMPLITUDE,NAME=PRESS\n0.,0.,1.,1.,2.,1.",
             "*AMPLITUDE,NAME=PULL\n0.,0.,1.,0.,2.,1.",
             f"*STEP\n*STATIC,DIRECT\n{1 / self.increments!r},2.",
-            *_pressure(pressed, TOP, pressure, ",AMPLITUDE=PRESS"),
-            *_pressure(self.mesh.right(), RIGHT, -self.pull * pressure, ",AMPLITUDE=PULL"),
+            *distributed(pressed, TOP, pressure, ",AMPLITUDE=PRESS"),
+            *distributed(self.mesh.right(), RIGHT, -self.pull * pressure, ",AMPLITUDE=PULL"),
         ]
 
 
@@ -251,7 +251,7 @@ class NativePressure(Block):
         return [
             "*NODE,NSET=RIGID",
             *(f"{k},{x!r},{y!r},{z!r}" for k, (y, (x, z)) in zip(brick, corners, strict=True)),
-            f"*ELEMENT,TYPE=C3D8,ELSET=BRICKS\n{_row([len(self.mesh.elements) + 1, *brick])}",
+            f"*ELEMENT,TYPE=C3D8,ELSET=BRICKS\n{row([len(self.mesh.elements) + 1, *brick])}",
             "*SOLID SECTION,ELSET=BRICKS,MATERIAL=ELASTIC",
         ]
 
@@ -297,13 +297,13 @@ class HalfBeam:
         mesh, (nx, ny) = self.mesh, self.divisions
         middle = mesh.column(2 * nx)
         supports = [(k, 2) for k in mesh.column(0)]
-        loads = _pressure(mesh.left(), LEFT, self.stress)
+        loads = distributed(mesh.left(), LEFT, self.stress)
         if self.mode == 1:
             supports += [(k, 1) for k in middle]
         else:
             supports += [(middle[ny], 1), *((k, 2) for k in middle)]
-            loads += _pressure(mesh.right(), RIGHT, self.stress)
-        return _text(
+            loads += distributed(mesh.right(), RIGHT, self.stress)
+        return text(
             [
                 *mesh.body("CPS6", self.modulus, self.ratio, self.thickness),
                 "*BOUNDARY",
@@ -315,33 +315,16 @@ class HalfBeam:
         )
 
 
-def _pressure(elements: list[int], face: int, size: float, parameters: str = "") -> list[str]:
+def distributed(elements: list[int], face: int, size: float, parameters: str = "") -> list[str]:
+    """Lines of a pressure on one and the same face of some elements."""
     return [f"*DLOAD{parameters}", *(f"{element},P{face},{size!r}" for element in elements)]
 
 
-def _row(numbers: Iterable[int]) -> str:
+def row(numbers: Iterable[float]) -> str:
+    """One line of numbers."""
     return ",".join(map(str, numbers))
 
 
-def _text(lines: list[str]) -> str:
+def text(lines: list[str]) -> str:
+    """The lines as a file."""
     return "\n".join(lines) + "\n"
-
-
-Problem = TwoTriangles | Block | HalfBeam
-
-PROBLEMS: dict[str, Problem] = {
-    "two-triangles": TwoTriangles(),
-    "block-even": Block(),
-    "block-part": Block(pressed=(1.0, 3.0)),
-    "block-lifting": Block(pressed=(1.2, 2.0)),
-    "block-friction-0.15": Block(friction=0.3, pull=0.15),
-    "block-friction-0.30": Block(friction=0.3, pull=0.3),
-    "block-part-CPS6": Block(pressed=(1.0, 3.0), element="CPS6"),
-    "block-part-CPS6-thin": Block(pressed=(1.0, 3.0), element="CPS6", thickness=0.01),
-    "block-native": NativePressure(),
-    **{
-        f"beam-{nx}x{ny}-mode{mode}": HalfBeam((nx, ny), mode)
-        for nx, ny in ((8, 2), (16, 4))
-        for mode in (1, 2)
-    },
-}

@@ -18,16 +18,11 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
 from study.paper import s7_1_two_triangles, s7_6_buckling
-from study.peers.calculix import Peer, load, tracked_digest
-from study.peers.decks import (
-    PROBLEMS,
-    Block,
-    HalfBeam,
-    NativePressure,
-    Problem,
-    TrianglePairs,
-    TwoTriangles,
-)
+from study.peers import p_standard
+from study.peers.calculix import peer_of, tracked_digest
+from study.peers.decks import Block, HalfBeam, NativePressure, TrianglePairs, TwoTriangles
+from study.peers.problems import PROBLEMS
+from study.peers.standard_decks import Specimen
 from study.units import dimensionless, units_of
 
 TITLE = "An independent code: CalculiX"
@@ -58,10 +53,11 @@ class Line:
 
 def reactions(case: str, tracked: str) -> Result:
     """Reactions of the two triangles, section 7.1."""
-    peer = _peer(case, tracked)
+    problem, peer = PROBLEMS[case], peer_of(case, tracked)
+    assert isinstance(problem, TwoTriangles)
     standard, new = (s7_1_two_triangles.structure(element).curves for element in (GALERKIN, PW))
     theirs = np.column_stack([np.zeros(3), peer.numbers["reaction"]])
-    space = Spaces.galerkin(_triangles(PROBLEMS[case].mesh)).trial
+    space = Spaces.galerkin(_triangles(problem.mesh)).trial
     transferred = _transferred(space, peer.numbers["x"], theirs)[:, 1]
     scalars = {
         "raw_normal": _largest(theirs[:, 1] - standard["reaction"]),
@@ -81,7 +77,7 @@ def contact(case: str, tracked: str) -> Result:
     """
     problem = PROBLEMS[case]
     assert isinstance(problem, Block)
-    peer = _peer(case, tracked)
+    peer = peer_of(case, tracked)
     bodies = [_block(problem, element) for element in (GALERKIN, PW)]
     standard, new = (_contact_line(problem, body) for body in bodies)
     zeros = np.zeros(len(standard.x))
@@ -122,7 +118,7 @@ def contact(case: str, tracked: str) -> Result:
 
 def native_pressure(case: str, tracked: str) -> Result:
     """What CalculiX calls contact pressure below an evenly pressed block, over the pressure."""
-    problem, peer = PROBLEMS[case], _peer(case, tracked)
+    problem, peer = PROBLEMS[case], peer_of(case, tracked)
     assert isinstance(problem, NativePressure)
     pressure = peer.numbers["pressure"] / problem.pressure
     corner, middle = np.median(pressure[2:-2:2]), np.median(pressure[1::2])
@@ -134,7 +130,7 @@ def native_pressure(case: str, tracked: str) -> Result:
 
 def critical_stress(case: str, tracked: str) -> Result:
     """Critical stress of the half beam under uniform load, section 7.6."""
-    problem, peer = PROBLEMS[case], _peer(case, tracked)
+    problem, peer = PROBLEMS[case], peer_of(case, tracked)
     assert isinstance(problem, HalfBeam)
     (theirs,) = peer.numbers["critical_stress"]
     scalars = {"peer": float(theirs)}
@@ -147,12 +143,6 @@ def critical_stress(case: str, tracked: str) -> Result:
         scalars |= {element: stress, f"difference_{element}": abs(theirs / stress - 1)}
         dofs = ours.dofs
     return Result(scalars, units_of(scalars, {"difference_*": "1", "*": "Pa"}), dofs=dofs)
-
-
-def _peer(case: str, tracked: str) -> Peer:
-    if tracked != tracked_digest(case):
-        raise ValueError(f"the file of {case} has changed since the study was started")
-    return load(case)
 
 
 def _block(problem: Block, element: str) -> Discretisation:
@@ -233,7 +223,7 @@ _RUNS = {
 }
 
 
-def _stated(problem: Problem) -> dict[str, object]:
+def _stated(problem: TwoTriangles | Block | HalfBeam) -> dict[str, object]:
     """What a problem's name implies: our elements, of which CalculiX has the standard one."""
     fields = asdict(problem)
     return {
@@ -254,4 +244,5 @@ CASES = [
         _stated(problem),
     )
     for name, problem in PROBLEMS.items()
-]
+    if not isinstance(problem, Specimen)
+] + p_standard.CASES

@@ -93,6 +93,7 @@ from study.judge.measures.paper_statements import (
 )
 from study.judge.measures.peers import (
     peer_critical_stress,
+    peer_standard,
     peer_worst,
 )
 from study.judge.measures.two_triangles import (

@@ -30,3 +30,19 @@ def peer_critical_stress(results: Results, element: str) -> float:
     """Largest relative difference of a critical stress from CalculiX's."""
     beams = [s for s in of_section(results, "P") if f"difference_{element}" in s.scalars]
     return max(s.scalars[f"difference_{element}"] for s in beams)
+
+
+def peer_standard(
+    results: Results, rule: str, name: str, cases: Sequence[str], best: bool = False
+) -> float:
+    """Largest relative difference of CalculiX from the standard elements; or the smallest one.
+
+    Args:
+        results: of the study.
+        rule: of our quadrature: "exact" or "reduced", which is CalculiX's.
+        name: of the numbers that are compared.
+        cases: of section P.
+        best: whether it is the smallest of the cases' differences.
+    """
+    differences = [results.scalar(f"P/{case}", f"{rule}_{name}") for case in cases]
+    return min(differences) if best else max(differences)
