@@ -13,7 +13,6 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
-from dolfinx.fem.petsc import interpolation_matrix
 from scipy import sparse as sp
 from scipy.sparse.csgraph import connected_components
 
@@ -90,9 +89,14 @@ class Projection:
 
     def all_blocks(self) -> Array:
         """The projectors (nodes, block, block) onto what is free."""
-        every = np.tile(np.eye(self._block), (len(self._free) // self._block, 1, 1))
+        return self.blocks_at(np.arange(len(self._free) // self._block))
+
+    def blocks_at(self, some: Indices) -> Array:
+        """The same at some nodes (k,), in ascending order."""
+        every = np.tile(np.eye(self._block), (len(some), 1, 1))
         nodes, free, _ = self.blocks()
-        every[nodes] = free
+        mine = np.isin(nodes, some)
+        every[np.searchsorted(some, nodes[mine])] = free[mine]
         return every
 
 
@@ -117,25 +121,41 @@ class Masked:
 
 
 class _NodeBlocks:
-    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python."""
+    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python.
 
-    def __init__(self, inverse: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> None:
-        self._inverse, self._every = inverse, block_diagonal(inverse, sizes, comm)
+    Raises:
+        ValueError: if a node has no stiffness.
+    """
+
+    def __init__(self, K: PETSc.Mat, block: int) -> None:
+        self._K, self._block = K, block
+        finite = bool(np.isfinite(self._inverse()).all())
+        if not K.comm.tompi4py().allreduce(finite, MPI.LAND):
+            raise ValueError("a node has no stiffness")
+        self._every = PETSc.PC().create(K.comm)
+        self._every.setOperators(K)
+        self._every.setType("pbjacobi")
+        self._every.setUp()
         self._nodes: Indices = np.empty(0, dtype=np.int64)
-        self._other: Array = inverse[:0]
+        self._other: Array = np.empty((0, block, block))
 
     def update(self, projection: Projection) -> None:
         """Takes over what is held; only those nodes differ."""
         self._nodes, free, rest = projection.blocks()
-        own = np.linalg.inv(self._inverse[self._nodes])
+        own = np.linalg.inv(self._inverse()[self._nodes])
         self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
-        self._every.mult(x, y)
-        block = self._inverse.shape[1]
-        given = x.array_r.reshape(-1, block)[self._nodes]
-        y.array.reshape(-1, block)[self._nodes] = np.einsum("nij,nj->ni", self._other, given)
+        self._every.apply(x, y)
+        given = x.array_r.reshape(-1, self._block)[self._nodes]
+        image = np.einsum("nij,nj->ni", self._other, given)
+        y.array.reshape(-1, self._block)[self._nodes] = image
+
+    def _inverse(self) -> Array:
+        """Inverse blocks (nodes, block, block) of K, which PETSc keeps: not to be changed."""
+        inverse: Array = self._K.invertBlockDiagonal()
+        return inverse.reshape(-1, self._block, self._block)
 
 
 class _Interpolation:
@@ -192,22 +212,19 @@ class Multigrid:
         linear, self._vertex_node = _linear_space(space)
         at_vertices = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
         self._at_vertices = Projection(at_vertices, self._block)
-        self._P = interpolation_matrix(linear, space)
-        self._P.assemble()
+        self._P = _interpolation_matrix(linear, space, supports.free, at_vertices)
         interpolation = _Interpolation(self._P, self._projection, self._at_vertices)
         self._interpolation = python_matrix(self._P.getSizes(), interpolation, K.comm)
         self._near_null = _near_null_space(linear)
-        # a copy, for PETSc keeps this array for itself
-        inverse = np.array(self.blocked.invertBlockDiagonal())
-        inverse = inverse.reshape(-1, self._block, self._block)
-        finite = bool(np.isfinite(inverse).all())
-        if not K.comm.tompi4py().allreduce(finite, MPI.LAND):
-            raise ValueError("a node has no stiffness")
-        self._smoother = _NodeBlocks(inverse, K.getSizes()[0], K.comm)
+        self._smoother = _NodeBlocks(self.blocked, self._block)
         self._smoother.update(self._projection)
+        self._space = space
         self._held_before: Array = np.empty((0, self._block, self._block))
+        self._near: _Near | None = None
+        self._fixed: PETSc.Mat | None = None
         self._coarse: PETSc.Mat | None = None
-        self._coarse_ksp: PETSc.KSP | None = None
+        self._preconditioner: PETSc.PC | None = None
+        self._estimated = False
 
     @property
     def coarse(self) -> PETSc.Mat:
@@ -218,8 +235,17 @@ class Multigrid:
 
     def ready(self) -> None:
         """Gives the coarse level to the preconditioner."""
-        if self._coarse_ksp is not None:
-            self._coarse_ksp.setOperators(self.coarse)
+        if self._preconditioner is None:
+            return
+        self._preconditioner.getMGCoarseSolve().setOperators(self.coarse)
+        if not self._estimated:
+            self._preconditioner.setUp()
+            # it would keep the vectors with which it has estimated eigenvalues
+            smoother = self._preconditioner.getMGSmoother(1)
+            operators = smoother.getOperators()
+            smoother.reset()
+            smoother.setOperators(*operators)
+            self._estimated = True
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner one of these levels; its options prefix has been set."""
@@ -232,9 +258,10 @@ class Multigrid:
         smoother.setOperators(self.operator, self.operator)
         smoother.getPC().setType("python")
         smoother.getPC().setPythonContext(self._smoother)
-        self._coarse_ksp = preconditioner.getMGCoarseSolve()
-        self._coarse_ksp.setType("preonly")
-        self._coarse_ksp.getPC().setType("gamg")
+        coarse = preconditioner.getMGCoarseSolve()
+        coarse.setType("preonly")
+        coarse.getPC().setType("gamg")
+        self._preconditioner = preconditioner
 
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
@@ -253,28 +280,101 @@ class Multigrid:
         other = np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
         counts = np.array([some.sum(), other.sum()])
         self._K.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        if self._near is None:
+            self._near = _Near.of(self.blocked, self._P, self._space, nodes)
+            self._forget()
+            self._fixed = None
         if counts[1] > _RENEWED * counts[0]:
             self._held_before = held
             vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
             order = np.argsort(nodes)
             at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
             self._at_vertices.hold(vertex, held[at], weight[at])
-            self._coarse = None
+            self._forget()
         self.ready()
 
+    def _forget(self) -> None:
+        """Frees the coarse level before another one is made."""
+        if self._coarse is not None:
+            if self._preconditioner is not None:
+                self._preconditioner.getMGCoarseSolve().reset()
+            self._coarse.destroy()
+            self._coarse = None
+        collect_garbage(self._K)
+
     def _made_coarse(self) -> PETSc.Mat:
-        """What linear functions make of Pi K Pi; where vertices are held, multiples of one."""
-        fine, coarse = self._projection.all_blocks(), self._at_vertices.all_blocks()
-        (rows, columns), comm = self._P.getSizes(), self._K.comm
-        kept = block_diagonal(coarse, columns, comm, "aij")
-        P = block_diagonal(fine, rows, comm, "aij").matMult(self._P).matMult(kept)
-        made = _projected(self._K, P)
+        """What linear functions make of Pi K Pi; where vertices are held, multiples of one.
+
+        What lies far from the nodes that are held at times is computed once.
+        """
+        near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
+        if self._fixed is None:
+            self._fixed = _projected(self._K, self._P)
+            if near is not None:
+                _add(self._fixed, -1.0, _projected(near.K, near.P))
+        made = self._fixed.copy()
+        coarse = self._at_vertices.all_blocks()
+        if near is not None:
+            fine = self._projection.blocks_at(near.nodes)
+            left = block_diagonal(fine, near.P.getSizes()[0], comm, "aij")
+            right = block_diagonal(coarse, columns, comm, "aij")
+            half = left.matMult(near.P)
+            P = half.matMult(right)
+            _add(made, 1.0, _projected(near.K, P))
+            _destroy(left, right, half, P)
         size = made.getDiagonal().sum() / columns[1]
-        held = block_diagonal(size * (np.eye(self._block) - coarse), columns, comm, "aij")
-        made.axpy(1.0, held, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        _add(made, 1.0, block_diagonal(size * (np.eye(self._block) - coarse), columns, comm, "aij"))
         made.setBlockSize(self._block)
         if self._near_null is not None:
             made.setNearNullSpace(self._near_null)
+        return made
+
+
+@dataclass(frozen=True)
+class _Near:
+    """The part of K at nodes whose interpolation may be held, and at those that they couple to.
+
+    Args:
+        nodes: (k,), local, ascending.
+        K: (k block, k block).
+        P: rows of the interpolation.
+    """
+
+    nodes: Indices
+    K: PETSc.Mat
+    P: PETSc.Mat
+
+    @classmethod
+    def of(cls, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> "_Near":
+        """Around the local nodes that are held at times."""
+        index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+        owned = index_map.size_local
+        fine, coarse = P.createVecLeft(), P.createVecRight()
+        fine.array.reshape(-1, block)[held] = 1.0
+        P.multTranspose(fine, coarse)
+        P.mult(coarse, fine)  # all nodes that see a vertex which a held node sees
+        touched = la.vector(index_map, 1)
+        touched.array[:] = 0.0
+        touched.array[:owned] = fine.array_r.reshape(-1, block).max(axis=1) > 0
+        touched.array[held] = 1.0
+        touched.scatter_forward()
+        cells = space.dofmap.list[: space.mesh.topology.index_map(space.mesh.topology.dim).size_local]
+        around = cells[(touched.array[cells] > 0).any(axis=1)]
+        touched.array[:] = 0.0
+        touched.array[around] = 1.0
+        touched.scatter_reverse(la.InsertMode.add)
+        nodes = np.flatnonzero(touched.array[:owned]).astype(np.int64)
+        numbers = (nodes + index_map.local_range[0]).astype(PETSc.IntType)
+        rows = PETSc.IS().createBlock(block, numbers, comm=K.comm)
+        start, last = P.getOwnershipRangeColumn()
+        columns = PETSc.IS().createStride(last - start, start, 1, comm=K.comm)
+        part = K.createSubMatrix(rows, rows)
+        near = part
+        if is_blocked(part):
+            near = part.convert("aij", PETSc.Mat())
+            _destroy(part)
+        made = cls(nodes, near, P.createSubMatrix(rows, columns))
+        _destroy(fine, coarse, rows, columns)
         return made
 
 
@@ -283,10 +383,10 @@ def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], i
     comm, cells = space.mesh.comm, space.dofmap.list
     index_map = space.dofmap.index_map
     local = index_map.size_local + index_map.num_ghosts
-    row = np.repeat(np.arange(len(cells)), cells.shape[1])
-    shape = (len(cells), local)
-    of_cell = sp.csr_matrix((np.ones(cells.size, dtype=np.int8), (row, cells.ravel())), shape)
-    count, part = connected_components(of_cell.T @ of_cell, directed=False)
+    others = cells[:, 1:]  # a cell's first node links them
+    links = (np.repeat(cells[:, 0], others.shape[1]), others.ravel())
+    graph = sp.csr_matrix((np.ones(others.size, dtype=np.int8), links), (local, local))
+    count, part = connected_components(graph, directed=False)
     first = sum(comm.allgather(count)[: comm.rank])
     # parts of two processes are one piece if they share a node: the owner's number tells which
     number = la.vector(index_map, 1)
@@ -311,6 +411,46 @@ def _linear_space(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices]
     node = np.empty(owned + linear.dofmap.index_map.num_ghosts, dtype=np.int64)
     node[linear.dofmap.list] = space.dofmap.list[:, corner]
     return linear, node[:owned]
+
+
+def _interpolation_matrix(
+    linear: fem.FunctionSpace,
+    space: fem.FunctionSpace,
+    free: npt.NDArray[np.bool_],
+    at_vertices: npt.NDArray[np.bool_],
+) -> PETSc.Mat:
+    """Values at free nodes from those at free vertices; DOLFINx's has a cell's zeros, too."""
+    element, corners = space.element.basix_element, linear.element.basix_element
+    values = corners.tabulate(0, element.points)[0, :, :, 0]
+    weights = np.round(element.interpolation_matrix @ values, 12)
+    cells, block = space.dofmap.list, space.dofmap.index_map_bs
+    owned = space.dofmap.index_map.size_local
+    index_map = linear.dofmap.index_map
+    entry = np.empty(owned + space.dofmap.index_map.num_ghosts, dtype=np.int64)
+    entry[cells] = np.arange(cells.size).reshape(cells.shape)
+    cell, place = np.divmod(entry[:owned], cells.shape[1])
+    vertices = linear.dofmap.list[cell]
+    columns = index_map.local_to_global(vertices.ravel()).reshape(vertices.shape)
+    columns = columns.astype(PETSc.IntType)
+    order = np.argsort(columns, axis=1)
+    columns = np.take_along_axis(columns, order, axis=1)
+    weight = np.take_along_axis(weights[place], order, axis=1)
+    shape = (owned, block, columns.shape[1])
+    some = np.broadcast_to((weight != 0)[:, None], shape)
+    components = np.arange(block, dtype=PETSc.IntType)[:, None]
+    indices = (columns[:, None] * block + components)[some]
+    data = np.broadcast_to(weight[:, None], shape)[some]
+    indptr = np.zeros(owned * block + 1, dtype=PETSc.IntType)
+    np.cumsum(some.sum(axis=2).ravel(), out=indptr[1:])
+    sizes = tuple(
+        (m.size_local * block, m.size_global * block) for m in (space.dofmap.index_map, index_map)
+    )
+    P = PETSc.Mat().createAIJ(sizes, csr=(indptr, indices, data), comm=space.mesh.comm)
+    coarse, fine = P.createVecs()
+    fine.setArray(free.astype(float))
+    coarse.setArray(at_vertices.astype(float))
+    P.diagonalScale(fine, coarse)
+    return P
 
 
 def _near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
@@ -352,14 +492,38 @@ def _projected(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
             matrix.createSubMatrix(mine, columns)
             for matrix, columns in zip((K, P), sets, strict=True)
         )
-        some = P_part.transposeMatMult(K_part.convert("aij", PETSc.Mat()).matMult(P))
+        plain = K_part.convert("aij", PETSc.Mat())
+        _destroy(K_part)
+        half = plain.matMult(P)
+        some = P_part.transposeMatMult(half)
         if total is None:
             total = some.copy()
+            _destroy(some)
         else:
-            total.axpy(1.0, some, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        for matrix in (some, K_part, P_part):
-            matrix.destroy()
+            _add(total, 1.0, some)
+        _destroy(plain, half, P_part, mine)
+    _destroy(*sets)
     return total
+
+
+def _add(total: PETSc.Mat, factor: float, some: PETSc.Mat) -> None:
+    """Adds a multiple of a matrix, which is no longer needed then."""
+    total.axpy(factor, some, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    _destroy(some)
+
+
+def _destroy(*things: PETSc.Object) -> None:
+    """Frees what Python alone would not on several processes, see `collect_garbage`."""
+    for thing in things:
+        thing.destroy()
+
+
+def collect_garbage(like: PETSc.Object) -> None:
+    """Frees objects that have gone out of use; collective.
+
+    On several processes petsc4py leaves them alone until then: Python may drop them in any order.
+    """
+    PETSc.garbage_cleanup(like.comm)
 
 
 def block_diagonal(

@@ -13,7 +13,7 @@ from pw_elements._compat import cell_nodes
 Array = npt.NDArray[np.float64]
 
 # Cells at a time
-_CHUNK = 20_000
+_CHUNK = 4_000
 
 
 class Gradients:

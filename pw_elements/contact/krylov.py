@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.unassembled import Bordered, NodePoints, Unassembled
 from pw_elements.iterative import Iterative, Krylov
-from pw_elements.multigrid import Multigrid, Supports, python_matrix
+from pw_elements.multigrid import Multigrid, Supports, collect_garbage, python_matrix
 
 Array = npt.NDArray[np.float64]
 
@@ -131,6 +131,7 @@ class KrylovTangent:
             raise self.solver.not_converged(left / max(known.norm(), force))
         self.settled = left <= _EXACT * force or stalled
         self.own_factors = stalled
+        collect_garbage(known)
         return np.array(x.array_r)
 
     def _target(self, left: float, reduced: float) -> float:

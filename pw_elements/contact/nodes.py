@@ -19,6 +19,9 @@ from pw_elements.parts import Part, nodes_of
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+# Cells at a time, to save memory
+_AT_ONCE = 20_000
+
 
 @dataclass(frozen=True)
 class BodyNodes:
@@ -95,13 +98,15 @@ def midpoints_around(space: fem.FunctionSpace) -> Array:
     """Mean of the midpoints of the cells around each node, ghosts too: (nodes, dim)."""
     mesh = space.mesh
     dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
-    middle = mesh.geometry.x[cell_nodes(mesh)[:owned], :dim].mean(axis=1)
-    cells = space.dofmap.list[:owned]
     sums = la.vector(space.dofmap.index_map, dim + 1)
     sums.array[:] = 0.0
-    parts = np.concatenate([middle, np.ones((owned, 1))], axis=1)
-    nodes = cells.ravel()
-    np.add.at(sums.array.reshape(-1, dim + 1), nodes, np.repeat(parts, cells.shape[1], axis=0))
+    for first in range(0, owned, _AT_ONCE):
+        some = slice(first, min(first + _AT_ONCE, owned))
+        middle = mesh.geometry.x[cell_nodes(mesh)[some], :dim].mean(axis=1)
+        parts = np.concatenate([middle, np.ones((len(middle), 1))], axis=1)
+        cells = space.dofmap.list[some]
+        every = np.repeat(parts, cells.shape[1], axis=0)
+        np.add.at(sums.array.reshape(-1, dim + 1), cells.ravel(), every)
     sums.scatter_reverse(la.InsertMode.add)
     sums.scatter_forward()
     values = sums.array.reshape(-1, dim + 1)

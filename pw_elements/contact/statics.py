@@ -13,6 +13,7 @@ from pw_elements.contact.law import ActiveSet, equations
 from pw_elements.contact.nodes import free_columns
 from pw_elements.contact.rigid import Basis, RigidModes
 from pw_elements.contact.system import ContactSystem
+from pw_elements.multigrid import collect_garbage
 
 Array = npt.NDArray[np.float64]
 
@@ -20,7 +21,7 @@ Array = npt.NDArray[np.float64]
 # no more than round-off where something is to be proved by it
 _FREE, _NONE = 1e-8, 1e-11
 # Rows that are factorised at once, to save memory
-_AT_ONCE = 100_000
+_AT_ONCE = 20_000
 
 
 class RigidMotions:
@@ -140,18 +141,18 @@ class RigidMotions:
         """
         system = self._system
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        forces = []
-        for mode in self._reduced():
-            image = system.stiffness.createVecLeft()
+        image = system.stiffness.createVecLeft()
+        forces = np.empty((image.getLocalSize(), self.modes.of_pieces))
+        for k, mode in enumerate(self._reduced()):
             if transposed:
                 system.stiffness.multTranspose(mode, image)
             else:
                 system.stiffness.mult(mode, image)
-            forces.append(image.array_r / largest)
+            forces[:, k] = image.array_r / largest
+        collect_garbage(image)
         held = self._column == -1
-        prescribed = [mode[held] for mode in self.modes.displacements()]
-        rows = [np.stack(forces, axis=1), np.stack(prescribed, axis=1)]
-        return _triangle(np.vstack(rows), system.comm)
+        prescribed = np.stack([mode[held] for mode in self.modes.displacements()], axis=1)
+        return _triangle(prescribed, system.comm, forces)
 
 
 def _null_space(rows: Array, tolerance: float) -> Array:
@@ -161,13 +162,14 @@ def _null_space(rows: Array, tolerance: float) -> Array:
     return np.asarray(vectors[values < tolerance * np.sqrt(n)])
 
 
-def _triangle(rows: Array, comm: MPI.Comm) -> Array:
-    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes.
+def _triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
+    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes, and of more of them.
 
     A Gram matrix would square what is small, and lose it.
     """
     own: Array = np.zeros((0, rows.shape[1]))
-    for first in range(0, len(rows), _AT_ONCE):
-        part = np.vstack([own, rows[first : first + _AT_ONCE]])
-        own = np.asarray(np.linalg.qr(part, mode="r"))
+    for each in (rows, *more):
+        for first in range(0, len(each), _AT_ONCE):
+            part = np.vstack([own, each[first : first + _AT_ONCE]])
+            own = np.asarray(np.linalg.qr(part, mode="r"))
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
