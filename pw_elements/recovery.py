@@ -90,7 +90,7 @@ def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETS
     rows = sp.kron(sp.csr_matrix((value, (transposed[0], column)), shape), np.eye(block), "csr")
     local = (owned * block, index_map.size_global * block)
     csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    return PETSc.Mat().createAIJ((local, local), csr=csr, comm=space.mesh.comm)
+    return PETSc.Mat().createAIJ((local, local), bsize=block, csr=csr, comm=space.mesh.comm)
 
 
 def _shares(element: basix.finite_element.FiniteElement, keeps: float, gives: float) -> Array:

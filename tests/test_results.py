@@ -80,6 +80,7 @@ QUICK = [
     "V13/sourced-standard-16",
     "V13/sourced-trefftz-6",
     "V14/punch-pw-T6-4",
+    "K/contact-pw-T10-8-Iterative",
 ]
 SLOW = {("7.6", "mesh_scan")}
 

@@ -41,6 +41,7 @@ SECTIONS = {
     "V13": "study.verification.v13_fluxes",
     "V14": "study.verification.v14_rubber",
     "P": "study.peers.p_compare",
+    "K": "study.cost.k_cost",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
 

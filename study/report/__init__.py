@@ -125,6 +125,7 @@ class _Page:
             "elements": [(key, ELEMENTS[key].name) for key in PLANE_ELEMENTS],
             "names": {key: element.name for key, element in ELEMENTS.items()},
             "s": results.scalar,
+            "parameters": lambda key: results[key].parameters,
             "curves": self.curves,
             "measure": self.measure,
             "figure": self.figure,
