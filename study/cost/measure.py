@@ -3,7 +3,7 @@
     ./run python3 -m study.cost.measure                 all rows, some 40 minutes
     ./run python3 -m study.cost.measure --only contact  rows of some tasks
 
-Seconds are CPU time of all processes, medians of three runs where a run takes less than ten seconds;
+Seconds are CPU time of all processes, medians of three runs where one takes less than ten seconds;
 megabytes are the largest resident sizes, added up, imports included. Other work on the machine
 changes them little, wall time much: of that only the parallel rows say anything.
 """

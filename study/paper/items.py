@@ -152,7 +152,7 @@ def readme_table() -> str:
 
 def _place(section: str) -> tuple[int, float]:
     """Return what sections are sorted by: the paper's first, V9 before V10."""
-    kinds = ("", "I", "T", "C", "V", "P")
+    kinds = ("", "I", "T", "C", "V", "P", "K")
     letter = section.rstrip("0123456789.")
     return kinds.index(letter), float(section.removeprefix(letter) or 0)
 
