@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from figures.style import FULL, LOOK
 from study.core.store import Results
@@ -33,8 +34,13 @@ def draw(results: Results) -> Figure:
     axes[1, 0].set_ylabel("largest resident memory / MB")
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
-    axes[0, 0].legend(loc="upper left", fontsize=7)
-    _methods(axes[0, 2])
+    words = {"Direct": "factors", "Iterative": "Krylov", "nested": "Krylov, nested start"}
+    shown = [Line2D([], [], **LOOK[element]) for element in ELEMENTS]
+    shown += [
+        Line2D([], [], color="#555555", linestyle=line, label=words[method])
+        for method, line in LINES.items()
+    ]
+    fig.legend(handles=shown, loc="outside lower center", ncols=7, fontsize=7)
     return fig
 
 
@@ -50,16 +56,8 @@ def _rows(results: Results, task: str, element: str, method: str) -> list[dict[s
 
 def _curve(ax: Axes, rows: list[dict[str, float]], name: str, element: str, line: str) -> None:
     if rows:
-        label = LOOK[element]["label"] if line == "-" else "_"
-        look = LOOK[element] | {"linestyle": line, "label": label}
+        look = LOOK[element] | {"linestyle": line}
         ax.plot([row["dofs"] for row in rows], [row[name] for row in rows], **look)
-
-
-def _methods(ax: Axes) -> None:
-    for method, line in LINES.items():
-        words = {"Direct": "factors", "Iterative": "Krylov", "nested": "Krylov, nested start"}
-        ax.plot([], [], color="#555555", linestyle=line, label=words[method])
-    ax.legend(loc="upper left", fontsize=7)
 
 
 def caption(results: Results) -> str:
