@@ -80,7 +80,7 @@ def solid(conditions=()):
     return Stated(mesh, StressState.SOLID, conditions)
 
 
-def refusal(stated, pairs, load, match="", kind=NoEquilibrium):
+def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
     with pytest.raises(kind, match=match) as caught:
         stated.solve(pairs, load)
     assert type(caught.value) is kind

@@ -36,6 +36,7 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
+from pw_elements._compat import cell_nodes
 from pw_elements.inner_nodes import centre_nodes
 from pw_elements.iterative import chosen
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
@@ -258,7 +259,7 @@ def test_a_body_without_supports_is_refused():
 def two_cubes():
     """Two tetrahedral cubes that share no node."""
     one = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2))
-    x, cells = one.geometry.x, one.geometry.dofmap
+    x, cells = one.geometry.x, cell_nodes(one)
     both = np.vstack([x, x + np.array([3.0, 0, 0])]), np.vstack([cells, cells + len(x)])
     return create_mesh(
         MPI.COMM_SELF, both[1].astype(np.int64), both[0], one.ufl_domain().ufl_coordinate_element()
