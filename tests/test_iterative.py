@@ -262,7 +262,10 @@ def two_cubes():
     x, cells = one.geometry.x, cell_nodes(one)
     both = np.vstack([x, x + np.array([3.0, 0, 0])]), np.vstack([cells, cells + len(x)])
     return create_mesh(
-        MPI.COMM_SELF, both[1].astype(np.int64), both[0], one.ufl_domain().ufl_coordinate_element()
+        MPI.COMM_SELF,
+        cells=both[1].astype(np.int64),
+        x=both[0],
+        e=one.ufl_domain().ufl_coordinate_element(),
     )
 
 
