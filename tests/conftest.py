@@ -1,6 +1,19 @@
-"""How many random problems are tried: few in the suite, always the same; many in `--nightly`."""
+"""How many random problems are tried: few in the suite, always the same; many in `--nightly`.
 
+And no test leaves figures open, for others count them.
+"""
+
+import sys
+
+import pytest
 from hypothesis import HealthCheck, settings
+
+
+@pytest.fixture(autouse=True)
+def _closed_figures():
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 def pytest_addoption(parser):
