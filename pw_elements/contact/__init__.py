@@ -36,8 +36,8 @@ from pw_elements.contact.errors import (
 )
 from pw_elements.contact.explicit import solve_impact
 from pw_elements.contact.fields import ContactFields, write
-from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory
 from pw_elements.contact.history import solve_contact
+from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.pictures import plot

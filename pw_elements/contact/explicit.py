@@ -24,7 +24,7 @@ from dolfinx import fem
 
 from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, answer, collective
-from pw_elements.contact.histories import Energies, ImpactHistory, PairHistory, frame
+from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory, frame
 from pw_elements.contact.impulses import NodalContact, nodal_contact
 from pw_elements.contact.inputs import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.interface import Interface
