@@ -45,7 +45,7 @@ from pw_elements.mechanics import (
 )
 from pw_elements.mesh_checks import DegenerateMesh
 from pw_elements.quadrature import cell_measure
-from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
+from pw_elements.spaces import NumberingError, Spaces, as_function, split, test_space
 
 __all__ = [
     "Body",
@@ -78,6 +78,7 @@ __all__ = [
     "reactions",
     "serendipity_element",
     "solve",
+    "split",
     "symmetric_part",
     "test_space",
     "vibration_modes",

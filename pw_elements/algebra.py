@@ -28,6 +28,7 @@ from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.hybrid import SubSpace, is_hybrid, positions
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
 from pw_elements.parts import numbered
@@ -207,6 +208,29 @@ class Reduction:
         offset.scale(share)
         return replace(self, offset=offset)
 
+    def equilibrated(self, K: PETSc.Mat) -> "Reduction":
+        """This reduction with pressures of hybrid spaces over a modulus, to be of a strain's size.
+
+        In consistent units displacement and pressure may be 15 powers of ten apart: factors and
+        Krylov methods would lose one of them. What `expand` gives is the same.
+        """
+        if self.space is None or not is_hybrid(self.space):
+            return self
+        fields = SubSpace.displacements(self.space), SubSpace.pressure(self.space)
+        u, p = (field.selection() for field in fields)
+        of_equilibrium, of_volume = (rows.matMult(K).matTransposeMult(u) for rows in (u, p))
+        largest = PETSc.NormType.INFINITY
+        modulus = of_equilibrium.norm(largest) / of_volume.norm(largest)
+        scale = self.offset.duplicate()
+        scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
+        right = self.right.copy()
+        right.diagonalScale(scale)
+        left = right
+        if self.left != self.right:
+            left = self.left.copy()
+            left.diagonalScale(scale)
+        return replace(self, left=left, right=right)
+
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """This condensation for mass matrices, where two left matrices L are in use.
 
@@ -334,9 +358,13 @@ def solve(
         TypeError, ValueError: for things that do not make one problem, see `problem.Problem`.
     """
     Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
-    reduction = reduction.under(K, f)
+    reduction = reduction.equilibrated(K).under(K, f)
     load, matrix = reduction.load(K, f), reduction.matrix(K)
-    prepared = factorise(matrix, solver=solver)
+    try:
+        prepared = factorise(matrix, solver=solver)
+    except SingularSystem:
+        _refuse_free_pressure(matrix, reduction)
+        raise
     solution = load.duplicate()
     prepared.ksp.solve(load, solution)
     prepared.ksp.destroy()
@@ -361,6 +389,25 @@ def _unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     K.mult(a, r)
     r.axpy(-1.0, f)
     return r
+
+
+def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
+    """Raises SingularSystem if a constant pressure of a hybrid space acts on no displacement."""
+    if reduction.space is None or not is_hybrid(reduction.space):
+        return
+    pressure = SubSpace.pressure(reduction.space)
+    constant = reduction.offset.duplicate()
+    constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
+    unknown, effect = matrix.createVecRight(), matrix.createVecLeft()
+    reduction.right.multTranspose(constant, unknown)
+    matrix.mult(unknown, effect)
+    largest = PETSc.NormType.INFINITY
+    size = matrix.norm(largest) * unknown.norm(largest)
+    if size > 0 and effect.norm(largest) <= _RESIDUAL * size:
+        raise SingularSystem(
+            "an incompressible body whose whole boundary is held has a pressure that is known up "
+            'to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
+        )
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -467,8 +514,8 @@ def _prescribed(
             raise ValueError("a prescribed value is not a finite number")
     size = comm.allreduce(np.abs(values).max(initial=0.0), MPI.MAX)
     twice = np.flatnonzero(difference > _SAME_VALUE * size)
-    x = space.tabulate_dof_coordinates()[np.unique(twice // block), : space.mesh.geometry.dim]
-    places = np.concatenate(comm.allgather(x))
+    x = positions(space)[twice, : space.mesh.geometry.dim]
+    places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
     if len(places):
         raise ValueError(
             f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "

@@ -28,7 +28,7 @@ from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
 from pw_elements.collective import agree, collective
-from pw_elements.mechanics import Body, boundary_measure
+from pw_elements.mechanics import Body, Material, boundary_measure
 from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number
@@ -180,6 +180,8 @@ class SurfaceNodes:
                 is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
+        # areas are no matter of the material, which may be incompressible
+        body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
         space = body.spaces.trial
         position, own, node = _areas(body, where)
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))

@@ -15,6 +15,7 @@ the gaps, normals, friction and G, and it corrects the nodes' predicted motion b
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -72,7 +73,7 @@ class ContactProblem:
             prescribe some that are tangential.
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
-        space: trial space of the displacements.
+        space: trial space of the displacements, or of the hybrid element.
         solver: of the linear systems; `Direct()` unless given.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
@@ -100,11 +101,13 @@ class ContactProblem:
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
-        self._K, self._reduction, self._space = K, reduction, space
+        reduction = reduction.equilibrated(K)
+        self._K, self._reduction = K, reduction
         self._solver, self._most = solver or Direct(), max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
         self._remedies = checked_remedies(remedies, space)
         self._interface = nodal_interface(self.pairs, space, reduction)
+        self._space = space = self._interface.field.space
         self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
@@ -155,7 +158,8 @@ class ContactProblem:
 
     def _cut(self, state: ContactState, end: Target, reporter: Reporter) -> ContactState | None:
         """The state at a target, in parts; None if it is not found that way."""
-        if "cutback" not in self._remedies or homogeneous(state):
+        known = state.unknowns is not None
+        if not known or "cutback" not in self._remedies or homogeneous(state):
             return None
 
         def part(before: ContactState, target: Target) -> ContactState:
@@ -237,6 +241,8 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         state = read_state(checked_path(path, self._space), self._space)
+        if self._interface.field.is_all:
+            state = replace(state, unknowns=state.displacement)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 
@@ -271,7 +277,7 @@ def solve_contact(
         reduction: supports (or condensation) that keep the contact nodes' displacements, or
             prescribe some that are tangential.
         pairs: contact pairs; a node belongs to one of them.
-        space: trial space of the displacements.
+        space: trial space of the displacements, or of the hybrid element.
         start: states of the same increments, from a coarser mesh, say: each increment starts
             from the status of the nearest node. It is a guess, no history: slip counts from the
             undeformed body in the first increment, whatever it starts from (`ContactProblem.step`
