@@ -7,6 +7,7 @@ the place of the matrices B, of shape functions, and of Eq. (8), of weight funct
 Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -39,6 +40,15 @@ Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
 _RATIONAL_DEGREE = 8
+# Poisson's ratio above which displacements alone lock
+_LOCKED = 0.49
+_LOCKS = (
+    "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 strains are "
+    "some 10 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 300 times"
+)
+
+_logger = logging.getLogger("pw_elements")
+
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
 _ROUND_OFF = 1e-12
 
@@ -158,6 +168,8 @@ class Body:
             arguments.coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
+            if is_number(nu) and nu > _LOCKED and mesh.comm.rank == 0:
+                _logger.warning(_LOCKS, nu)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
             with collective(mesh.comm):

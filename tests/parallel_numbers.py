@@ -28,6 +28,7 @@ from pw_elements import (
     prescribe,
     reactions,
     solve,
+    split,
     symmetric_part,
     vibration_modes,
 )
@@ -150,6 +151,23 @@ def tube():
     numbers["macro_integral"] = comm.allreduce(integral)
 
 
+def rubber(state, name):
+    if state == "solid":
+        mesh = create_box(comm, [(0, 0, 0), (1, 1, 2)], (3, 3, 5), CellType.tetrahedron)
+    else:
+        mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), state)
+    W = body.spaces.trial
+    dim = mesh.geometry.dim
+    K, f = assemble_matrix(body.stiffness()), assemble_vector(body.body_load([3e6] * dim))
+    f.axpy(1.0, nodal_load(W, left, [2e6] * dim))
+    held = Reduction.dirichlet(W, [prescribe(W, k, left, 0.01 * k) for k in range(dim)])
+    a = solve(K, f, held)
+    for field, function in zip(("displacement", "pressure"), split(W, a), strict=True):
+        numbers[f"{name}_{field}"] = function.x.petsc_vec.norm()
+    numbers[f"{name}_reactions"] = reactions(K, a, f).norm()
+
+
 beam(Spaces.galerkin, "galerkin")
 beam(Spaces.petrov_galerkin, "pw")
 identity()
@@ -157,5 +175,7 @@ for name in ("pw-Q8", "pw-Q9", "composite-T6"):
     element(name)
 solid()
 tube()
+for state in ("plane strain", "axisymmetric", "solid"):
+    rubber(state, f"rubber {state}")
 if comm.rank == 0:
     print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

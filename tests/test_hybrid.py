@@ -200,3 +200,18 @@ def test_refused_are_plane_stress_and_materials_without_pressure():
     load = nodal_load(one, side(0, 0.0), (1.0, 0.0))
     with pytest.raises(ValueError, match="the space has no pressure"):
         split(one, load)
+
+
+@pytest.mark.parametrize(
+    ("method", "nu", "state", "warned"),
+    [
+        (Spaces.petrov_galerkin, 0.495, "plane strain", True),
+        (Spaces.galerkin, 0.495, "axisymmetric", True),
+        (Spaces.petrov_galerkin, 0.49, "plane strain", False),
+        (Spaces.petrov_galerkin, 0.5, "plane stress", False),
+        (Spaces.hybrid, 0.5, "plane strain", False),
+    ],
+)
+def test_displacements_alone_warn_near_incompressibility(caplog, method, nu, state, warned):
+    Body(method(create_unit_square(COMM, 2, 2)), Material(1.0, nu), state)
+    assert ("in displacements alone: they lock" in caplog.text) is warned
