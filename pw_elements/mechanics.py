@@ -43,8 +43,8 @@ _RATIONAL_DEGREE = 8
 # Poisson's ratio above which displacements alone lock
 _LOCKED = 0.49
 _LOCKS = (
-    "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 strains are "
-    "some 10 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 300 times"
+    "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
+    "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
 )
 
 _logger = logging.getLogger("pw_elements")

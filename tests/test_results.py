@@ -64,6 +64,10 @@ QUICK = [
     "V10/sphere-transferred-T10-3",
     "V10/punch-galerkin-T10-2",
     "V10/mindlin-pw-T10-2",
+    "V15/square-pw-hybrid-T6-0.5-8",
+    "V15/cube-pw-hybrid-T10-0.4999-3",
+    "V15/cook-galerkin-hybrid-T6-4",
+    "V15/hertz-pw-T6-8",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -79,6 +83,7 @@ SYSTEMS = {
     "V8": NONE,
     "V9": NONE,
     "V10": NONE,
+    "V15": NONE,
 }
 # What names say, whatever the section; the first pattern counts
 NAMED = {

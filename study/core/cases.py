@@ -36,6 +36,7 @@ SECTIONS = {
     "V8": "study.verification.v8_vibration",
     "V9": "study.verification.v9_explicit",
     "V10": "study.verification.v10_space",
+    "V15": "study.verification.v15_rubber",
     "P": "study.peers.p_compare",
 }
 """Each section's module, with `TITLE: str` and `CASES: list[Case]`; in the order of the report."""
