@@ -19,19 +19,20 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
     for element in SHOWN:
         cases = [f"V15/square-{element}-0.4999-{n}" for n in SIDES]
-        h = [results.scalar(case, "h") for case in cases]
         for ax, name in zip(axes, ("h1_error", "pressure_error"), strict=False):
             errors = [results.scalar(case, name) for case in cases]
-            ax.loglog(h, errors, **(LOOK[element] | {"markersize": 4}))
+            ax.loglog(SIDES, errors, **(LOOK[element] | {"markersize": 4}))
         curves = results.curves(f"V15/hertz-{element}-8")
         look = LOOK[element] | {"linestyle": "none", "markersize": 4, "zorder": 2}
         axes[2].plot(curves["x"], curves["pressure"] / curves["exact_pressure"].max(), **look)
     s = np.linspace(0, 1, 401)
     axes[2].plot(s, np.sqrt(1 - s**2), **(LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
-    axes[0].set(title="square, H1 error", xlabel="size of cells $h$")
-    axes[1].set(title="square, error of the pressure", xlabel="size of cells $h$")
+    for ax, title in zip(axes, ("square, H1 error", "square, error of the pressure"), strict=False):
+        ax.set(title=title, xlabel="cells a side")
+        ax.set_xticks(SIDES, map(str, SIDES))
+        ax.set_xticks([], minor=True)
     axes[2].set(title="Hertz", xlabel="$x/a$", ylabel="pressure / $p_0$", xlim=(0, 1.15))
-    axes[0].legend(fontsize=6.5)
+    axes[0].legend(loc="lower left", fontsize=6.5)
     return fig
 
 
@@ -47,7 +48,7 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Two plots of errors that fall with the size of cells, those of the hybrid elements by "
+        "Two plots of errors that fall with the number of cells, those of the hybrid elements by "
         "second order and far below the others; and pressures, which lie on half an ellipse with "
         "the hybrid elements and scatter around it with the others."
     )

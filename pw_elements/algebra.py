@@ -28,13 +28,14 @@ from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 
 from pw_elements import arguments
 from pw_elements.collective import collective
-from pw_elements.hybrid import SubSpace, is_hybrid, positions
+from pw_elements.hybrid import SubSpace, is_hybrid, is_split, positions, tied
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
 from pw_elements.parts import numbered
 from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
 from pw_elements.quadrature import with_cell_rules
+from pw_elements.spaces import Spaces
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -122,12 +123,15 @@ class Reduction:
 
     @classmethod
     def dirichlet(
-        cls, space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
+        cls,
+        space: fem.FunctionSpace | Spaces,
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
     ) -> "Reduction":
         """Drops the prescribed degrees of freedom.
 
         Args:
-            space: trial space.
+            space: trial space, or both spaces; these tie the pressure within each part of a body
+                where it is split, see `Spaces.hybrid`.
             conditions: made on it; a single one needs no list.
 
         Raises:
@@ -135,9 +139,12 @@ class Reduction:
             ValueError: if they leave nothing free or contradict each other, a prescribed value is
                 not finite, or a condition was made on another space.
         """
+        parts = None
+        if isinstance(space, Spaces):
+            space, parts = space.trial, space.parts
         free, offset = _prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        selection = _selection(free, offset)
+        selection = tied(space, parts, free) if is_split(space) else _selection(free, offset)
         return cls(selection, selection, offset, space=space)
 
     @classmethod
@@ -166,6 +173,8 @@ class Reduction:
             SingularSystem: if an inner node has no stiffness.
         """
         Problem({"the stiffness": K}, space=space)
+        if is_hybrid(space):
+            raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
         free, offset = _prescribed(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
         comm = space.mesh.comm
@@ -400,6 +409,7 @@ def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
     constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
     unknown, effect = matrix.createVecRight(), matrix.createVecLeft()
     reduction.right.multTranspose(constant, unknown)
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
     matrix.mult(unknown, effect)
     largest = PETSc.NormType.INFINITY
     size = matrix.norm(largest) * unknown.norm(largest)

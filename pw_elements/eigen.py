@@ -130,6 +130,7 @@ def vibration_modes(
     refuse_negative(_MASS, M)
     if shift is not None:
         shift = number("shift", shift)
+    reduction = reduction.equilibrated(K)
     A, B = reduction.matrix(M), reduction.matrix(K)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
@@ -194,6 +195,7 @@ def buckling(
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
     check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
+    reduction = reduction.equilibrated(K)
     A, B = reduction.matrix(K_sigma), reduction.matrix(K)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)

@@ -11,15 +11,21 @@ from petsc4py import PETSc
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, la
+from dolfinx.mesh import MeshTags
+
+from pw_elements.collective import collective
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 
-def mixed_element(displacement: basix.ufl._ElementBase) -> basix.ufl._ElementBase:
-    """A vector element and, beside it, a continuous pressure of degree 1."""
-    pressure = basix.ufl.element("Lagrange", displacement.cell_type.name, 1)
+def mixed_element(
+    displacement: basix.ufl._ElementBase, split: bool = False
+) -> basix.ufl._ElementBase:
+    """A vector element and, beside it, a pressure of degree 1, continuous or to be tied."""
+    cell = displacement.cell_type.name
+    pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=split)
     return basix.ufl.mixed_element([displacement, pressure])
 
 
@@ -30,6 +36,11 @@ def is_hybrid(space: fem.FunctionSpace) -> bool:
         return False
     vector, scalar = (part.reference_value_shape for part in element.sub_elements)
     return len(vector) == 1 and scalar == ()
+
+
+def is_split(space: fem.FunctionSpace) -> bool:
+    """Whether the pressure is one of each cell alone, which has to be tied within parts."""
+    return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
 
 
 @dataclass(frozen=True)
@@ -127,3 +138,62 @@ def positions(space: fem.FunctionSpace) -> Array:
         for component in field.owned.T:
             x[component] = places[: len(component)]
     return x
+
+
+def tied(
+    space: fem.FunctionSpace, parts: MeshTags | None, free: npt.NDArray[np.bool_]
+) -> PETSc.Mat:
+    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part.
+
+    Args:
+        space: whose pressure is split.
+        parts: tags of all cells.
+        free: which of this process' own unknowns are not prescribed.
+
+    Raises:
+        ValueError: without parts, or with cells that belong to none.
+    """
+    mesh = space.mesh
+    comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
+    with collective(comm):
+        if parts is None:
+            raise ValueError(
+                "the pressure of this space is split: Reduction.dirichlet needs both spaces, "
+                "Reduction.dirichlet(body.spaces, conditions)"
+            )
+        if parts.dim != mesh.topology.dim or np.sum(parts.indices < owned) < owned:
+            raise ValueError("parts: the tags have to be those of cells, and of all of them")
+    displacements = SubSpace.displacements(space).owned.ravel()
+    moved = np.sort(displacements[free[displacements]])
+    column = np.full(len(free), -1, dtype=np.int64)
+    column[moved] = np.arange(len(moved))
+    count, field = len(moved), SubSpace.pressure(space)
+    vertices = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
+    numbers = []
+    for value in np.unique(np.concatenate(comm.allgather(np.unique(parts.values)))):
+        cells = parts.find(value)[parts.find(value) < owned]
+        rows = field.unknowns[field.space.dofmap.list[cells], 0]
+        corners = vertices.list[cells]
+        # how many cells of the part a vertex has, and how many of them prescribe its pressure
+        found = la.vector(vertices.index_map, 2)
+        found.array[:] = 0.0
+        sums = found.array.reshape(-1, 2)
+        np.add.at(sums[:, 0], corners, 1.0)
+        np.add.at(sums[:, 1], corners, np.where(free[rows], 0.0, 1.0))
+        found.scatter_reverse(la.InsertMode.add)
+        own = sums[: vertices.index_map.size_local]
+        kept = (own[:, 0] > 0) & (own[:, 1] == 0)
+        own[:, 0] = np.where(kept, count + np.cumsum(kept) - 1, -1.0)
+        count += int(kept.sum())
+        numbers.append((rows, corners, found))
+    first = comm.scan(count) - count
+    column[moved] += first
+    for rows, corners, found in numbers:
+        own = found.array.reshape(-1, 2)[: vertices.index_map.size_local, 0]
+        own[own >= 0] += first
+        found.scatter_forward()
+        column[rows] = found.array.reshape(-1, 2)[corners, 0].astype(np.int64)
+    stated = column >= 0
+    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+    csr = (pointers, column[stated].astype(PETSc.IntType), np.ones(int(stated.sum())))
+    return PETSc.Mat().createAIJ((field.rows, (count, PETSc.DETERMINE)), csr=csr, comm=comm)

@@ -451,6 +451,8 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """
     arguments.space(space)
     Problem({"the mass matrix": M}, space=space)
+    if is_hybrid(space):
+        raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)
     M.mult(ones, mass)

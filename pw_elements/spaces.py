@@ -11,7 +11,7 @@ from petsc4py import PETSc
 import basix.ufl
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import Mesh
+from dolfinx.mesh import Mesh, MeshTags
 
 from pw_elements import arguments
 from pw_elements.collective import collective
@@ -34,12 +34,18 @@ class NumberingError(RuntimeError):
 class Spaces:
     """A trial and a test space on one mesh, with identical dofmaps.
 
+    Args:
+        trial: of displacements, or of these and a pressure.
+        test: of their weight functions.
+        parts: tags of all cells, between which the pressure of a hybrid body is split.
+
     Raises:
         NumberingError: where the two numberings differ.
     """
 
     trial: fem.FunctionSpace
     test: fem.FunctionSpace
+    parts: MeshTags | None = None
 
     def __post_init__(self) -> None:
         arguments.space(self.trial, "the trial space")
@@ -70,7 +76,7 @@ class Spaces:
         return cls(trial, trial)
 
     @classmethod
-    def hybrid(cls, mesh: Mesh) -> "Spaces":
+    def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
 
         Displacements are those of `petrov_galerkin`; the pressure is its own test space. Up to
@@ -79,13 +85,17 @@ class Spaces:
 
         Args:
             mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
+            parts: tags of all cells, one for each material: between them the pressure jumps, and
+                `Reduction.dirichlet(spaces, conditions)` ties it within each of them. A pressure
+                that is continuous where the material is not errs by some per cent.
         """
         element = _trial_element(mesh)
         weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
-        return cls(
-            fem.functionspace(mesh, mixed_element(element)),
-            fem.functionspace(mesh, mixed_element(weights)),
+        trial, test = (
+            fem.functionspace(mesh, mixed_element(vector, split=parts is not None))
+            for vector in (element, weights)
         )
+        return cls(trial, test, parts)
 
     @classmethod
     def taylor_hood(cls, mesh: Mesh) -> "Spaces":

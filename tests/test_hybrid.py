@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_unit_cube, create_unit_square
+from dolfinx.mesh import (
+    CellType,
+    compute_midpoints,
+    create_unit_cube,
+    create_unit_square,
+    meshtags,
+)
 
 from pw_elements import (
     Body,
@@ -22,6 +28,7 @@ from pw_elements import (
     reactions,
     solve,
     split,
+    vibration_modes,
 )
 from pw_elements.hybrid import SubSpace
 from pw_elements.meshes import mapped, triangles
@@ -215,3 +222,66 @@ def test_refused_are_plane_stress_and_materials_without_pressure():
 def test_displacements_alone_warn_near_incompressibility(caplog, method, nu, state, warned):
     Body(method(create_unit_square(COMM, 2, 2)), Material(1.0, nu), state)
     assert ("in displacements alone: they lock" in caplog.text) is warned
+
+
+def layers(split_pressure, comm=COMM):
+    """Two layers, the upper ten times as stiff and compressible, pressed between smooth plates."""
+    mesh = triangles(comm, (0.0, 0.0), (1.0, 2.0), (4, 6))
+    x = mesh.geometry.x
+    inner = (x[:, 0] > 1e-9) & (x[:, 0] < 1 - 1e-9)
+    x[inner, 0] += 0.05 * np.sin(7 * x[inner, 1])
+    count = mesh.topology.index_map(2)
+    cells = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    upper = compute_midpoints(mesh, 2, cells)[:, 1] > 1
+    parts = meshtags(mesh, 2, cells, upper.astype(np.int32))
+    E, nu = (fem.Function(fem.functionspace(mesh, ("DG", 0))) for _ in range(2))
+    E.x.array[:], nu.x.array[:] = np.where(upper, 20.0, 2.0), np.where(upper, 0.3, 0.4999)
+    spaces = Spaces.hybrid(mesh, parts if split_pressure else None)
+    body = Body(spaces, Material(E, nu), "plane strain")
+    W = body.spaces.trial
+    held = [
+        prescribe(W, 1, side(1, 0.0)),
+        prescribe(W, 0, side(0, 0.0)),
+        prescribe(W, 0, side(0, 1.0)),
+    ]
+    top = boundary_measure(mesh, side(1, 2.0))
+    f = assemble_vector(body.surface_load((0.0, -1.0), top))
+    u, _ = split(W, solve(assemble_matrix(body.stiffness()), f, Reduction.dirichlet(spaces, held)))
+    stiffness = [e * (1 - n) / ((1 + n) * (1 - 2 * n)) for e, n in ((2.0, 0.4999), (20.0, 0.3))]
+    y = u.function_space.tabulate_dof_coordinates()[:, 1]
+    exact = -np.minimum(y, 1) / stiffness[0] - np.maximum(y - 1, 0) / stiffness[1]
+    moved = u.x.array.reshape(-1, 2)
+    return max(np.abs(moved[:, 0]).max(), np.abs(moved[:, 1] - exact).max()) / np.abs(exact).max()
+
+
+def test_layers_are_exact_where_the_pressure_is_split_between_them():
+    assert layers(split_pressure=True) < 1e-12
+    assert layers(split_pressure=False) > 1e-3
+
+
+def test_a_split_pressure_has_to_be_tied():
+    mesh = create_unit_square(COMM, 2, 2)
+    some = meshtags(mesh, 2, np.arange(8, dtype=np.int32), np.ones(8, dtype=np.int32))
+    spaces = Spaces.hybrid(mesh, some)
+    held = [prescribe(spaces.trial, 0, side(0, 0.0))]
+    with pytest.raises(ValueError, match="dirichlet needs both spaces"):
+        Reduction.dirichlet(spaces.trial, held)
+    few = meshtags(mesh, 2, np.arange(3, dtype=np.int32), np.ones(3, dtype=np.int32))
+    with pytest.raises(ValueError, match="of all of them"):
+        Reduction.dirichlet(Spaces.hybrid(mesh, few), held)
+    # one part has the pressure of a body without parts
+    tied = Reduction.dirichlet(spaces, held).right.getSize()[1]
+    one = Spaces.hybrid(mesh).trial
+    whole = Reduction.dirichlet(one, [prescribe(one, 0, side(0, 0.0))])
+    assert tied == whole.right.getSize()[1]
+
+
+def test_frequencies_are_those_of_displacements_alone_where_nothing_locks():
+    found = []
+    for method in (Spaces.petrov_galerkin, Spaces.hybrid):
+        body = Body(method(create_unit_square(COMM, 8, 8)), Material(2e11, 0.3), "plane strain")
+        W = body.spaces.trial
+        foot = Reduction.dirichlet(W, [prescribe(W, k, side(0, 0.0)) for k in (0, 1)])
+        K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+        found.append(vibration_modes(K, M, foot, 4).eigenvalues)
+    assert np.allclose(*found, rtol=1e-3)
