@@ -47,6 +47,11 @@ _LOCKS = (
     "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
 )
 
+_JUMPS = (
+    "the material varies and the pressure is continuous: where the material jumps displacements "
+    "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
+)
+
 _logger = logging.getLogger("pw_elements")
 
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
@@ -163,6 +168,9 @@ class Body:
                 )
             below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
             arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
+            varies = not (is_number(nu) and is_number(self.material.youngs_modulus))
+            if varies and self.spaces.parts is None and mesh.comm.rank == 0:
+                _logger.warning(_JUMPS)
         elif self.state is not StressState.PLANE_STRESS:
             above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
             arguments.coefficient(

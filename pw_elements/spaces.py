@@ -87,7 +87,7 @@ class Spaces:
             mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
             parts: tags of all cells, one for each material: between them the pressure jumps, and
                 `Reduction.dirichlet(spaces, conditions)` ties it within each of them. A pressure
-                that is continuous where the material is not errs by some per cent.
+                that is continuous where the material is not errs by ten per cent and more.
         """
         element = _trial_element(mesh)
         weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))

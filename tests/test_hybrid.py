@@ -254,9 +254,11 @@ def layers(split_pressure, comm=COMM):
     return max(np.abs(moved[:, 0]).max(), np.abs(moved[:, 1] - exact).max()) / np.abs(exact).max()
 
 
-def test_layers_are_exact_where_the_pressure_is_split_between_them():
+def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
     assert layers(split_pressure=True) < 1e-12
+    assert "the pressure is continuous" not in caplog.text
     assert layers(split_pressure=False) > 1e-3
+    assert "the pressure is continuous" in caplog.text
 
 
 def test_a_split_pressure_has_to_be_tied():
