@@ -54,7 +54,7 @@ class BodyNodes:
             space.tabulate_dof_coordinates()[:, :dim],
             free_columns(reduction.right)[field.owned],
             _on_boundary(space),
-            _outward(space).array_r.reshape(-1, dim),
+            _outward(space).reshape(-1, dim),
             midpoints_around(space),
             _diagonal(space),
         )
@@ -125,10 +125,12 @@ def free_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def _outward(space: fem.FunctionSpace) -> PETSc.Vec:
+def _outward(space: fem.FunctionSpace) -> Array:
     """Outward normals of the owned nodes (nodes dim,), integrated with their shape functions."""
     v = ufl.TestFunction(space)
-    return assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+    normal = assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+    # a view would keep the vector on the one process whose error holds these nodes
+    return np.array(normal.array_r)
 
 
 def _diagonal(space: fem.FunctionSpace) -> float:
