@@ -243,6 +243,18 @@ class Body:
         strain = self.strain(u)
         return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
 
+    def von_mises(self, u: Expr) -> Expr:
+        """Von Mises' equivalent stress of displacements u, for pictures and judgement.
+
+        In plane strain it has the stress that holds the third direction.
+        """
+        stress = self.stress(u)
+        trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
+        if self.state is StressState.PLANE_STRAIN:
+            third = self._value(self.material.poissons_ratio) * trace
+            trace, squares = trace + third, squares + third**2
+        return ufl.sqrt((3 * squares - trace**2) / 2)
+
     def stiffness(self) -> ufl.Form:
         """Stiffness form, Eq. (10)."""
         u, v = self._arguments()
