@@ -152,6 +152,11 @@ def test_two_bodies_have_the_states_of_the_direct_solver(case, slave):
     assert states[-1].report.krylov_iterations < 220
 
 
+def test_two_bodies_of_hexahedra():
+    arguments = held_by_contact(Stack((3, 2), "hexahedron", upper=(0.13, 0.83)), "upper")
+    compare(*(solve_contact(*arguments, solver=solver) for solver in (Iterative(), Direct())))
+
+
 def test_a_slave_that_is_stiffer_takes_more_iterations():
     iterations = []
     for ratio in (0.01, 1.0, 100.0):

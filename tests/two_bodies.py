@@ -58,7 +58,7 @@ class Stack:
         state=None,
         comm=MPI.COMM_SELF,
     ):
-        self.dim = 3 if cell == "tetrahedron" else 2
+        self.dim = 3 if cell in ("tetrahedron", "hexahedron") else 2
         self.up = self.dim - 1
 
         def block(n, sides, bottom):

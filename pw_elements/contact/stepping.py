@@ -25,6 +25,7 @@ from dolfinx import fem
 from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
+from pw_elements.contact.edges import Edges
 from pw_elements.contact.errors import ContactFailed, NotFound
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
@@ -185,7 +186,9 @@ class ContactProblem:
 
         def policy() -> Policy:
             hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-            return Policy(hold, interface.comm)
+            mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
+            edges = Edges(interface.position, interface.pair, mortar, interface.comm)
+            return Policy(hold, interface.comm, edges if mortar else None)
 
         first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)
