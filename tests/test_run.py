@@ -267,6 +267,9 @@ def test_text_in_pdf_is_dejavu(tmp_path):
 @pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
 def test_shellcheck():
     process = subprocess.run(
-        ["shellcheck", "run", ".ci/run", ".ci/nightly"], cwd=ROOT, capture_output=True, text=True
+        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert process.returncode == 0, process.stdout
