@@ -79,7 +79,7 @@ def test_study_and_tests_start_in_the_project_from_anywhere(tmp_path):
 
 def test_layers_that_are_none_and_options_that_are_none_are_refused():
     process = run("--with", "study,moon", "true")
-    assert process.stderr == "run: there is no layer moon, but core, study, test and docs\n"
+    assert process.stderr == "run: there is no layer moon, but core, study, test, docs and pip\n"
     assert process.returncode == 1
     assert "needs layers and a command" in run("--with", "study").stderr
     assert "no option --fast" in run("--fast").stderr
@@ -267,6 +267,9 @@ def test_text_in_pdf_is_dejavu(tmp_path):
 @pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
 def test_shellcheck():
     process = subprocess.run(
-        ["shellcheck", "run", ".ci/run", ".ci/nightly"], cwd=ROOT, capture_output=True, text=True
+        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert process.returncode == 0, process.stdout

@@ -161,8 +161,8 @@ def _result(case: Case) -> Result:
     while True:
         try:
             return case.run(**case.parameters)
-        except TimeoutError as error:
-            left = re.search(r"remove (/.*\.c)\)", str(error))
+        except Exception as error:
+            left = re.search(r"JIT compilation timed out.* remove (/.*\.c)\)", str(error))
             if not left or left[1] in removed:
                 raise
             removed.add(left[1])
