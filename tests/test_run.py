@@ -199,6 +199,17 @@ def test_one_thread_unless_asked_for_more():
     assert environment(OMP_NUM_THREADS="2")["OMP_NUM_THREADS"] == "2"
 
 
+def test_processes_share_memory_in_a_folder_of_the_users_own():
+    folder = Path(environment()["OMPI_MCA_btl_sm_backing_directory"])
+    assert re.fullmatch(r"/dev/shm/pw-elements-\d+", str(folder))
+    assert (folder.stat().st_mode & 0o777, folder.stat().st_uid) == (0o700, os.getuid())
+    left = folder / "sm_segment.left-behind"
+    left.write_text("")
+    os.utime(left, (0, 0))
+    run("true")
+    assert not left.exists()
+
+
 def told(folder, git):
     """What ./run tells of the commit, with a shell script as git."""
     (folder / "git").write_text(f"#!/bin/sh\n{git}\n")
