@@ -15,7 +15,7 @@ WAYS = {
     "pw": LOOK["pw-T6"] | {"label": "new T6"},
 }
 SIZES = (16, 32, 64)
-SQUARE, WALL, TREFFTZ = "V13/square-{}-8", "V13/graded-{}-16", "V13/graded-trefftz-20"
+SQUARE, WALL, TREFFTZ = "V13/square-{}-8", "V13/graded-{}-16", "V13/graded-trefftz-10"
 NEEDS = [name.format(way) for name in (SQUARE, WALL) for way in WAYS]
 NEEDS += [f"V13/graded-{way}-{n}" for way in WAYS for n in SIZES[1:]] + [TREFFTZ]
 
@@ -56,7 +56,7 @@ def caption(results: Results) -> str:
     return (
         "Nodal reactions over areas, against the exact flux (lines): at the upper side of the "
         "square (8 elements along it) and where heat enters the graded wall (16; conductivity "
-        "grows a hundredfold through it, and with temperature; crosses: Trefftz's way, degree 20). "
+        "grows a hundredfold through it, and with temperature; crosses: Trefftz's way, degree 10). "
         "Right: the largest error of any inner node, over the largest flux."
     )
 

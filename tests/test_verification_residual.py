@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study.verification.v13_graded import Graded, Sourced, Trefftz
+from study.verification.v13_graded import Graded, Sourced, Trefftz, polynomial_error
 
 RATIO = 20.0
 
@@ -25,7 +25,7 @@ def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
         return lambda p: k(p) * derivative(lambda q: problem.temperature(*q), p, axis)
 
     balance = sum(derivative(flux(axis), x, axis, 1e-3) for axis in (0, 1))
-    assert np.abs(balance / k(x) + problem.source(*x)).max() < 1e-6
+    assert np.abs(balance / RATIO ** x[0] + problem.source(*x)).max() < 1e-6
     right = np.array([np.ones(20), x[1]])
     assert flux(0)(right) == pytest.approx(problem.flux(x[1]), rel=1e-6)
     if problem.insulated:
@@ -33,8 +33,16 @@ def test_exact_temperatures_solve_the_equation_and_have_the_flux(problem):
             assert np.abs(flux(1)(np.array([x[0], np.full(20, end)]))).max() < 1e-7
 
 
-@pytest.mark.parametrize(("problem", "degree", "error"), [(Graded, 14, 1e-6), (Sourced, 8, 1e-10)])
-def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, error):
+@pytest.mark.parametrize(
+    ("problem", "degree", "transformed", "error"),
+    [
+        (Graded, 10, True, 1e-10),
+        (Sourced, 10, True, 1e-10),
+        (Graded, 14, False, 1e-7),
+        (Sourced, 8, False, 1e-11),
+    ],
+)
+def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, transformed, error):
     class Hidden(problem):
         """Whose temperature is known on the boundary alone."""
 
@@ -43,12 +51,29 @@ def test_trefftzs_way_needs_temperatures_on_the_boundary_alone(problem, degree, 
             return np.where(inside, np.nan, super().temperature(x, y))
 
     known = problem(RATIO)
-    answer = Trefftz(Hidden(RATIO), degree)
+    answer = Trefftz(Hidden(RATIO), degree, transformed)
     x = np.random.default_rng(1).uniform(0, 1, (2, 50))
     assert np.abs(answer.temperature(*x) - known.temperature(*x)).max() < error
     assert answer.flux(x[1]) == pytest.approx(known.flux(x[1]), abs=300 * error)
 
 
-def test_trefftzs_way_says_where_its_iteration_does_not_settle():
+@pytest.mark.parametrize("transformed", [True, False])
+def test_trefftzs_way_says_where_its_iteration_does_not_settle(transformed):
     with pytest.raises(ArithmeticError, match="the iteration changes by"):
-        Trefftz(Graded(1e4), 10)
+        Trefftz(Graded(1e4), 10, transformed)
+
+
+def test_the_iteration_contracts_by_the_least_eigenvalue():
+    """Laplace's, of functions that vanish at the ends and are insulated at the sides, is pi^2."""
+    ratio = 100.0
+    rate = (np.log(ratio) / 2) ** 2 / np.pi**2
+    assert Trefftz(Graded(ratio), 10).steps == pytest.approx(np.log(1e-12) / np.log(rate), abs=3)
+
+
+def test_interpolation_of_a_polynomial_leaves_nothing():
+    class Cubic(Sourced):
+        def temperature(self, x, y):
+            return x**3 * y
+
+    assert polynomial_error(Cubic(1.0), 3, transformed=False) < 1e-14
+    assert polynomial_error(Cubic(1.0), 2, transformed=False) > 1e-3
