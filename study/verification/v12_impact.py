@@ -45,6 +45,7 @@ from study.verification.c_mesh_families import (
     on_strip,
     order,
 )
+from study.verification.recorded import longer
 
 TITLE = "Impact and the symmetric sibling"
 
@@ -57,6 +58,7 @@ MATERIAL = Material(YOUNGS_MODULUS, POISSONS_RATIO)
 STATES = {2: StressState.PLANE_STRAIN, 3: StressState.SOLID}
 COURANT = 0.9  # step over the critical one, the library's own
 END = 9.0  # the exact release is at 8
+LATE = 100.0  # of the longest runs
 STEADY = (1.0, 7.0)  # times between which pressures count
 IN_CONTACT = 0.05  # total force over the exact one that counts as contact
 
@@ -130,13 +132,13 @@ class Motion:
     critical_step: float
 
 
-def bar(scheme: str, dimension: int, cells: int) -> Result:
+def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
     """A bar 4 long and 1 wide on a rigid wall, `cells` along its width."""
     build = {2: on_strip, 3: on_bar}[dimension]
     mesh = build("", 1 / cells)
     found = Scheme.of(scheme, mesh)
     held = found.walls([1.0] * (dimension - 1))
-    motion = (_by_hand if scheme == "pw" else _by_library)(found, held)
+    motion = (_by_hand if scheme == "pw" else _by_library)(found, held, end)
     face = SurfaceNodes.of(found.body, _on(dimension - 1, 0.0))
     total = motion.force.sum(axis=1)  # the exact one is 1, as the face's area
     steady = (motion.time > STEADY[0]) & (motion.time < STEADY[1])
@@ -191,11 +193,11 @@ def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
     return Result(numbers, dimensionless(numbers), curves, dofs=found.K.getSize()[0])
 
 
-def _by_library(found: Scheme, held: Reduction) -> Motion:
+def _by_library(found: Scheme, held: Reduction, end: float = END) -> Motion:
     dim = found.body.spaces.mesh.geometry.dim
     axis = np.eye(dim)[-1]
     wall = ContactPair(_on(dim - 1, 0.0), Plane((0.0,) * dim, tuple(axis)))
-    history = solve_impact(found.K, found.M, held, wall, found.space, END, _thrown(found))
+    history = solve_impact(found.K, found.M, held, wall, found.space, end, _thrown(found))
     energy = history.energies.total
     return Motion(
         history.time[:-1],
@@ -205,7 +207,7 @@ def _by_library(found: Scheme, held: Reduction) -> Motion:
     )
 
 
-def _by_hand(found: Scheme, held: Reduction) -> Motion:
+def _by_hand(found: Scheme, held: Reduction, end: float = END) -> Motion:
     """Central differences with contact for any stiffness: what the library refuses to do."""
     K, mass, free = _free(found, held)
     dim = found.body.spaces.mesh.geometry.dim
@@ -214,7 +216,7 @@ def _by_hand(found: Scheme, held: Reduction) -> Motion:
     rows = np.searchsorted(free, dim * nodes + dim - 1)
     critical = 2 / np.sqrt(abs(_highest(K, mass)))
     dt = COURANT * critical
-    steps = int(np.ceil(END / dt))
+    steps = int(np.ceil(end / dt))
     v = _thrown(found).array_r[free]
     u, inner, forces, start = np.zeros(len(free)), np.zeros(len(free)), [], mass * v @ v / 2
     for _ in range(steps):
@@ -299,22 +301,46 @@ BARS = {2: (4, 8, 16), 3: (3, 5, 7)}
 CUBES = {2: (8, 16, 32), 3: (5, 7, 9)}
 
 
-def _cases() -> list[Case]:
-    cases = []
-    for dimension, suffix in ((2, "T6"), (3, "T10")):
-        for scheme, element in SCHEMES.items():
-            if dimension == 2 and scheme == "sibling-pwmass":
-                continue  # both masses are the same in the plane
-            stated = {"scheme": scheme, "dimension": dimension}
-            implied = {"element": f"{element}-{suffix}"}
-            of = {2: "square", 3: "cube"}[dimension]
-            cases += [
-                Case("V12", f"bar-{dimension}d-{scheme}-{n}", bar, {**stated, "cells": n}, implied)
-                for n in BARS[dimension]
-            ]
-            parameters = {**stated, "cells": CUBES[dimension]}
-            cases.append(Case("V12", f"frequency-{of}-{scheme}", frequency, parameters, implied))
-    return cases
+SHAPES = {2: ("square", "T6"), 3: ("cube", "T10")}
 
 
-CASES = _cases()
+def _schemes(dimension: int) -> list[str]:
+    """Without one of the two sibling's masses that are the same in the plane."""
+    return [name for name in SCHEMES if dimension == 3 or name != "sibling-pwmass"]
+
+
+def _bar(scheme: str, dimension: int, cells: int, end: float = END) -> Case:
+    late = f"-{end:.0f}" if end != END else ""
+    stated = {"scheme": scheme, "dimension": dimension, "cells": cells, "end": end}
+    implied = {"element": f"{SCHEMES[scheme]}-{SHAPES[dimension][1]}"}
+    return Case("V12", f"bar-{dimension}d-{scheme}-{cells}{late}", bar, stated, implied)
+
+
+def _frequency(scheme: str, dimension: int, cells: tuple[int, ...], suffix: str = "") -> Case:
+    shape, cell = SHAPES[dimension]
+    stated = {"scheme": scheme, "dimension": dimension, "cells": cells}
+    implied = {"element": f"{SCHEMES[scheme]}-{cell}"}
+    return Case("V12", f"frequency-{shape}-{scheme}{suffix}", frequency, stated, implied)
+
+
+CASES = [
+    case
+    for dimension in SHAPES
+    for scheme in _schemes(dimension)
+    for case in (
+        *(_bar(scheme, dimension, n) for n in BARS[dimension]),
+        _frequency(scheme, dimension, CUBES[dimension]),
+    )
+]
+LONGER = [
+    *(_bar(scheme, 2, n) for scheme in ("hrz", "sibling") for n in (32, 64)),
+    *(_bar(scheme, 3, n) for scheme in ("hrz", "sibling") for n in (10, 14, 20)),
+    *(_bar(scheme, d, n, LATE) for scheme in ("hrz", "sibling") for d, n in ((2, 16), (3, 5))),
+    *(
+        _frequency(scheme, d, cells, "-fine")
+        for scheme in ("hrz", "sibling")
+        for d, cells in ((2, (32, 64, 128)), (3, (9, 12, 16)))
+    ),
+]
+"""Computed by `longer`."""
+CASES += longer("V12")

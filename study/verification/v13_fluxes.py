@@ -5,7 +5,7 @@ of its test functions; "transferred", evened out by T, over geometric areas; "pw
 over geometric areas. Steady conduction in a graded material is judged by `v13_graded`, too.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +32,7 @@ from pw_elements.meshes import triangles
 from study.core.cases import Case
 from study.core.store import Result
 from study.units import dimensionless
+from study.verification.recorded import longer
 from study.verification.v13_graded import (
     Conduction,
     Graded,
@@ -204,7 +205,12 @@ def _rim(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
     )
 
 
-def _cases(problem: Callable[..., Result], cell: str, sizes: tuple[int, ...]) -> list[Case]:
+def _cases(
+    problem: Callable[..., Result],
+    cell: str,
+    sizes: tuple[int, ...],
+    ways: Iterable[str] = WAYS,
+) -> list[Case]:
     return [
         Case(
             "V13",
@@ -213,9 +219,19 @@ def _cases(problem: Callable[..., Result], cell: str, sizes: tuple[int, ...]) ->
             {"way": way, "elements": n},
             {"element": f"{WAYS[way].element}-{cell}"},
         )
-        for way in WAYS
+        for way in ways
         for n in sizes
     ]
+
+
+def _quadrilaterals(n: int) -> Case:
+    parameters = {"way": "pw", "elements": n, "cell": "quadrilateral"}
+    return Case("V13", f"graded-pw-Q9-{n}", graded, parameters, {"element": "pw-Q9"})
+
+
+def _trefftz(known: str, degree: int, suffix: str = "", **options: float) -> Case:
+    parameters = {"known": known, "degree": degree, **options}
+    return Case("V13", f"{known}-trefftz-{degree}{suffix}", trefftz, parameters)
 
 
 CASES = [
@@ -223,38 +239,21 @@ CASES = [
     *_cases(cube, "T10", (4, 8)),
     *_cases(graded, "T6", (16, 32, 64)),
     *_cases(sourced, "T6", (16, 32, 64)),
+    *(_quadrilaterals(n) for n in (32, 64, 128)),
+    *(_trefftz(known, degree) for known in ("graded", "sourced") for degree in (6, 8, 10, 12)),
+    *(
+        _trefftz(known, degree, "-direct", transformed=False)
+        for known, degrees in (("graded", (10, 12, 16, 20)), ("sourced", (6, 8, 10)))
+        for degree in degrees
+    ),
+    *(_trefftz("graded", 10, f"-ratio{ratio:.0f}", ratio=ratio) for ratio in (10.0, 400.0)),
 ]
-CASES += [
-    Case(
-        "V13",
-        f"graded-pw-Q9-{n}",
-        graded,
-        {"way": "pw", "elements": n, "cell": "quadrilateral"},
-        {"element": "pw-Q9"},
-    )
-    for n in (32, 64, 128)
+LONGER = [
+    *_cases(square, "T6", (64, 128)),
+    *_cases(cube, "T10", (16, 24)),
+    *_cases(graded, "T6", (128, 256, 512), ("own", "pw")),
+    *_cases(sourced, "T6", (128,), ("own", "pw")),
+    _quadrilaterals(256),
 ]
-CASES += [
-    Case("V13", f"{known}-trefftz-{degree}", trefftz, {"known": known, "degree": degree})
-    for known in ("graded", "sourced")
-    for degree in (6, 8, 10, 12)
-]
-CASES += [
-    Case(
-        "V13",
-        f"{known}-trefftz-direct-{degree}",
-        trefftz,
-        {"known": known, "degree": degree, "transformed": False},
-    )
-    for known, degrees in (("graded", (10, 12, 16, 20)), ("sourced", (6, 8, 10)))
-    for degree in degrees
-]
-CASES += [
-    Case(
-        "V13",
-        f"graded-trefftz-10-ratio{ratio:.0f}",
-        trefftz,
-        {"known": "graded", "degree": 10, "ratio": ratio},
-    )
-    for ratio in (10.0, 400.0)
-]
+"""Computed by `longer`."""
+CASES += longer("V13")

@@ -1,0 +1,58 @@
+"""The longer series of sections V12 to V14 and their record."""
+
+import json
+
+import pytest
+
+from study.core.cases import load_section
+from study.verification import longer, recorded
+
+QUICK = "V13/square-own-64"
+
+
+def test_record_has_the_whole_series_and_nothing_else():
+    known = {f"{row['section']}/{row['case']}": row["parameters"] for row in recorded.rows()}
+    assert known == {key: case.stored_parameters for key, case in longer.CASES.items()}
+
+
+@pytest.mark.parametrize("section", ["V12", "V13", "V14"])
+def test_sections_show_the_record(section):
+    shown = {case.key: case for case in load_section(section).cases}
+    for key, computed in longer.CASES.items():
+        if computed.section == section:
+            case = shown[key]
+            shared = computed.stored_parameters.keys() - {"problem"}
+            assert all(case.stored_parameters[k] == computed.stored_parameters[k] for k in shared)
+            assert case.run(**case.parameters).dofs > 0
+
+
+def test_check_passes_and_notices_a_changed_number(tmp_path, monkeypatch, capsys):
+    content = json.loads(recorded.RECORD.read_text(encoding="utf-8"))
+    copy = tmp_path / "longer.json"
+    copy.write_text(json.dumps(content))
+    for module in (longer, recorded):
+        monkeypatch.setattr(module, "RECORD", copy)
+    assert longer.main(["--check", QUICK]) == 0
+    (row,) = [row for row in content["rows"] if row["case"] == "square-own-64"]
+    row["scalars"]["nodes"] += 1
+    copy.write_text(json.dumps(content))
+    assert longer.main(["--check", QUICK]) == 1
+    assert "TOO LARGE: V13/square-own-64 nodes 128 and 127" in capsys.readouterr().out
+    assert longer.main([QUICK]) == 0  # computes the row again, and keeps the others
+    again = json.loads(copy.read_text())
+    assert [one["case"] for one in again["rows"]] == [one["case"] for one in content["rows"]]
+    assert longer.main(["--check", QUICK]) == 0
+
+
+def test_a_case_that_is_not_in_the_record_is_no_success(tmp_path, monkeypatch):
+    empty = tmp_path / "longer.json"
+    empty.write_text(json.dumps({"versions": {}, "rows": []}))
+    for module in (longer, recorded):
+        monkeypatch.setattr(module, "RECORD", empty)
+    assert longer.main(["--check", QUICK]) == 1
+
+
+def test_unknown_cases_are_refused(capsys):
+    with pytest.raises(SystemExit):
+        longer.main(["V13/square-own-65"])
+    assert "no longer case V13/square-own-65" in capsys.readouterr().err
