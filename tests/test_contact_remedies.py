@@ -38,7 +38,7 @@ from pw_elements.contact.remedies import without_active_sets
 from pw_elements.contact.system import ContactSystem, Tangent
 from pw_elements.linear_solver import Direct
 from pw_elements.meshes import on_lines
-from study.verification.graded_meshes import growing
+from study.verification.mesh_lines import growing
 from tests.contact_cases import Block, Greco, Punch, at
 from tests.contact_residuals import Step, residuals, walked, worst
 from tests.random_contact import problem

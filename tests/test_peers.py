@@ -17,9 +17,10 @@ from study.benchmarks import calculix_block
 from study.peers import calculix
 from study.peers.decks import BOTTOM, LEFT, RIGHT, TOP, Block, HalfBeam, TrianglePairs
 from study.peers.grids import Grid
-from study.peers.printed import tables
+from study.peers.printed import fields, tables
 from study.peers.problems import PROBLEMS
 from study.peers.standard_decks import SPECIMENS, RoughBlock
+from study.peers.two_bodies import PAIRS
 
 ROOT = Path(__file__).parents[1]
 MESH = TrianglePairs((0.0, -1.0), (3.0, 1.0), (3, 2))
@@ -318,3 +319,36 @@ class TestAgainstOurs:
         run = p_compare.reactions if problem == "two-triangles" else p_standard.against_standard
         with pytest.raises(ValueError, match=f"{problem} has changed"):
             run(problem, "0")
+
+
+def test_fields_of_a_file_of_results():
+    written = (
+        "    1PSTEP                         1\n"
+        " -4  DISP        4    1\n"
+        " -5  D1          1    2    1    0\n"
+        " -1       442-1.09849E-06 0.00000E+00 1.97729E+02\n"
+        " -1         7 1.00000E+00-2.00000E+00 3.00000E+00\n"
+        " -3\n"
+        " -1         8 1.00000E+00\n"
+        " -4  CONTACT     6    1\n"
+        " -1         9 4.00000E+00\n"
+        " -3\n"
+    )
+    assert fields(written) == {
+        "DISP": {442: [-1.09849e-6, 0.0, 197.729], 7: [1.0, -2.0, 3.0]},
+        "CONTACT": {9: [4.0]},
+    }
+
+
+@pytest.mark.parametrize("case", PAIRS)
+def test_faces_of_two_bodies_meet(case):
+    problem = PAIRS[case]
+    slave, master = (problem.nodes[nodes - 1] for nodes in (problem.slave, problem.master))
+    assert set(problem.slave) | set(problem.master) <= set(problem.around)
+    radius = getattr(problem, "radius", np.inf)
+    assert slave[:, 2] == pytest.approx(slave[0, 2], abs=1e-15)
+    heights = (master[:, 0] ** 2 + master[:, 1] ** 2) / (2 * radius)
+    assert master[:, 2] - slave[0, 2] == pytest.approx(heights, abs=1e-15)
+    for nodes in (problem.slave, problem.master):
+        held = {node for node, _, _ in problem.supports()} & set(nodes)
+        assert bool(held) == ("spheres" in case)  # supports that mortar could not have

@@ -72,6 +72,7 @@ QUICK = [
     "V11/unequal-pw-dual-8",
     "V11/r0094-node-to-segment",
     "V11/spheres-pw-dual-3",
+    "V11/patch-3d-calculix-mortar",
     "V12/bar-2d-sibling-4",
     "V12/frequency-square-hrz",
     "V12/bar-3d-sibling-14",

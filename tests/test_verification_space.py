@@ -8,7 +8,8 @@ from dolfinx import fem
 from pw_elements import Material, solve
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force
-from study.verification.solid_meshes import box, graded, quarter_disc, with_mirror_image
+from study.verification.mesh_lines import graded
+from study.verification.solid_meshes import box, quarter_disc, with_mirror_image
 from study.verification.solids import Solid
 
 BODY = Elastic(2.0, 0.3)

@@ -23,6 +23,7 @@ from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
 from study.peers.printed import Array, tables
 from study.peers.problems import PROBLEMS, Problem
 from study.peers.standard_decks import Specimen
+from study.peers.two_bodies import TwoBodies
 
 RESULTS = Path(__file__).with_name("results")
 
@@ -111,7 +112,8 @@ def compute(case: str, ccx: str) -> Peer:
         )
         if done.returncode or "Job finished" not in done.stdout or "*ERROR" in done.stdout:
             raise PeerError(f"{case}: CalculiX failed:\n{done.stdout[-1000:]}{done.stderr}")
-        printed = job.with_suffix(".dat").read_text()
+        of_fields = isinstance(problem, TwoBodies)
+        printed = job.with_suffix(".frd" if of_fields else ".dat").read_text()
     return Peer(version(ccx), digest(deck), _numbers(problem, printed))
 
 
@@ -126,7 +128,7 @@ def difference(new: Peer, old: Peer) -> float:
 
 
 def _numbers(problem: Problem, printed: str) -> dict[str, Array]:
-    if isinstance(problem, Specimen):
+    if isinstance(problem, Specimen | TwoBodies):
         return problem.numbers(printed)
     if isinstance(problem, HalfBeam):
         (factors,) = tables(printed, "FACTOR")

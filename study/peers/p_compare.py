@@ -23,6 +23,7 @@ from study.peers.calculix import peer_of, tracked_digest
 from study.peers.decks import Block, HalfBeam, NativePressure, TrianglePairs, TwoTriangles
 from study.peers.problems import PROBLEMS
 from study.peers.standard_decks import Specimen
+from study.peers.two_bodies import TwoBodies
 from study.units import dimensionless, units_of
 
 TITLE = "An independent code: CalculiX"
@@ -244,5 +245,5 @@ CASES = [
         _stated(problem),
     )
     for name, problem in PROBLEMS.items()
-    if not isinstance(problem, Specimen)
+    if not isinstance(problem, Specimen | TwoBodies)  # the latter are section V11's
 ] + p_standard.CASES

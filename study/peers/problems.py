@@ -2,8 +2,9 @@
 
 from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
 from study.peers.standard_decks import SPECIMENS, AnySpecimen
+from study.peers.two_bodies import PAIRS, Blocks, Spheres
 
-Problem = TwoTriangles | Block | HalfBeam | AnySpecimen
+Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres
 
 PROBLEMS: dict[str, Problem] = {
     "two-triangles": TwoTriangles(),
@@ -21,4 +22,5 @@ PROBLEMS: dict[str, Problem] = {
         for mode in (1, 2)
     },
     **SPECIMENS,
+    **PAIRS,
 }

@@ -1,4 +1,4 @@
-"""Graded mesh lines, and two bodies in one mesh."""
+"""Two bodies in one mesh."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,13 +7,6 @@ from dolfinx.mesh import Mesh, create_mesh
 from pw_elements._compat import cell_nodes
 
 Array = npt.NDArray[np.float64]
-
-
-def growing(smallest: float, length: float, growth: float) -> Array:
-    """Mesh lines from 0 to the length, elements growing from about the smallest by a factor."""
-    count = int(np.ceil(np.log1p(length / smallest * (growth - 1)) / np.log(growth)))
-    lines = np.concatenate([[0.0], np.cumsum(growth ** np.arange(count))])
-    return length * lines / lines[-1]
 
 
 def with_counterpart(lower: Mesh, distance: float) -> Mesh:

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import quad
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -322,6 +321,8 @@ class BondedLine:
     @property
     def approach(self) -> float:
         """Depth of the middle, by quadrature."""
+        from scipy.integrate import quad
+
         eta, kappa = self.oscillation, self.body.kolosov
 
         def logarithm(s: float) -> float:
@@ -348,6 +349,8 @@ class BondedLine:
         return np.asarray(amplitude / (2 * np.pi * np.cosh(np.asarray(s) / 2)))
 
     def _within(self, x: Array, wave: np.ufunc) -> Array:
+        from scipy.integrate import quad
+
         def traction(s: float) -> float:
             return float(self._density(s) * wave(self.oscillation * s))
 

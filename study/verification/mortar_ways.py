@@ -39,8 +39,8 @@ from pw_elements.recovery import SurfaceNodes
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Of quadrature in space, where cells are straight but for 1e-3: the library's degree for curved ones
-# changes the ninth digit of pressures, and costs half of all time
+# Of quadrature in space, where cells are straight but for 1e-3: the degree that the library takes
+# for curved ones changes the ninth digit of pressures, and takes half of all time
 _DEGREE = 3
 # Linear systems of the comparison ways' iteration, which may cycle
 _MOST = 40

@@ -1,7 +1,6 @@
 """Meshes of pieces of a half space z < 0: graded boxes, and discs in prisms, of T10 or H27."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from mpi4py import MPI
 
@@ -12,49 +11,14 @@ from dolfinx.mesh import CellType, Mesh, create_box, create_mesh
 
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import mapped
-from study.verification.graded_meshes import growing
 
 Array = npt.NDArray[np.float64]
 
-# Sides of the bodies, which have the exact displacements, and growth of cells towards them;
-# lengths over the contact's radius
-OUTER, GROWTH = 2.5, 1.6
-ZONE = 1.2  # nodes that may touch a sphere
-# Where the contact's edge lies in an element, as a part of it: nowhere in particular
-PLACE = 0.375
 # Corner of the square inside the disc, over its radius: on the axes, and on the diagonal
 _SQUARE, _DIAGONAL = 0.5, 0.4
 # Elements between square and circle shrink as this power of the distance from the latter, over
 # the distance of the square
 _SHRINKING = 2
-
-
-@dataclass(frozen=True)
-class Lines:
-    """Mesh lines of a body under a sphere.
-
-    Args:
-        beside: from the axis outwards.
-        below: up to the surface z = 0.
-        zone: distance of the line up to which nodes may touch.
-    """
-
-    beside: Array
-    below: Array
-    zone: float
-
-
-def graded(elements: float) -> Lines:
-    """Lines with some `elements` along the contact's radius."""
-    size = 1 / (elements + PLACE)
-    near = size * np.arange(np.ceil(ZONE / size) + 1)
-    far = near[-1] + growing(size, OUTER - near[-1], GROWTH)[1:]
-    return Lines(np.concatenate([near, far]), depths(size), float(near[-1]))
-
-
-def depths(size: float) -> Array:
-    """Mesh lines up to the surface, the last element of a size."""
-    return -growing(size, OUTER, GROWTH)[::-1]
 
 
 def cell_of(element: str) -> str:

@@ -18,7 +18,8 @@ from pw_elements.recovery import SurfaceNodes
 from study.core.store import Result
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, hertz_force
-from study.verification.solid_meshes import OUTER, box, cell_of, graded, with_mirror_image
+from study.verification.mesh_lines import OUTER, graded
+from study.verification.solid_meshes import box, cell_of, with_mirror_image
 from study.verification.solids import INNER, Solid, face_result
 
 Array = npt.NDArray[np.float64]

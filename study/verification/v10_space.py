@@ -25,18 +25,10 @@ from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.verification.c_mesh_families import on_cube
-from study.verification.graded_meshes import growing
 from study.verification.half_space import Elastic, FlatRound, HertzSphere, KnownContact
 from study.verification.half_space_shear import hertz_force
-from study.verification.solid_meshes import (
-    GROWTH,
-    OUTER,
-    box,
-    cell_of,
-    depths,
-    graded,
-    quarter_disc,
-)
+from study.verification.mesh_lines import GROWTH, OUTER, depths, graded, growing
+from study.verification.solid_meshes import box, cell_of, quarter_disc
 from study.verification.solids import INNER, Solid, face_result
 from study.verification.v10_partial_slip import mindlin
 

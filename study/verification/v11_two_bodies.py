@@ -12,21 +12,26 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
+from scipy.spatial import cKDTree
 
-from pw_elements import StressState, prescribe
+from pw_elements import StressState, assemble_matrix, prescribe
 from pw_elements.contact import STICK, ContactState, Motion
 from pw_elements.contact.trace import Trace, gathered_trace, sizes
 from pw_elements.meshes import curved, mapped, on_lines
 from pw_elements.parts import exterior_facets
+from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
+from study.peers.calculix import peer_of, tracked_digest
+from study.peers.two_bodies import PAIRS, Blocks
 from study.units import dimensionless
 from study.verification.c_mesh_families import meshed
 from study.verification.friction import Cattaneo
-from study.verification.graded_meshes import growing, joined
+from study.verification.graded_meshes import joined
 from study.verification.half_space import Elastic, HertzLine, HertzSphere
+from study.verification.mesh_lines import OUTER, graded, growing
 from study.verification.mortar_ways import Solution, TwoBodies
-from study.verification.solid_meshes import OUTER, box, graded
+from study.verification.solid_meshes import box
 from study.vocabulary import WAYS
 
 TITLE = "Two deformable bodies"
@@ -48,6 +53,8 @@ PLACE = 0.375  # where the contact's edge lies in an element
 INNER = 0.8
 FRICTION, SHARE = 0.4, 0.5  # of partial slip
 ROUGH = 0.3  # of unequal bodies
+CALCULIX_DEGREE = 2  # what its four points in a tetrahedron integrate exactly
+TWOFOLD, OPEN = 2.0, 1e-9  # of pressures that vary slowly, and over the largest one that are none
 COARSEST, FINEST_EDGES = 4, 32  # edges that start from nothing, and that others are judged by
 
 # NAFEMS R0094-1 in N and mm: steel cylinder, aluminium block, their half widths and height, force
@@ -72,18 +79,7 @@ def overhang(way: str, dim: int) -> Result:
 
 
 def _blocks(way: str, dim: int, width: float) -> Result:
-    up, count = dim - 1, (4, 7) if dim == 2 else (2, 3)
-
-    def block(n: int, bottom: float) -> Mesh:
-        build, cell = (create_rectangle, "triangle") if dim == 2 else (create_box, "tetrahedron")
-        ends = [[0.0] * up + [bottom], [1.0] * up + [bottom + 1]]
-        return build(MPI.COMM_SELF, ends, [n, n + 1, n][:dim], CellType[cell])
-
-    narrow = mapped(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
-    mesh, low = joined(block(count[1], 0.0), narrow)
-    state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
-    sides = _sides(mesh, low, lambda x: np.isclose(x[up], 1.0))
-    two = TwoBodies.of(way, mesh, low, (1.0, 1.0), POISSONS_RATIO, state, sides)
+    two, up = _two_blocks(way, dim, width), dim - 1
     down = np.zeros(dim)
     down[up] = -PRESSURE
     load = two.load(down, lambda x: np.isclose(x[up], 2.0))
@@ -97,6 +93,22 @@ def _blocks(way: str, dim: int, width: float) -> Result:
     x = two.x[found.node]
     # on the end itself part of a node's weights is loaded
     return _result(two, found, np.where(x[:, 0] < width + 1, PRESSURE, 0.0), PRESSURE, np.inf)
+
+
+def _two_blocks(way: str, dim: int, width: float) -> TwoBodies:
+    """The upper one of a width, on one as wide as 1."""
+    up, count = dim - 1, (4, 7) if dim == 2 else (2, 3)
+
+    def block(n: int, bottom: float) -> Mesh:
+        build, cell = (create_rectangle, "triangle") if dim == 2 else (create_box, "tetrahedron")
+        ends = [[0.0] * up + [bottom], [1.0] * up + [bottom + 1]]
+        return build(MPI.COMM_SELF, ends, [n, n + 1, n][:dim], CellType[cell])
+
+    narrow = mapped(block(count[0], 1.0), lambda x: x * [width, 1.0, 1.0])
+    mesh, low = joined(block(count[1], 0.0), narrow)
+    state = StressState.PLANE_STRAIN if dim == 2 else StressState.SOLID
+    sides = _sides(mesh, low, lambda x: np.isclose(x[up], 1.0))
+    return TwoBodies.of(way, mesh, low, (1.0, 1.0), POISSONS_RATIO, state, sides)
 
 
 def _beyond(trace: Trace, end: float, linear: bool) -> tuple[npt.NDArray[np.int64], Array]:
@@ -260,24 +272,8 @@ def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> 
 
 def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
     """A quarter of two spheres of unequal moduli without friction; far fields are exact."""
-    bodies = [Elastic(E, POISSONS_RATIO) for E in MODULI]
-    force = 4 / 3 / RADIUS / _compliance(*bodies)
-    known = [HertzSphere(b, 4 * b.plane_modulus / (3 * force), force) for b in bodies]
-    lines = graded(edges)
-    other = graded(edges * ratio)
-    lower = box("tetrahedron", lines.beside, lines.beside, lines.below)
-    upper = curved(
-        box("tetrahedron", other.beside, other.beside, -other.below[::-1]),
-        lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * RADIUS) * [0.0, 0.0, 1.0],
-    )
-    mesh, low = joined(curved(lower, lambda x: x), upper)
-
-    def near(x: Array) -> Mask:
-        return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * RADIUS) + 1e-9
-
-    sides = _sides(mesh, low, near)
-    two = TwoBodies.of(way, mesh, low, MODULI, POISSONS_RATIO, StressState.SOLID, sides)
-    two = _within(two, lambda x: np.maximum(x[:, 0], x[:, 1]) < lines.zone + 1e-9)
+    two, known = _two_spheres(way, edges, ratio)
+    force = known[0].force
 
     def beyond(x: Array) -> Mask:
         return (np.abs(x[2]) > OUTER - 1e-9) | np.isclose(np.maximum(x[0], x[1]), OUTER)
@@ -301,6 +297,73 @@ def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
     found = two.solve(two.K.createVecLeft(), conditions)
     r = np.linalg.norm(two.x[found.node][:, :2], axis=1)
     return _result(two, found, known[0].pressure(r), known[0].peak, INNER, force / 4)
+
+
+def _two_spheres(way: str, edges: int, ratio: float) -> tuple[TwoBodies, list[HertzSphere]]:
+    """A quarter of both, and their exact fields."""
+    bodies = [Elastic(E, POISSONS_RATIO) for E in MODULI]
+    force = 4 / 3 / RADIUS / _compliance(*bodies)
+    known = [HertzSphere(b, 4 * b.plane_modulus / (3 * force), force) for b in bodies]
+    lines = graded(edges)
+    other = graded(edges * ratio)
+    lower = box("tetrahedron", lines.beside, lines.beside, lines.below)
+    upper = curved(
+        box("tetrahedron", other.beside, other.beside, -other.below[::-1]),
+        lambda x: x + (x[:, :1] ** 2 + x[:, 1:2] ** 2) / (2 * RADIUS) * [0.0, 0.0, 1.0],
+    )
+    mesh, low = joined(curved(lower, lambda x: x), upper)
+
+    def near(x: Array) -> Mask:
+        return np.abs(x[2]) < (x[0] ** 2 + x[1] ** 2) / (2 * RADIUS) + 1e-9
+
+    sides = _sides(mesh, low, near)
+    two = TwoBodies.of(way, mesh, low, MODULI, POISSONS_RATIO, StressState.SOLID, sides)
+    return _within(two, lambda x: np.maximum(x[:, 0], x[:, 1]) < lines.zone + 1e-9), known
+
+
+def calculix(case: str, tracked: str) -> Result:
+    """What CalculiX says of the same bodies on the same mesh.
+
+    Pressures are those that it gives to the slave's nodes; nodal forces are residuals of the
+    standard element, with its quadrature, under its displacements.
+    """
+    problem, peer = PAIRS[case], peer_of(case, tracked)
+    known: list[HertzSphere] = []
+    if isinstance(problem, Blocks):
+        two = _two_blocks("p2-p2", 3, 1.0)
+    else:
+        two, known = _two_spheres("p2-p2", problem.edges, problem.other)
+    x, place = two.x, problem.nodes
+    # nodes of both may coincide: each body's are moved apart from the other's
+    face, of_lower = place[problem.slave[0] - 1, -1], len(problem.grids[0].places)
+    theirs = np.column_stack([place, np.arange(len(place)) >= of_lower])
+    distance, number = cKDTree(theirs).query(np.column_stack([x, _upper(two, face)]))
+    assert distance.max() < 1e-9
+    assert len(np.unique(number)) == len(place) == len(x)
+    moved = np.zeros_like(place)
+    moved[problem.around - 1] = peer.numbers["displacement"].reshape(-1, 3)
+    body = replace(two.body, quadrature_degree=CALCULIX_DEGREE)
+    u = two.K.createVecRight()
+    u.setArray(moved[number].ravel())
+    residual = (assemble_matrix(body.stiffness()) * u).array_r.reshape(x.shape)
+    surface = SurfaceNodes.of(two.body, two.slave)
+    opposite = gathered_trace(two.space, two.master).nodes
+    force = np.zeros_like(x)
+    for nodes in (surface.node, opposite):
+        force[nodes, -1] = residual[nodes, -1]
+    pressure = np.zeros(len(place))
+    pressure[problem.slave - 1] = peer.numbers["pressure"]
+    at, area = surface.node, surface.tributary_area
+    pressures = pressure[number[at]]
+    found = Solution(at, pressures, area, force, opposite, moved[number], 0, True, [])
+    if isinstance(problem, Blocks):
+        exact = np.full(len(at), problem.pressure)
+        result = _result(two, found, exact, problem.pressure, np.inf)
+    else:
+        r = np.linalg.norm(x[at, :-1], axis=1)
+        result = _result(two, found, known[0].pressure(r), known[0].peak, INNER, known[0].force / 4)
+    numbers = {k: v for k, v in result.scalars.items() if k not in ("iterations", "settled")}
+    return replace(result, scalars=numbers, units=dimensionless(numbers))
 
 
 def r0094(way: str) -> Result:
@@ -400,12 +463,12 @@ def _sides(mesh: Mesh, low: Mask, near: Callable[[Array], Mask]) -> tuple[Facets
     return facets[of_lower], facets[~of_lower]
 
 
-def _upper(two: TwoBodies) -> Mask:
-    """Nodes of the upper body."""
+def _upper(two: TwoBodies, face: float = 0.0) -> Mask:
+    """Nodes of the body above a face."""
     space, up = two.space, two.x.shape[1] - 1
     cells = space.dofmap.list
     nodes = np.zeros(len(two.x), dtype=bool)
-    nodes[cells[two.x[cells, up].mean(axis=1) > 0]] = True
+    nodes[cells[two.x[cells, up].mean(axis=1) > face]] = True
     return nodes
 
 
@@ -486,6 +549,7 @@ def _result(
     if np.isinf(inner):
         middle &= (theirs[:, :-1] > 1e-9).all(axis=1)
     mean = all_of[middle].mean()
+    slowly = _slowly(two, found)
     scalars = {
         "pressure_error": error[near].max() / scale,
         "pressure_l2": np.sqrt(squares),
@@ -498,6 +562,8 @@ def _result(
         **found.balances(x),
         **(further or {}),
     }
+    if slowly.any():
+        scalars["master_force_slow"] = all_of[slowly].min() / mean
     if force is not None:
         pressed = np.abs(found.force[found.node, -1].sum())
         scalars["force_error"] = abs(pressed / force - 1)
@@ -513,6 +579,30 @@ def _result(
     }
     numbers = {name: float(value) for name, value in scalars.items()}
     return Result(numbers, dimensionless(numbers), stored, dofs=dim * len(x))
+
+
+def _slowly(two: TwoBodies, found: Solution) -> Mask:
+    """Nodes of the master (k,) around which the slave's pressures differ by less than twofold.
+
+    Those count that are no farther than a facet of each body.
+    """
+    dim = two.x.shape[1]
+    reach: Array = np.zeros(len(two.x))
+    edges = []
+    for facets in (two.slave, two.master):
+        trace = gathered_trace(two.space, facets)
+        corners = trace.x[:, :dim]
+        edges.append(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
+    np.maximum.at(reach, trace.node.ravel(), np.repeat(edges[1], trace.node.shape[1]))
+    known = ~np.isnan(found.pressure)
+    near = cKDTree(two.x[found.node[known], :-1]).query_ball_point(
+        two.x[found.opposite, :-1], reach[found.opposite] + edges[0].max()
+    )
+    pressures = [found.pressure[known][around] for around in near]
+    least = OPEN * np.nanmax(found.pressure)
+    return np.array(
+        [len(p) > 0 and least < p.min() and p.max() < TWOFOLD * p.min() for p in pressures]
+    )
 
 
 def _case(name: str, problem: Callable[..., Result], way: str, **parameters: float) -> Case:
@@ -546,5 +636,21 @@ CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
 CASES += [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
 CASES += [
     _case("spheres-{}-3", spheres, "pw-dual", edges=3),
+    _case("spheres-{}-3", spheres, "p2-dual", edges=3),
     _case("spheres-{}-5-ratio1.37", spheres, "pw-dual", edges=5, ratio=1.37),
+]
+CASES += [
+    Case(
+        "V11",
+        f"{problem}-calculix-{way}",
+        calculix,
+        {"case": case, "tracked": tracked_digest(case)},
+        {"element": "galerkin-T10"},
+    )
+    for case, problem, way in (
+        ("two-blocks-surface", "patch-3d", "surface"),
+        ("two-blocks-mortar", "patch-3d", "mortar"),
+        ("two-spheres-surface", "spheres", "surface-3"),
+        ("two-spheres-surface-stiff", "spheres", "surface-3-stiff"),
+    )
 ]

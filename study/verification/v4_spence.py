@@ -19,8 +19,8 @@ from study.core.store import Result
 from study.discretisation import Discretisation, discretise
 from study.units import NONE
 from study.verification.friction import SPENCE
-from study.verification.graded_meshes import growing
 from study.verification.half_space import Elastic
+from study.verification.mesh_lines import growing
 
 TITLE = "Stick radius below a flat punch with friction"
 

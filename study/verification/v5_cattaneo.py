@@ -29,8 +29,9 @@ from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
 from study.units import dimensionless
 from study.verification.friction import Cattaneo
-from study.verification.graded_meshes import growing, with_counterpart
+from study.verification.graded_meshes import with_counterpart
 from study.verification.half_space import Elastic
+from study.verification.mesh_lines import growing
 
 TITLE = "Partial slip: Cattaneo and Mindlin"
 

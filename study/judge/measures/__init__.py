@@ -63,6 +63,7 @@ from study.judge.measures.general import (
     difference_of,
     largest,
     largest_from,
+    least,
     ratio,
     ratio_of,
     relative_difference,

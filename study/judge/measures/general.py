@@ -21,6 +21,11 @@ def smallest(results: Results, section: str, cases: Selection, name: str) -> flo
     return min(_sizes(results, section, cases, name))
 
 
+def least(results: Results, section: str, cases: Selection, name: str) -> float:
+    """Least of it, with its sign."""
+    return min(stored.scalars[name] for stored in matching(results, section, cases))
+
+
 def ratio(results: Results, key: str, other: str, name: str) -> float:
     """A stored number of one case over that of another one."""
     return results.scalar(key, name) / results.scalar(other, name)
