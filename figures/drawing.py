@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import matplotlib
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
@@ -170,7 +171,7 @@ def _pixels(figure: Figure) -> tuple[int, int]:
 
 def _svg(figure: Figure) -> bytes:
     for line in figure.findobj(Line2D):
-        if line.get_linestyle() == "None" and len(line.get_xdata()) > MANY:
+        if line.get_linestyle() == "None" and np.size(line.get_xdata()) > MANY:
             line.set_rasterized(True)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # it stays as it is, and need not be found again

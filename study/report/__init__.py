@@ -140,7 +140,7 @@ class _Paper(Texts):
         self.strict = strict
         self.numbers: dict[str, int] = {}
         self.incomplete: list[str] = []
-        words: dict[str, Callable[..., object]] = {
+        words: dict[str, object] = {
             "table": self.table,
             "ref": self.ref,
             "cite": self.cite,
