@@ -81,6 +81,7 @@ QUICK = [
     "V13/sourced-trefftz-6",
     "V14/punch-pw-T6-4",
     "K/contact-pw-T10-8-Iterative",
+    "K/contact-C3D10-8-CalculiX",
     "V15/square-pw-hybrid-T6-0.5-8",
     "V15/cube-pw-hybrid-T10-0.4999-3",
     "V15/cook-galerkin-hybrid-T6-4",
