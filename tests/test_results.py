@@ -149,6 +149,8 @@ def test_every_case_states_its_element_where_it_has_one(section):
         elif "compared" in stated:
             assert stated["compared"], case.key
             assert all(map(is_element, stated["compared"])), case.key
+        elif "peer_element" in stated:
+            assert not is_element(stated["peer_element"]), case.key
         else:
             assert stated["problem"] in ("exact", "trefftz"), case.key
 
