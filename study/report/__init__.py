@@ -328,8 +328,8 @@ def _of_the_paper(name: str) -> str:
 
 def _version() -> str:
     """Return the project's version, of which the report is a part."""
-    project = tomllib.loads((HERE.parents[1] / "pyproject.toml").read_text())
-    return str(project["project"]["version"])
+    source = (HERE.parents[1] / "pw_elements" / "__init__.py").read_text(encoding="utf-8")
+    return re.findall(r'^__version__ = "(.*)"$', source, re.MULTILINE)[0]
 
 
 def _faces() -> str:
