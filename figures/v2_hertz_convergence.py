@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures import convergence
-from figures.style import FULL, LOOK
+from figures.style import FULL
 from study.core.store import Results
 
 SECTION = "V2"
@@ -24,7 +24,7 @@ SLOPES = {
 
 def draw(results: Results) -> Figure:
     """Rows: kinds of contact; columns: measures."""
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.8), sharex=True, sharey=True)
+    fig, axes = plt.subplots(2, 3, figsize=(FULL, 3.9), sharex=True, sharey=True)
     for row, (kind, title) in zip(axes, KINDS.items(), strict=True):
         keys = {element: f"V2/{kind}-{element}" for element in convergence.ELEMENTS}
         for ax, name in zip(row, ERRORS, strict=True):
@@ -32,7 +32,7 @@ def draw(results: Results) -> Figure:
             convergence.errors(ax, results, keys, name)
             for order, start in SLOPES.get(name, []):
                 convergence.slope(ax, results, NEEDS[0], order, start)
-        row[0].set_ylabel(f"{title}: error of pressure")
+        row[0].set_ylabel(f"{title}: error")
     for top, bottom, title in zip(*axes, ERRORS.values(), strict=True):
         top.set_title(title, fontsize=8)
         bottom.set_xlabel("elements over half width")
@@ -42,19 +42,11 @@ def draw(results: Results) -> Figure:
 
 def caption(results: Results) -> str:
     """What the figure shows."""
-
-    def orders(element: str) -> str:
-        scalars = results[f"V2/line-{element}"].scalars
-        whole, inner = scalars["order_pressure_own"], scalars["order_pressure_own_inner"]
-        return f"{LOOK[element]['label']} {whole:.2f} and {inner:.2f}"
-
     return (
         "Root mean square error of the contact pressure against Hertz', relative, of four places "
-        "of the contact's edge within an element. Observed orders of the cylinder over the last "
-        "two doublings, all nodes and inner part: "
-        + "; ".join(orders(element) for element in convergence.ELEMENTS)
-        + ". The condensed pair of new triangles has the errors of the new triangle. Over the "
-        "tributary area both standard elements' pressures stay off by a third."
+        "of the contact's edge within an element. The condensed pair of new triangles has the "
+        "errors of the new triangle. Over the tributary area both standard elements' pressures "
+        "stay off by a third."
     )
 
 
