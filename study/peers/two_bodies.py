@@ -1,9 +1,9 @@
 """CalculiX decks of two elastic bodies on the meshes of section V11; needs no DOLFINx.
 
 Its contact of faces: "SURFACE TO SURFACE", a penalty at points of the slave's faces, and "MORTAR",
-duals of transformed quadratic functions. Keywords and limits: G. Dhondt, "CalculiX CrunchiX User's
-Manual", version 2.20. Its mortar knows no supports of the slave's nodes, with which its matrix is
-singular, and so no planes of symmetry; nor a body that contact alone holds.
+with dual multipliers. Keywords: G. Dhondt, "CalculiX CrunchiX User's Manual", version 2.20. Its
+mortar knows no supports of the slave's nodes, with which its matrix is singular, and so no planes
+of symmetry that cut the faces.
 """
 
 from collections.abc import Iterator
@@ -53,6 +53,10 @@ class TwoBodies:
     def supports(self) -> Iterator[Support]:
         """Prescribed displacements."""
         raise NotImplementedError
+
+    def loads(self) -> list[str]:
+        """Lines of loads."""
+        return []
 
     @cached_property
     def nodes(self) -> Array:
@@ -132,6 +136,7 @@ class TwoBodies:
                 f"*CONTACT PAIR,INTERACTION=TOUCH,TYPE={self.contact}\nSLAVE,MASTER",
                 "*STEP\n*STATIC\n1.,1.\n*BOUNDARY",
                 *(row([k, axis + 1, axis + 1, _rounded(u)]) for k, axis, u in self.supports()),
+                *self.loads(),
                 "*NODE FILE\nU\n*CONTACT FILE\nCDIS,CSTR\n*END STEP",
             ]
         )
@@ -148,7 +153,7 @@ class TwoBodies:
 
 @dataclass(frozen=True)
 class Blocks(TwoBodies):
-    """The patch test: a block on another, pressed by its upper side, which moves down.
+    """The patch test: a block on another, pressed from above, and held there by contact alone.
 
     Supports that hold them sideways are far from the faces, and hold nothing back.
     """
@@ -164,13 +169,20 @@ class Blocks(TwoBodies):
         return x
 
     def supports(self) -> Iterator[Support]:
-        """Of the base, of the top, and on the planes of symmetry beside them."""
+        """Of the base, and on the planes of symmetry near base and top."""
         for k, x in enumerate(self.places, start=1):
             for axis in range(_UP):
                 if x[axis] == 0 and abs(x[_UP] - 1) > 0.8:
                     yield k, axis, 0.0
-            if x[_UP] in (0.0, 2.0):
-                yield k, _UP, -self.pressure * x[_UP]
+            if x[_UP] == 0:
+                yield k, _UP, 0.0
+
+    def loads(self) -> list[str]:
+        """The pressure from above."""
+        lower, upper = self.grids
+        top = upper.faces_where(lambda x: abs(x[_UP] - upper.upper[_UP]) < 1e-9)
+        size = self.pressure
+        return ["*DLOAD", *(f"{k + len(lower.elements)},P{face},{size!r}" for k, face in top)]
 
 
 @dataclass(frozen=True)
