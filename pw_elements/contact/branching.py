@@ -221,24 +221,23 @@ class _Conditions:
         bounds[n, 0] = 0.0
         if self._reach is not None:
             bounds[n - len(self._reach) : n] = self._reach / self._length
-        for method in ("highs-ds", "highs-ipm"):
-            best = linprog(
-                np.append(np.zeros(n), 1.0),
-                A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._weight[row]]),
-                b_ub=sign * self._value[row],
-                bounds=bounds,
-                method=method,
-                options=_TOLERANCES,
-            )
-            if best.success:
-                break
-        else:
+        best = linprog(
+            np.append(np.zeros(n), 1.0),
+            A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._weight[row]]),
+            b_ub=sign * self._value[row],
+            bounds=bounds,
+            method="highs-ds",
+            options=_TOLERANCES,
+        )
+        if not best.success:  # HiGHS gives up at times
             return None
         z = self._length * best.x[:n]
         if best.fun <= _CLOSES or self._reach is not None:
             return _Least(z, best.fun > _CLOSES)
-        part = -sign * best.ineqlin.marginals
-        why = self._closed(codes, np.bincount(row, part, minlength=len(self._value)))
+        part = sign * np.maximum(0.0, -best.ineqlin.marginals)
+        multiplier = np.zeros(len(self._value))
+        np.add.at(multiplier, row, part)
+        why = self._closed(codes, multiplier)
         return None if why is None else _Least(z, True, (why,))
 
     def _closed(self, codes: Codes, multiplier: Array) -> ClosedBranch | None:
@@ -264,6 +263,7 @@ class _Conditions:
         allowed[faced[~self._rough], 2:] = False  # smooth points have two statuses only
         return ClosedBranch(
             allowed,
+            frame[:, 1],
             np.einsum("na,nab->nb", along, frame) / self.force,
             gaps * self._stiffness / self.force,
             slips[:, None] * frame[:, 1] * self._stiffness / self.force,

@@ -83,7 +83,8 @@ class ClosedBranch:
 
     Args:
         allowed: (m, 4), Booleans: open, sticking, slipping forwards and backwards; smooth nodes
-            are open or "sticking", which is closed. Forwards is along the node's tangent.
+            are open or "sticking", which is closed.
+        forwards: (m, dim), the nodes' tangents; of the same array in all branches.
         force: (m, dim), per force.
         gap: (m,), per length.
         slip: (m, dim), per length, along the tangent.
@@ -91,6 +92,7 @@ class ClosedBranch:
     """
 
     allowed: npt.NDArray[np.bool_]
+    forwards: Array
     force: Array
     gap: Array
     slip: Array

@@ -140,8 +140,7 @@ class ContactProblem:
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NoSolution: if a search of all statuses proves that the increment has no state.
             NotUnique: if the tangent is singular at a solution: friction too large, or body loose.
-            NotFound: if no solution has been found, whether there is one or not; `state` is what
-                came nearest.
+            NotFound: if none has been found, whether there is one or not; `state` came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
             SolverNotConverged: if an iterative solver fails, singular tangents among the reasons.
         """
@@ -230,8 +229,7 @@ class ContactProblem:
             hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
             return Policy(hold, interface.comm)
 
-        first = (guess or state).translations
-        translations = np.where(np.isnan(prescribed), first, prescribed)
+        translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
         system.start(lambda: first_displacement(state, guess, self._space), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
