@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.contact.errors import NotFound
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking
 
 Array = npt.NDArray[np.float64]
@@ -176,6 +177,12 @@ class Policy:
     def __init__(self, hold: LastHold, comm: MPI.Comm) -> None:
         self._hold, self._comm = hold, comm
         self._cycles = Cycles(comm)
+
+    @classmethod
+    def of(cls, free_motions: FreeMotions, interface: Interface) -> "Policy":
+        """For the points of an interface; `free_motions` as in `LastHold`."""
+        comm = interface.comm
+        return cls(LastHold(free_motions, interface.pair, interface.pairs, comm), comm)
 
     def restart(self, first: ActiveSet | None = None) -> None:
         """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""

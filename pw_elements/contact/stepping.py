@@ -13,9 +13,10 @@ over time join here: `step` changes no state. `explicit.solve_impact` needs no `
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
+from typing import TypeAlias
 
 from petsc4py import PETSc
 
@@ -26,7 +27,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
 from pw_elements.contact.errors import ContactFailed, NoSolution, NotFound, NotUnique
-from pw_elements.contact.globalisation import LastHold, Policy
+from pw_elements.contact.globalisation import Policy
 from pw_elements.contact.inputs import (
     check_belongs,
     check_state,
@@ -51,10 +52,14 @@ from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.watch import Watch
-from pw_elements.iterative import Iterative, Solver
+from pw_elements.iterative import Solver
 from pw_elements.linear_solver import SolverReport
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import doing
+
+# Linear systems, and what they took
+Spent: TypeAlias = tuple[int, SolverReport]
+_NOTHING: Spent = (0, SolverReport("nothing", 0))
 
 
 class ContactProblem:
@@ -106,7 +111,7 @@ class ContactProblem:
         self._K, self._reduction = K, reduction.equilibrated(K)
         self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
-        self._remedies = checked_remedies(remedies, space)
+        self._remedies = checked_remedies(remedies, space, self._solver)
         sibling = K.getAttr("sibling")
         self._interface = nodal_interface(self.pairs, space, self._reduction, sibling)
         self._space = space = self._interface.field.space
@@ -173,7 +178,7 @@ class ContactProblem:
 
     def _searched(self, state: ContactState, end: Target, failure: NotFound) -> ContactState | None:
         """The state at a target, after a search of all statuses; None if it does not find it."""
-        if "search" not in self._remedies or isinstance(self._solver, Iterative):
+        if "search" not in self._remedies:
             return None
         increment, place, policy = self._begun(state, end)
         before = self._spent(end.free)
@@ -205,7 +210,7 @@ class ContactProblem:
             if proof is not None:
                 raise proof from None
             found, last = None, failure
-            if "condensed" in self._remedies and not isinstance(self._solver, Iterative):
+            if "condensed" in self._remedies:
                 found, last = otherwise(
                     failure, increment, lambda: self._condensed, place, policy, self._most
                 )
@@ -227,11 +232,7 @@ class ContactProblem:
         increment = Increment(
             system, self._K, target.load, prescribed, target.totals, past, target.stated
         )
-
-        def policy() -> Policy:
-            hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-            return Policy(hold, interface.comm)
-
+        policy = partial(Policy.of, rigid.left_free, interface)
         translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
         system.start(lambda: first_displacement(state, guess, self._space), translations)
         interface.check_supports(translations)
@@ -240,11 +241,7 @@ class ContactProblem:
         return increment, place, policy
 
     def _ended(
-        self,
-        increment: Increment,
-        now: Iterate,
-        state: ContactState,
-        before: tuple[int, SolverReport],
+        self, increment: Increment, now: Iterate, state: ContactState, before: Spent
     ) -> ContactState:
         """The state that a solution is."""
         self._interface.check_supports(now.translations)
@@ -253,9 +250,7 @@ class ContactProblem:
         now.full.setAttr("space", self._space)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, report, smallness)
 
-    def _spent(
-        self, free: Free, before: tuple[int, SolverReport] = (0, SolverReport("nothing", 0))
-    ) -> tuple[int, SolverReport]:
+    def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
         """Linear systems of iterations since before, and what they and condensing took."""
         system, _ = self._bound(free)
         report = system.report
