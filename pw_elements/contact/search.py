@@ -28,6 +28,8 @@ from pw_elements.linear_solver import SingularSystem
 
 Array = npt.NDArray[np.float64]
 
+# Points that are few: a linear program of more takes long
+_POINTS = 100
 # How far free, curved surfaces are looked for, over the extent of the contact points, how often
 # they are linearised anew, and the share of a search's work that each time is worth
 _REACHES, _ROUNDS, _SHARE = (0.01, 0.1, 1.0), 6, 0.02
@@ -58,7 +60,7 @@ def search(
     except SingularSystem:
         return None
     first, linear = CondensedIncrement(increment, condensation, place), _linear(increment, place)
-    if interface.position.shape[1] == 2:
+    if interface.position.shape[1] == 2 and len(first.friction) <= _POINTS:
         for reach in (None,) if linear else _REACHES:
             problem, here = first, place
             for _ in range(1 if linear else _ROUNDS):
@@ -143,7 +145,7 @@ def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
 
 def _loose(problem: CondensedIncrement) -> Array | None:
     """The z without contact forces in which the smallest gap is largest; None if it is not open."""
-    n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0)
+    n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0) or 1.0
     stiffness = problem.scale.mean()
     balanced = np.concatenate([problem.force.slope.reshape(-1, n), problem.balance.slope])
     forces = np.append(problem.force.value.ravel(), problem.balance.value)
