@@ -477,7 +477,7 @@ def test_balanced_forces_may_be_no_equilibrium_and_a_search_proves_it():
         ]
 
     assert equilibria(K, f, walls, 0.0, 0.3) == []
-    error = refusal(hung, pairs(0.0), load, "have been searched completely", NoSolution)
+    error = refusal(hung, pairs(0.0), load, "all statuses of the 6 contact nodes", NoSolution)
     assert not error.state.converged
     assert contradicts(contradictions(hung, [], error))
     (only,) = equilibria(K, f, walls, 0.01, 0.3)

@@ -119,10 +119,9 @@ def _linear(increment: Increment, place: Kinematics) -> bool:
 
 
 def _no_solution(closed: tuple[ClosedBranch, ...], problem: CondensedIncrement) -> NoSolution:
-    count = len(problem.friction)
     error = NoSolution(
-        f"no state obeys the contact conditions: the statuses of the {count} contact nodes have "
-        f"been searched completely, in {len(closed)} branches, each of which contradicts them. "
+        f"no state obeys the contact conditions: all statuses of the {len(problem.friction)} "
+        "contact nodes have been searched, and each branch of the search contradicts them. "
         "Smaller increments take another path, on which there may be one"
     )
     error.branches = closed
