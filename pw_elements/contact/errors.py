@@ -84,7 +84,7 @@ class ClosedBranch:
     Args:
         allowed: (m, 4), Booleans: open, sticking, slipping forwards and backwards; smooth nodes
             are open or "sticking", which is closed.
-        forwards: (m, dim), the nodes' tangents; of the same array in all branches.
+        forwards: (m, dim), the nodes' tangents.
         force: (m, dim), per force.
         gap: (m,), per length.
         slip: (m, dim), per length, along the tangent.
@@ -130,7 +130,7 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent is singular at a solution, though no rigid motion is free: there are others."""
+    """The tangent is singular at a solution: there are others, by friction or a loose body."""
 
 
 class NotFound(ContactFailed):
