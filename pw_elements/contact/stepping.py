@@ -79,7 +79,7 @@ class ContactProblem:
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
+        solver: of the linear systems, as `solve` takes it.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; what it raises ends the computation.
@@ -107,7 +107,7 @@ class ContactProblem:
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
-        self._solver, reduction = solver_for(solver, reduction, self.pairs)
+        self._solver, reduction = solver_for(solver, reduction)
         self._K, self._reduction = K, reduction.equilibrated(K)
         self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
