@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pw_elements.contact import ContactPair, MatchingNodes, NoEquilibrium
+from pw_elements.contact import ContactPair, MatchingNodes, NoEquilibrium, NoSolution
 from tests.contact_residuals import _contact_nodes, _supports
 
 Array = npt.NDArray[np.float64]
@@ -155,3 +155,165 @@ def _turned(pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool
     here = shape.normal(x - place)
     moves = np.where(free, rng.uniform(-1, 1, (20, len(place))), 0.0) * extent
     return max(float(np.abs(shape.normal(x - place - move) - here).max()) for move in moves)
+
+
+# -- searches ---------------------------------------------------------------------------------
+
+
+def contradictions(problem, states, error: NoSolution) -> dict[str, float]:
+    """What a search's proof lacks, each as a small number if it lacks nothing; in serial, 2-D.
+
+    That its branches hold each set of statuses once; that each one's multipliers make a number
+    of -1 of all motions of the contact nodes and free surfaces; and that they are of the sign
+    which the law of the statuses asks for. The nodal forces of a motion are those of the whole K.
+
+    Args:
+        problem: as in `flaws`; its free surfaces are flat.
+        states: before the increment.
+        error: with its branches.
+
+    Returns:
+        "cover": how many sets of statuses are left out or there twice; "signs": wrong multipliers
+        over the largest; "motions": what the sum changes by in motions of a thousand times those
+        under the loads, over one.
+    """
+    where = [(k, node) for k, pair in enumerate(error.state.pairs) for node in pair.node]
+    linear = _Linear(problem, states, where)
+    found = {"cover": float(_uncovered([branch.allowed for branch in error.branches]))}
+    found |= {"signs": 0.0, "motions": 0.0}
+    length = 1e3 * linear.motion
+    for branch in error.branches:
+        of_force = np.einsum("na,nab->b", branch.force, linear.force)
+        of_gap = np.where(linear.faced, branch.gap, 0.0) @ linear.gap
+        total = of_force + of_gap + np.einsum("na,nab->b", branch.slip, linear.slip)
+        total += branch.total @ linear.balance
+        found["motions"] = max(
+            found["motions"], abs(total[-1] + 1), length * np.abs(total[:-1]).sum()
+        )
+        found["signs"] = max(found["signs"], linear.wrong_sign(branch))
+    return {name: float(value) for name, value in found.items()}
+
+
+def contradicts(found: dict[str, float]) -> bool:
+    """Whether what `contradictions` finds leaves the proof as it is."""
+    return found["cover"] == 0 and found["signs"] < 1e-9 and found["motions"] < 0.5
+
+
+def _uncovered(allowed: list[npt.NDArray[np.bool_]]) -> int:
+    """Sets of statuses that no branch has, and pairs of branches that have one in common."""
+    boxes = np.array(allowed)
+    every = boxes.any(axis=0).sum(axis=1)
+    size = sum(int(np.prod(box.sum(axis=1).astype(object))) for box in boxes)
+    twice = 0
+    for k in range(1, len(boxes)):
+        common = np.any(boxes[:k] & boxes[k], axis=2).all(axis=1)
+        twice += int(common.sum())
+    return abs(int(np.prod(every.astype(object))) - size) + twice
+
+
+class _Linear:
+    """Forces, gaps and slips of contact nodes as functions of (motions, translations, 1)."""
+
+    def __init__(self, problem, states, where: list[tuple[int, int]]) -> None:
+        space = problem.space
+        dim, number = space.mesh.geometry.dim, len(states)
+        x = space.tabulate_dof_coordinates()[:, :dim]
+        K = problem.K[:, :]
+        f = problem.loads[number].array_r
+        held, values = _supports(problem.conditions, len(x), dim)
+        held, values = held.ravel(), values.ravel()
+        nodes = np.array([node for _, node in where])
+        contact = np.zeros(x.size, dtype=bool)
+        contact[(nodes[:, None] * dim + np.arange(dim)).ravel()] = True
+        moved, inner = np.flatnonzero(contact & ~held), np.flatnonzero(~contact & ~held)
+        place = np.zeros((len(problem.pairs), dim))
+        was = np.zeros((len(problem.pairs), dim))
+        before = np.zeros((len(x), dim))
+        if states:
+            was = np.array([pair.translation for pair in states[-1].pairs])
+            before = states[-1].displacement.array_r.reshape(-1, dim)
+        free, asked = [], []
+        for k, pair in enumerate(problem.pairs):
+            motion = pair.motions[number] if pair.motions else None
+            for axis in range(dim):
+                u = 0.0 if motion is None else motion.translation[axis]
+                place[k, axis] = was[k, axis] if u is None else u
+                if u is None:
+                    free.append((k, axis))
+                    asked.append(0.0 if motion.force is None else motion.force[axis])
+        size = len(moved) + len(free) + 1
+        a = np.zeros((x.size, size))
+        a[:, -1] = np.where(held, values, 0.0)
+        a[moved, np.arange(len(moved))] = 1.0
+        right = -K[inner] @ a
+        right[:, -1] += f[inner]
+        a[inner] = np.linalg.solve(K[np.ix_(inner, inner)], right)
+        r = K @ a
+        r[:, -1] -= f
+        r[held] = 0.0  # forces of supports
+        a, r = a.reshape(-1, dim, size), r.reshape(-1, dim, size)
+        U = np.zeros((len(problem.pairs), dim, size))
+        U[..., -1] = place
+        for k, at in enumerate(free):
+            U[at] = 0.0
+            U[at][len(moved) + k] = 1.0
+        self.force, self.slip = np.zeros((2, len(nodes), dim, size))
+        self.gap, self.faced = np.zeros((len(nodes), size)), np.zeros(len(nodes), dtype=bool)
+        self.normal, self.mu = np.zeros((len(nodes), dim)), np.zeros(len(nodes))
+        self.tangential = np.zeros((len(nodes), dim))
+        supported = held.reshape(-1, dim)
+        for k, pair in enumerate(problem.pairs):
+            own, friction = _contact_nodes(pair, space)
+            friction_at = dict(zip(own.tolist(), friction, strict=True))
+            for i in [i for i, (number_, _) in enumerate(where) if number_ == k]:
+                n = nodes[i]
+                point = (x[n] - place[k])[None]
+                normal = pair.surface.normal(point)[0]
+                gap = pair.surface.gap(point)[0]
+                self.faced[i], self.normal[i], self.mu[i] = np.isfinite(gap), normal, friction_at[n]
+                tangent = np.where(supported[n], 0.0, [-normal[1], normal[0]])
+                self.tangential[i] = tangent if np.linalg.norm(tangent) > 0.5 else 0.0
+                relative = a[n] - U[k]
+                self.gap[i] = normal @ relative
+                self.gap[i, -1] += (gap if self.faced[i] else 0.0) + normal @ place[k]
+                since = relative.copy()
+                since[:, -1] -= before[n] - was[k]
+                self.slip[i] = since
+                self.force[i] = r[n]
+        pair_of = np.array([k for k, _ in where])
+        self.balance = np.zeros((len(free), size))
+        for k, (pair, axis) in enumerate(free):
+            self.balance[k] = self.force[pair_of == pair, axis].sum(axis=0)
+            self.balance[k, -1] -= asked[k]
+        rest = np.abs(self.force[..., -1]).max() / np.abs(np.diag(K)).mean()
+        self.motion = max(rest, np.abs(self.gap[self.faced, -1]).max())
+
+    def wrong_sign(self, branch) -> float:
+        """Largest multiplier of the wrong sign over the largest of its kind."""
+        force, slip = branch.force, np.sum(branch.slip * branch.forwards, axis=1)
+        wrong, tangent = [0.0], branch.forwards
+        across = np.abs(np.sum(tangent * self.normal, axis=1)).max()
+        size = np.linalg.norm(force, axis=1).max() or 1.0
+        widest, steepest = np.abs(branch.gap).max() or 1.0, np.abs(slip).max() or 1.0
+        for i, statuses in enumerate(branch.allowed):
+            rough = self.mu[i] > 0 and self.faced[i] and np.any(self.tangential[i])
+            rays = {1: [0.0], 2: [], 3: []}
+            if rough:
+                rays = {1: [-self.mu[i], self.mu[i]], 2: [-self.mu[i]], 3: [self.mu[i]]}
+            elif statuses[2:].any():
+                wrong.append(np.inf)
+            if not self.faced[i]:
+                wrong += [abs(branch.gap[i]) / widest, np.inf if statuses[1:].any() else 0.0]
+            if statuses[0]:
+                wrong += [-branch.gap[i] / widest, abs(slip[i]) / steepest]
+            for status in np.flatnonzero(statuses[1:]) + 1:
+                for ray in rays[int(status)]:
+                    r = self.normal[i] + ray * tangent[i]
+                    wrong.append(-(force[i] @ r) / size / np.linalg.norm(r))
+            if statuses[2]:
+                wrong.append(-slip[i] / steepest)
+            if statuses[3]:
+                wrong.append(slip[i] / steepest)
+            if not rough:
+                wrong.append(abs(slip[i]) / steepest)
+        return max(*wrong, across)

@@ -46,6 +46,7 @@ from pw_elements.contact import (
     FlatPunch,
     Motion,
     NoEquilibrium,
+    NoSolution,
     Parabola,
     Plane,
     Polyline,
@@ -842,7 +843,7 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
-    from tests.contact_proofs import flaws, sound
+    from tests.contact_proofs import contradictions, contradicts, flaws, sound
     from tests.contact_residuals import residuals, walked, worst
 
     stated = problem(seed)
@@ -855,6 +856,9 @@ def outcome(seed: int) -> dict:
         if isinstance(error, NoEquilibrium):
             proof = flaws(stated, len(states), error)
             result |= {"proof": proof, "proved": sound(proof)}
+        if isinstance(error, NoSolution):
+            proof = contradictions(stated, states, error)
+            result |= {"proof": proof, "proved": contradicts(proof)}
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}

@@ -34,6 +34,7 @@ from pw_elements.contact import (
     MatchingNodes,
     Motion,
     NoEquilibrium,
+    NoSolution,
     NotFound,
     Plane,
     Sphere,
@@ -42,7 +43,7 @@ from pw_elements.contact import (
 from pw_elements.contact.equilibrium import Points, escape, proof
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, at
-from tests.contact_proofs import flaws, sound
+from tests.contact_proofs import contradictions, contradicts, flaws, sound
 from tests.contact_residuals import Step, residuals, worst
 from tests.random_contact import problem as random_problem
 from tests.test_contact_matching import doubled, lower_nodes
@@ -456,7 +457,7 @@ def equilibria(K, f, walls, approach, mu):
     return found
 
 
-def test_balanced_forces_are_no_equilibrium_and_nothing_is_claimed_then():
+def test_balanced_forces_may_be_no_equilibrium_and_a_search_proves_it():
     """A block of one cell hangs between two walls: none of its 4 096 sets is an equilibrium.
 
     Statics do not rule one out, for walls may press as much as they like. Where they do press,
@@ -476,8 +477,9 @@ def test_balanced_forces_are_no_equilibrium_and_nothing_is_claimed_then():
         ]
 
     assert equilibria(K, f, walls, 0.0, 0.3) == []
-    error = refusal(hung, pairs(0.0), load, "no proof that there is no solution", NotFound)
+    error = refusal(hung, pairs(0.0), load, "all statuses of the 6 contact nodes", NoSolution)
     assert not error.state.converged
+    assert contradicts(contradictions(hung, [], error))
     (only,) = equilibria(K, f, walls, 0.01, 0.3)
     state = hung.solve(pairs(0.01), load)
     place = {

@@ -24,11 +24,13 @@ A body that is thrown at a floor, by explicit dynamics:
 
 from pw_elements._compat import renamed
 from pw_elements.contact.errors import (
+    ClosedBranch,
     ContactFailed,
     DegenerateMesh,
     FreeBody,
     MissingForce,
     NoEquilibrium,
+    NoSolution,
     NotFound,
     NotUnique,
     RigidVelocity,
@@ -58,6 +60,7 @@ __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
+    "ClosedBranch",
     "ContactFailed",
     "ContactFields",
     "ContactPair",
@@ -73,6 +76,7 @@ __all__ = [
     "MissingForce",
     "Motion",
     "NoEquilibrium",
+    "NoSolution",
     "NotFound",
     "NotUnique",
     "PairHistory",

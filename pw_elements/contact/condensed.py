@@ -216,7 +216,7 @@ class CondensedIncrement:
     def in_components(self, framed: Affine) -> Affine:
         """What is stated of each point along its frame, in the stated components: (p, ...)."""
         turned = _through(np.swapaxes(self.frame, 1, 2), framed)
-        slope = turned.slope.reshape(-1, turned.slope.shape[-1])[self._places]
+        slope = turned.slope.reshape(turned.value.size, turned.slope.shape[-1])[self._places]
         return Affine(slope, turned.value.ravel()[self._places])
 
     def residual(self, z: Array) -> Array:

@@ -11,11 +11,13 @@ from pw_elements.linear_solver import SingularSystem
 from pw_elements.mesh_checks import DegenerateMesh, listed
 
 __all__ = [
+    "ClosedBranch",
     "ContactFailed",
     "DegenerateMesh",
     "FreeBody",
     "MissingForce",
     "NoEquilibrium",
+    "NoSolution",
     "NotFound",
     "NotUnique",
     "RigidVelocity",
@@ -68,6 +70,35 @@ class MissingForce:
     surface: Array
 
 
+@dataclass(frozen=True)
+class ClosedBranch:
+    """Statuses of all contact nodes (m), pair after pair, of which none makes a state, and why.
+
+    For all displacements and free translations, r being the nodes' contact forces, g their gaps,
+    v their slips, and R - P the lack of balance of the free translations,
+
+        sum (force·r + gap g + slip·v) + sum total (R - P) = -1,
+
+    though these statuses make each term of a node at least zero, and balance makes the rest zero.
+
+    Args:
+        allowed: (m, 4), Booleans: open, sticking, slipping forwards and backwards; smooth nodes
+            are open or "sticking", which is closed.
+        forwards: (m, dim), the nodes' tangents.
+        force: (m, dim), per force.
+        gap: (m,), per length.
+        slip: (m, dim), per length, along the tangent.
+        total: (k,), per force, of each free translation.
+    """
+
+    allowed: npt.NDArray[np.bool_]
+    forwards: Array
+    force: Array
+    gap: Array
+    slip: Array
+    total: Array
+
+
 class ContactFailed(RuntimeError):
     """An increment has no state: the reason is one of the classes below.
 
@@ -99,11 +130,25 @@ class NoEquilibrium(FreeBody):
 
 
 class NotUnique(ContactFailed, SingularSystem):
-    """The tangent is singular at a solution, though no rigid motion is free: there are others."""
+    """The tangent is singular at a solution: there are others, by friction or a loose body."""
 
 
 class NotFound(ContactFailed):
     """The iteration found no solution; whether there is one is not known."""
+
+
+class NoSolution(ContactFailed):
+    """No statuses of the contact nodes make a state of the increment: all have been searched.
+
+    The proof is one of arithmetic: any displacements, up to a thousand times those that the loads
+    make, violate the law in every branch by at least 1e-7 of the contact forces. It is of this
+    increment, in one: parts of it take another path.
+
+    Attributes:
+        branches: `ClosedBranch`es, which together allow each node each status once.
+    """
+
+    branches: Sequence[ClosedBranch]
 
 
 class SurfacePassed(ContactFailed):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.edges import Edges
 from pw_elements.contact.errors import NotFound
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, mixed, sticking
 
 Array = npt.NDArray[np.float64]
@@ -182,6 +183,15 @@ class Policy:
     def __init__(self, hold: LastHold, comm: MPI.Comm, edges: Edges | None = None) -> None:
         self._hold, self._comm, self._edges = hold, comm, edges
         self._cycles = Cycles(comm)
+
+    @classmethod
+    def of(cls, free_motions: FreeMotions, interface: Interface) -> "Policy":
+        """For the points of an interface; `free_motions` as in `LastHold`."""
+        pair, comm = interface.pair, interface.comm
+        mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
+        edges = Edges(interface.position, pair, mortar, comm)
+        hold = LastHold(free_motions, pair, interface.pairs, comm)
+        return cls(hold, comm, edges if mortar else None)
 
     def restart(self, first: ActiveSet | None = None) -> None:
         """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""

@@ -106,8 +106,10 @@ def checked_paths(
     return each
 
 
-def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:
-    """The remedies of a problem.
+def checked_remedies(
+    remedies: Collection[Remedy], space: fem.FunctionSpace, solver: Solver
+) -> tuple[Remedy, ...]:
+    """The remedies of a problem, less those that condense the body if its solver is iterative.
 
     Raises:
         ValueError: for one that there is not, or what differs between processes.
@@ -119,7 +121,7 @@ def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> 
                 f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
             )
     agree(space.mesh.comm, {"the remedies": each})
-    return each
+    return tuple(one for one in each if one == "cutback" or not isinstance(solver, Iterative))
 
 
 def checked_step(

@@ -28,8 +28,8 @@ from pw_elements.linear_solver import SingularSystem
 
 Array = npt.NDArray[np.float64]
 
-Remedy: TypeAlias = Literal["condensed", "cutback"]
-REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
+Remedy: TypeAlias = Literal["condensed", "cutback", "search"]
+REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback", "search")
 
 log = logging.getLogger("pw_elements.contact")
 
@@ -42,7 +42,7 @@ _DAMPED_STEPS = 100
 _MOST = 3000
 
 
-def _tractable(interface: Interface) -> bool:
+def tractable(interface: Interface) -> bool:
     """Whether the contact points are few enough for a dense problem."""
     points = sum(interface.comm.allgather(len(interface.pair)))
     return unknowns(points, interface.position.shape[1]) <= _MOST
@@ -88,7 +88,7 @@ def without_active_sets(
         NotUnique: if the tangent is singular at all solutions met.
     """
     comm = increment.interface.comm
-    if not _tractable(increment.interface):
+    if not tractable(increment.interface):
         _log(comm, "too many contact points to do without active sets")
         return None
     try:
@@ -96,7 +96,6 @@ def without_active_sets(
     except SingularSystem:
         return None
     near: Array | None = None
-    solution: Iterate | None
     one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
         for _ in range(_ROUNDS):
@@ -108,17 +107,11 @@ def without_active_sets(
             if z is None:
                 break
             if exact is not None:
-                active = _active_set(problem, increment, exact)
-                try:
-                    solution = newton(increment, active, place, policy(), most)
-                except ContactFailed as failed:
-                    solution = _at_itself(problem, increment, exact)
-                    if solution is not None and isinstance(failed.__cause__, SingularSystem):
-                        one_of_many, solution = NotUnique(f"at a solution, {failed}"), None
-                    _log(comm, f"not from springs of {spring:.0e}: {failed}")
-                if solution is not None:
-                    _log(comm, f"solved without active sets, from springs of {spring:.0e}")
+                way = f"springs of {spring:.0e}"
+                solution = confirmed(problem, increment, exact, place, policy, most, way)
+                if isinstance(solution, Iterate):
                     return solution
+                one_of_many = solution or one_of_many
             reached: Array = z if exact is None else exact
             near, place = reached, increment.kinematics(*problem.split(reached))
     if one_of_many is not None:
@@ -126,12 +119,47 @@ def without_active_sets(
     return None
 
 
+def confirmed(
+    problem: CondensedIncrement,
+    increment: Increment,
+    z: Array,
+    place: Kinematics,
+    policy: Callable[[], Policy],
+    most: int,
+    way: str,
+) -> Iterate | NotUnique | None:
+    """What the ordinary iteration makes of z: a solution, one of many, or nothing.
+
+    Args:
+        problem: condensed with the kinematics of a place.
+        increment: its equations.
+        z: found in some way, which is logged.
+        place: where the iteration starts.
+        policy: makes one for it.
+        most: linear systems that it may solve.
+        way: in words.
+    """
+    comm = increment.interface.comm
+    try:
+        solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
+    except ContactFailed as failed:
+        _log(comm, f"not from {way}: {failed}")
+        there = at_itself(problem, increment, z)
+        if there is not None and isinstance(failed.__cause__, SingularSystem):
+            return NotUnique(f"at a solution, {failed}")
+        if there is None:
+            return None
+        solution = there
+    _log(comm, f"solved without active sets, from {way}")
+    return solution
+
+
 def _log(comm: MPI.Comm, message: str) -> None:
     if comm.rank == 0:
         log.info(message)
 
 
-def _at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:
+def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:
     """The increment at z, if it is a solution as it is; None else.
 
     Newton's method may leave it for ever by round-off of curved surfaces.

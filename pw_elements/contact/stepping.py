@@ -11,11 +11,12 @@ active set found, and gap and n then taken at the U so found, until nothing chan
 over time join here: `step` changes no state. `explicit.solve_impact` needs no `step`.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
+from typing import TypeAlias
 
 from petsc4py import PETSc
 
@@ -25,9 +26,8 @@ from dolfinx import fem
 from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
-from pw_elements.contact.edges import Edges
-from pw_elements.contact.errors import ContactFailed, NotFound
-from pw_elements.contact.globalisation import LastHold, Policy
+from pw_elements.contact.errors import ContactFailed, NoSolution, NotFound, NotUnique
+from pw_elements.contact.globalisation import Policy
 from pw_elements.contact.inputs import (
     check_belongs,
     check_state,
@@ -37,23 +37,29 @@ from pw_elements.contact.inputs import (
     checked_step,
     solver_for,
 )
-from pw_elements.contact.newton import Increment, Reference, newton
+from pw_elements.contact.kinematics import Kinematics
+from pw_elements.contact.newton import Increment, Iterate, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
 from pw_elements.contact.progress import Callback, Reporter, checked_callback
 from pw_elements.contact.refusals import no_equilibrium, refusal
 from pw_elements.contact.remedies import REMEDIES, Remedy, otherwise
 from pw_elements.contact.results import contact_state, undeformed
+from pw_elements.contact.search import search
 from pw_elements.contact.starts import first_active_set, first_displacement
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.watch import Watch
-from pw_elements.iterative import Iterative, Solver
+from pw_elements.iterative import Solver
 from pw_elements.linear_solver import SolverReport
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import doing
+
+# Linear systems, and what they took
+Spent: TypeAlias = tuple[int, SolverReport]
+_NOTHING: Spent = (0, SolverReport("nothing", 0))
 
 
 class ContactProblem:
@@ -79,7 +85,8 @@ class ContactProblem:
             that has one; what it raises ends the computation.
         remedies: what is tried where the iteration fails: "condensed" does without active sets,
             on the contact points alone (see `remedies`), "cutback" halves the increment (see
-            `cutback` and `ContactState.substates`), which with friction is another path.
+            `cutback` and `ContactState.substates`), which with friction is another path, and
+            "search" looks through all statuses of few points in the plane (see `search`).
 
     Raises:
         TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
@@ -104,7 +111,7 @@ class ContactProblem:
         self._K, self._reduction = K, reduction.equilibrated(K)
         self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
-        self._remedies = checked_remedies(remedies, space)
+        self._remedies = checked_remedies(remedies, space, self._solver)
         sibling = K.getAttr("sibling")
         self._interface = nodal_interface(self.pairs, space, self._reduction, sibling)
         self._space = space = self._interface.field.space
@@ -138,9 +145,9 @@ class ContactProblem:
                 displacement of a node in contact.
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
-            NotUnique: if the tangent is singular at a solution: Coulomb's friction too large.
-            NotFound: if no solution has been found, whether there is one or not; `state` is what
-                came nearest.
+            NoSolution: if a search of all statuses proves that the increment has no state.
+            NotUnique: if the tangent is singular at a solution: friction too large, or body loose.
+            NotFound: if none has been found, whether there is one or not; `state` came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
             SolverNotConverged: if an iterative solver fails, singular tangents among the reasons.
         """
@@ -152,8 +159,9 @@ class ContactProblem:
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
-            except NotFound:
-                if (joined := self._cut(state, end, reporter)) is None:
+            except NotFound as failure:
+                joined = self._cut(state, end, reporter) or self._searched(state, end, failure)
+                if joined is None:
                     raise
                 iterations, report = self._spent(end.free, before)
                 found = replace(joined, iterations=iterations, report=report)
@@ -168,6 +176,21 @@ class ContactProblem:
         start = held_by(state, self._K, self._interface)
         return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
 
+    def _searched(self, state: ContactState, end: Target, failure: NotFound) -> ContactState | None:
+        """The state at a target, after a search of all statuses; None if it does not find it."""
+        if "search" not in self._remedies:
+            return None
+        increment, place, policy = self._begun(state, end)
+        before = self._spent(end.free)
+        try:
+            now = search(increment, lambda: self._condensed, place, policy, self._most)
+        except NotUnique as unique:
+            raise refusal(unique, increment, state, self._spent(end.free, before), ()) from None
+        except NoSolution as proved:
+            proved.state = failure.state
+            raise
+        return None if now is None else self._ended(increment, now, state, before)
+
     def _solved(
         self,
         state: ContactState,
@@ -176,26 +199,8 @@ class ContactProblem:
         reporter: Reporter | None = None,
     ) -> ContactState:
         """The state at a target, in one piece."""
-        interface, prescribed = self._interface, target.translations
-        system, rigid = self._bound(target.free)
-        before = self._spent(target.free)
-        past = Reference.of(state, interface)
-        increment = Increment(
-            system, self._K, target.load, prescribed, target.totals, past, target.stated
-        )
-
-        def policy() -> Policy:
-            hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-            mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
-            edges = Edges(interface.position, interface.pair, mortar, interface.comm)
-            return Policy(hold, interface.comm, edges if mortar else None)
-
-        first = (guess or state).translations
-        translations = np.where(np.isnan(prescribed), first, prescribed)
-        system.start(lambda: first_displacement(state, guess, self._space), translations)
-        interface.check_supports(translations)
-        self._watch.before(increment)
-        place = increment.kinematics(translations, past.displacement, past.force)
+        increment, place, policy = self._begun(state, target, guess)
+        before, rigid = self._spent(target.free), self._bound(target.free)[1]
         active = first_active_set(place, state, guess, rigid.left_free)
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
@@ -205,7 +210,7 @@ class ContactProblem:
             if proof is not None:
                 raise proof from None
             found, last = None, failure
-            if "condensed" in self._remedies and not isinstance(self._solver, Iterative):
+            if "condensed" in self._remedies:
                 found, last = otherwise(
                     failure, increment, lambda: self._condensed, place, policy, self._most
                 )
@@ -213,17 +218,39 @@ class ContactProblem:
                 spent = self._spent(target.free, before)
                 raise refusal(last, increment, state, spent, unproved) from None
             now = found
-        interface.check_supports(now.translations)
-        smallness = self._watch.after(increment, now, state)
-        iterations, report = self._spent(target.free, before)
         if reporter:
             reporter.violation = increment.violation(now)
+        return self._ended(increment, now, state, before)
+
+    def _begun(
+        self, state: ContactState, target: Target, guess: ContactState | None = None
+    ) -> tuple[Increment, Kinematics, Callable[[], Policy]]:
+        """The equations from a state to a target, where they start, and a policy's maker."""
+        interface, prescribed = self._interface, target.translations
+        system, rigid = self._bound(target.free)
+        past = Reference.of(state, interface)
+        increment = Increment(
+            system, self._K, target.load, prescribed, target.totals, past, target.stated
+        )
+        policy = partial(Policy.of, rigid.left_free, interface)
+        translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
+        system.start(lambda: first_displacement(state, guess, self._space), translations)
+        interface.check_supports(translations)
+        self._watch.before(increment)
+        place = increment.kinematics(translations, past.displacement, past.force)
+        return increment, place, policy
+
+    def _ended(
+        self, increment: Increment, now: Iterate, state: ContactState, before: Spent
+    ) -> ContactState:
+        """The state that a solution is."""
+        self._interface.check_supports(now.translations)
+        smallness = self._watch.after(increment, now, state)
+        iterations, report = self._spent(increment.system.free, before)
         now.full.setAttr("space", self._space)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, report, smallness)
 
-    def _spent(
-        self, free: Free, before: tuple[int, SolverReport] = (0, SolverReport("nothing", 0))
-    ) -> tuple[int, SolverReport]:
+    def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
         """Linear systems of iterations since before, and what they and condensing took."""
         system, _ = self._bound(free)
         report = system.report
