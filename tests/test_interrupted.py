@@ -19,7 +19,7 @@ from tests.full_disk import REFUSED
 from tests.toystudy import install
 
 ROOT = Path(__file__).parents[1]
-SECTIONS = ["7.1", "7.4", "V1", "V7", "T"]
+SECTIONS = ["7.1", "V1"]
 INTERRUPTED = "study: interrupted; the results so far are kept"
 START = [sys.executable, "-X", "importtime", "-m", "study"]
 IMPORTED = "import time:"  # that is what Python tells of each import then
@@ -118,7 +118,7 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
     seconds, expected = time.monotonic() - start, numbers(whole)
     killed = []
     for attempt in range(50):
-        if attempt % 5 == 0:
+        if attempt % 10 == 0:
             compiled = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
         for path in list(out.rglob("[!.]*.json")):
             if random.random() < 0.5 and path.parent.name in SECTIONS:
@@ -131,6 +131,7 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
             os.kill(process, signal.SIGKILL)
         status = run.wait(600)
         killed.append((len(chosen), status))
+        print(attempt, *killed[-1])
         assert status in (0, 1, -signal.SIGKILL), run.told()
         assert not run.survivors()
         assert not [line for line in run.told() if re.search("failed|Traceback", line)], run.told()
