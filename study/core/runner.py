@@ -2,7 +2,6 @@
 
 import logging
 import math
-import re
 import sys
 import time
 from collections.abc import Generator
@@ -15,6 +14,7 @@ from tqdm import tqdm
 
 from study.core.cases import Case, Section, fingerprint
 from study.core.expected import expected
+from study.core.jit import unblocked
 from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
 from study.core.store import CorruptResult, Result, Results, discard, save, sweep
@@ -22,6 +22,8 @@ from study.core.store import CorruptResult, Result, Results, discard, save, swee
 # Cases run beside each other: their lines on what goes on would cross those of the runner, and that
 # the paper's displacements are not small is no news in each of several hundred
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
+
+PATIENCE = 20  # times that a case is tried again because another process compiles what it needs
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
 Todo = tuple[Case, str]  # with its fingerprint, taken before anything runs
@@ -153,20 +155,13 @@ def compute(case: Case, mark: str, out: Path) -> Done:
 
 
 def _result(case: Case) -> Result:
-    """Run a case, again where a compilation that was killed stands in its way.
-
-    DOLFINx leaves the compilation of a form to whoever has begun it, and gives up after a while.
-    """
-    removed: set[str] = set()
-    while True:
+    for _ in range(PATIENCE):
         try:
             return case.run(**case.parameters)
         except Exception as error:
-            left = re.search(r"JIT compilation timed out.* remove (/.*\.c)\)", str(error))
-            if not left or left[1] in removed:
+            if not unblocked(error):
                 raise
-            removed.add(left[1])
-            Path(left[1]).unlink(missing_ok=True)
+    return case.run(**case.parameters)
 
 
 class _Progress:
