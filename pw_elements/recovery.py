@@ -31,7 +31,7 @@ from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
 from pw_elements.collective import agree, collective
-from pw_elements.mechanics import Body, Scalar, boundary_measure
+from pw_elements.mechanics import Body, Material, Scalar, boundary_measure
 from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number
@@ -194,6 +194,8 @@ class SurfaceNodes:
                 is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
+        # areas are no matter of the material, which may be incompressible
+        body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
         up = np.eye(body.spaces.mesh.geometry.dim)[-1]
 
@@ -347,6 +349,14 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
 
 def facet_nodes(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
+    cells, places = facets_in_cells(space, facets)
+    return np.asarray(space.dofmap.list[cells[:, None], places])
+
+
+def facets_in_cells(
+    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """The cell (f,) of each exterior facet, and the places (f, k) of its nodes in that cell."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
     topology.create_connectivity(dim - 1, dim)
@@ -357,7 +367,7 @@ def facet_nodes(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> npt.
     cells = of_facet.array[of_facet.offsets[facets]]
     local = (of_cell.array.reshape(-1, count)[cells] == facets[:, None]).argmax(axis=1)
     closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(count)])
-    return np.asarray(space.dofmap.list[cells[:, None], closure[local]])
+    return cells, closure[local]
 
 
 def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:

@@ -23,6 +23,7 @@ from pw_elements import (
     Spaces,
     StressState,
     assemble_matrix,
+    assemble_scalar,
     assemble_vector,
     boundary_measure,
     nodal_load,
@@ -287,3 +288,24 @@ def test_refuses_meshes_that_are_no_bodies():
     across = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
     with pytest.raises(ValueError, match=r"crosses the axis of rotation: its least r is -1\.0"):
         Body(Spaces.galerkin(across), MATERIAL, StressState.AXISYMMETRIC)
+
+
+@pytest.mark.parametrize(
+    ("state", "strain", "expected"),
+    [
+        ("plane stress", (1.0, -0.3), 10.0),  # a bar that is pulled
+        ("plane strain", (1.0, 0.0), 10.0 / 1.3),  # uniaxial strain: E / (1 + nu)
+        ("solid", (1.0, 0.0), 10.0 / 1.3),
+        ("axisymmetric", (0.0, 1.0), 10.0 / 1.3),
+    ],
+)
+def test_equivalent_stress_of_known_strains(state, strain, expected):
+    mesh = (
+        create_box(MPI.COMM_SELF, [[0, 0, 0], [1, 1, 1]], [1, 1, 1])
+        if state == "solid"
+        else square()
+    )
+    body = Body(Spaces.galerkin(mesh), MATERIAL, state)
+    u = fem.Function(body.spaces.trial)
+    u.interpolate(lambda x: np.array([strain[0] * x[0], strain[1] * x[1], 0 * x[2]])[: len(u)])
+    assert assemble_scalar(body.von_mises(u) * ufl.dx) == pytest.approx(expected)
