@@ -2,7 +2,8 @@
 
 With P the interpolation of vertex values to all nodes, P^T K P is the stiffness of linear
 elements, for standard and new elements alike. Nothing of K is copied or changed by supports:
-what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi).
+what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi), or moves
+with other nodes, see `ties`.
 """
 
 from collections.abc import Sequence
@@ -216,7 +217,7 @@ class Multigrid:
         supports: of its space.
 
     Attributes:
-        operator: Pi K Pi + (1 - Pi).
+        operator: Pi W^T K W Pi + (1 - Pi); W is one unless `tie` says more.
         blocked: K in blocks, with which it multiplies.
 
     Raises:

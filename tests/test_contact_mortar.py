@@ -369,7 +369,15 @@ def test_fields_have_the_forces_on_both_bodies(cell):
     left = reactions(stack.K, state.displacement, load).array.reshape(force.shape)
     assert force[face] == pytest.approx(left[face], abs=1e-11 * np.abs(left[face]).max())
     assert not force[~face].any()
-    assert not fields.pressure.x.array[stack.nodes("lower")].any()
+    (pair,) = state.pairs
+    for name in ("gap", "status", "slip"):
+        values = getattr(fields, name).x.array.reshape(len(stack.x), -1)
+        known = np.nan_to_num(getattr(pair, name).reshape(len(pair.node), -1), posinf=-1.0)
+        assert np.array_equal(np.nan_to_num(values[pair.node], nan=-1.0), known)
+    assert np.isnan(fields.gap.x.array[stack.nodes("lower")]).all()
+    pressed = fields.pressure.x.array
+    assert np.array_equal(pressed[pair.node] > 0, pair.force_normal > 0)
+    assert not pressed[stack.nodes("lower")].any()
 
 
 def test_a_file_keeps_the_opposite_forces(tmp_path):

@@ -56,7 +56,7 @@ def checked_problem(
         if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
             shape, offset = surface.shape, surface.offset
         if isinstance(surface, DeformableSurface):  # whose facets have
-            shape = surface.revolved
+            shape = surface.revolved, surface.coincident
         agree(
             comm,
             {

@@ -23,7 +23,8 @@ matrix of the weights over the part of the sub-facet that faces the master and D
 all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
 Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
 flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
-and displacements are the quadratic functions.
+and displacements are the quadratic functions. Gaps that meshes of one curved surface leave are as
+large as the elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
 
 What is not: psi is negative in places, so that the master's nodal forces need not have one sign
 where neighbouring p_j differ by more than a factor of two, next to the edge of contact above all,
@@ -40,30 +41,25 @@ from dataclasses import dataclass
 
 from mpi4py import MPI
 
-import basix
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.contact.interface import DEFORMABLE, Points
 from pw_elements.contact.nodes import BodyNodes
+from pw_elements.contact.overlap import Overlap, overlaps
 from pw_elements.contact.pairs import DeformableSurface
-from pw_elements.contact.segments import Segments, segments, stretches
-from pw_elements.contact.trace import Trace, facets_of, gathered_trace, sizes
+from pw_elements.contact.trace import facets_of, gathered_trace
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
-_SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
 # Cosine up to which a normal is turned into a symmetry plane
 _NEARLY = 0.9
-# Of products of weights, quadratic functions and, in axisymmetry, the radius, on sub-facets of so
-# many corners; and where quadrilaterals are no parallelograms, so that nothing is a polynomial
-_DEGREE, _TWISTED = {2: 4, 3: 4, 4: 6}, 10
-# Difference of opposite sides of parallelograms, over their size
-_PARALLEL = 1e-9
+# Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
+# with two quadratic facets a side
+_COINCIDE = 0.05
 # Mean edge of the slave over the master's, both where they face each other, that is much
 _COARSE = 3.0
 
@@ -107,8 +103,8 @@ def mortar_points(
 
     Raises:
         ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
-            has no facets, both parts share a node, or no part of the pair's facets faces the
-            opposite part.
+            has no facets, both parts share a node, no part of the pair's facets faces the
+            opposite part, or sides that are to coincide do not.
     """
     space, comm = body.space, body.space.mesh.comm
     own = node + np.int64(space.dofmap.index_map.local_range[0])
@@ -154,6 +150,13 @@ def mortar_points(
     into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
+    if master.coincident:
+        edge = overlap.edge(comm)
+        body.refuse(
+            node[faced & (np.abs(gap) > _COINCIDE * edge)],
+            "lie away from the opposite side, farther than meshes of one surface do (coincident)",
+        )
+        gap = np.where(faced, 0.0, np.inf)
     axes = sp.eye_array(dim)
     at = other.positions_of_nodes()
     points = Points(
@@ -169,120 +172,6 @@ def mortar_points(
         other.nodes[by_position(at)],
     )
     return points, InitialGap(body.x[node], gap, into)
-
-
-@dataclass(frozen=True)
-class Overlap:
-    """Quadrature points (q) of what the slave's sub-facets at own points have of the master.
-
-    Args:
-        point: (q, k), numbers of the points that the sub-facet's corners are, -1 for others'.
-        weight: (q, k), their weights.
-        dual: (q, k), the duals of these.
-        measure: (q,), lengths or areas.
-        ratio: (q,), size of the slave's sub-facet over the master's.
-        apart: (q, dim), from the master to the slave.
-        functions: nodes (q, n) and values (q, n) of the slave's and the master's quadratic
-            functions, and of the master's weights.
-    """
-
-    point: Indices
-    weight: Array
-    dual: Array
-    measure: Array
-    ratio: Array
-    apart: Array
-    functions: tuple[tuple[Indices, Array], ...]
-
-    @classmethod
-    def of(cls, one: Trace, other: Trace, own: Indices, revolved: bool) -> "Overlap":
-        """Of both traces, for the points of global numbers `own` (m,)."""
-        (nodes, corners, _), (their_nodes, their_corners, outward) = one.parts, other.parts
-        found, mine = overlaps(one, other, own, outward)
-        order = np.argsort(own)
-        place = np.searchsorted(own, nodes, sorter=order)
-        point = order[np.minimum(place, len(own) - 1)] if len(own) else np.zeros_like(nodes)
-        point = np.where(np.isin(nodes, own), point, -1)
-        degree = _DEGREE[corners.shape[1]]
-        if _twisted(found.on_slave) or _twisted(found.on_master):
-            degree = _TWISTED
-        points, weights = basix.make_quadrature(_SIMPLEX[one.dim], degree)
-        rule = np.column_stack([1 - points.sum(axis=1), points])
-        weights = weights / weights.sum()
-        slave, master = (np.repeat(k, len(weights)) for k in (mine[found.slave], found.master))
-        w1, w2 = (w.reshape(len(slave), w.shape[2]) for w in found.weights(rule))
-        seen = np.repeat(found.on_slave, len(weights), axis=0)
-        stretch = stretches(corners[slave], w1) / stretches(seen, w1)
-        size, theirs = sizes(corners)[slave], sizes(their_corners)[master]
-        measure = stretch * np.outer(found.size, weights).ravel()
-        (at1, N1), (at2, N2) = one.functions(slave, w1), other.functions(master, w2)
-        x1, x2 = one.positions(slave, N1), other.positions(master, N2)
-        if revolved:
-            measure = measure * 2 * np.pi * x1[:, 0]
-        dual = _duals(slave, w1, measure)
-        functions = ((at1, N1), (at2, N2), (their_nodes[master], w2))
-        return cls(point[slave], w1, dual, measure, size / theirs, x1 - x2, functions)
-
-    def coarseness(self, comm: MPI.Comm) -> float:
-        """Mean of the slave's edges over the master's, of all processes."""
-        edges = self.ratio ** (1 / (self.apart.shape[1] - 1))
-        total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
-        return float(total[0] / total[1])
-
-    def per_point(self, values: Array, m: int) -> Array:
-        """Integrals (m,) of weights times values (q,)."""
-        part = (self.weight * (self.measure * values)[:, None])[self.point >= 0]
-        return np.asarray(np.bincount(self.point[self.point >= 0], part, minlength=m), dtype=float)
-
-    def integrals(
-        self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
-    ) -> sp.csr_array:
-        """Matrix of integrals of functions `tested` (q, k) of the points times others (q, n)."""
-        part = np.einsum("q,qa,qk->qak", self.measure, tested, values)
-        row = np.broadcast_to(self.point[:, :, None], part.shape)
-        known = row >= 0
-        place = (row[known], np.broadcast_to(column[:, None], part.shape)[known])
-        return sp.csr_array(sp.coo_array((part[known], place), shape))
-
-
-def overlaps(one: Trace, other: Trace, own: Indices, outward: Array) -> tuple[Segments, Indices]:
-    """What the slave's sub-facets at own points (m,) have of the master.
-
-    Args:
-        one: the slave.
-        other: the master.
-        own: numbers of nodes.
-        outward: (s, dim), normals of the master's sub-facets.
-
-    Returns:
-        Overlaps, and numbers of the slave's sub-facets which those of `Segments.slave` count.
-    """
-    nodes, corners, _ = one.parts
-    mine = np.flatnonzero(np.isin(nodes, own).any(axis=1))
-    normal = one.normals(nodes[mine]).mean(axis=1)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return segments(corners[mine], other.parts[1], normal, outward), mine
-
-
-def _twisted(corners: Array) -> bool:
-    """Whether any cells (q, k, d) are quadrilaterals, but no parallelograms."""
-    if corners.shape[1] < 4:
-        return False
-    apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    return bool(np.abs(apart).max(initial=0.0) > _PARALLEL)
-
-
-def _duals(part: Indices, weight: Array, measure: Array) -> Array:
-    """D M^-1 w, (q, k), at quadrature points of sub-facets (q,)."""
-    if not len(part):
-        return weight
-    parts, of = np.unique(part, return_inverse=True)
-    n = weight.shape[1]
-    M = np.zeros((len(parts), n, n))
-    np.add.at(M, of, np.einsum("q,qa,qb->qab", measure, weight, weight))
-    D = M.sum(axis=2)
-    inverse = np.linalg.inv(M)
-    return np.asarray(np.einsum("qa,qab,qb->qa", D[of], inverse[of], weight))
 
 
 def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:

@@ -118,6 +118,8 @@ class DeformableSurface:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
             local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
         revolved: whether areas are round the axis, as in axisymmetry.
+        coincident: whether both sides are one surface before any motion, as a tube's and its
+            liner's. Meshes of a curved one miss each other by a little, which is no gap then.
 
     Raises:
         TypeError: for arguments of another kind.
@@ -125,10 +127,12 @@ class DeformableSurface:
 
     where: Part
     revolved: bool = False
+    coincident: bool = False
 
     def __post_init__(self) -> None:
         _check_part("the facets", self.where, "DeformableSurface(where)", "tags.find(value)")
         flag("revolved", self.revolved)
+        flag("coincident", self.coincident)
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,8 @@ class ContactPair:
 
     Raises:
         TypeError: for arguments of another kind, exchanged ones, for example.
-        ValueError: for a friction that is negative or no number.
+        ValueError: for a friction that is negative or no number, or an interference of sides
+            that coincide.
     """
 
     nodes: Part
@@ -172,6 +177,8 @@ class ContactPair:
                 f"friction = {mu!r}: it has to be a number that is finite and not negative, or a "
                 "function of positions"
             )
+        if self.interference and getattr(self.surface, "coincident", False):
+            raise ValueError("sides that coincide do not cut each other: give interference or that")
         motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
         for motion in motions:
             of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")

@@ -26,9 +26,12 @@ RECORD = Path(__file__).with_name("record.json")
 REPEATS = 3
 # Seconds above which one run is enough
 ONCE = 10.0
+# Of two blocks: the upper one's modulus over the lower one's, its cells over the lower one's, its
+# sides across (the lower one is a unit cube)
+STIFFER, FINER, SIDES = 3.0, 0.8, (0.13, 0.83)
 # Of the body: a block 2 x 1 (x 1), E, nu
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
-PRESSURE, PUSH, FRICTION = 100.0, 20.0, 0.3
+PRESSURE, PUSH, FRICTION, FRICTION_BETWEEN = 100.0, 20.0, 0.3, 0.2
 MODES = 6
 # Threads would blur what CPU time means
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
@@ -39,11 +42,12 @@ class Row:
     """What is measured.
 
     Args:
-        task: "assembly", "factors", "frequencies" or "contact".
+        task: "assembly", "factors", "frequencies", "contact", or "bodies": two on each other.
         element: as in the study, or one of CalculiX.
-        cells: along the height of the block.
-        method: "Direct", "Iterative", or "nested": from the state of half as many cells; or
-            "CalculiX", which `study.benchmarks.calculix_block` measures.
+        cells: along the height of the block, or of the lower one.
+        method: "Direct", "Iterative", "nested": from the state of half as many cells, "compared":
+            both of the former, for their difference; or "CalculiX", which
+            `study.benchmarks.calculix_block` measures.
         processes: of MPI.
     """
 
@@ -81,6 +85,10 @@ def rows() -> Iterator[Row]:
     yield Row("contact", "pw-T10", 27, "Iterative")
     for method in ("Iterative", "nested"):
         yield Row("contact", "pw-T10", 35, method, 2)
+    for method in ("Direct", "Iterative", "compared"):
+        yield Row("bodies", "pw-T10", 10, method)
+    for processes in (1, 2, 3):
+        yield Row("bodies", "pw-T10", 20, "Iterative", processes)
 
 
 def main() -> None:
@@ -141,6 +149,7 @@ def _one(row: Row) -> None:
         "factors": _factors,
         "frequencies": _frequencies,
         "contact": _contact,
+        "bodies": _bodies,
     }
     started = time.perf_counter()
     numbers = tasks[row.task](row)
@@ -269,6 +278,104 @@ def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # 
     floor = ContactPair(lambda x: np.isclose(x[2], 0.0), Plane((0, 0, 0), (0, 0, 1)), FRICTION)
     free = pw.Reduction.dirichlet(space, [])
     (state,) = solve_contact(K, load, free, floor, space, start, solver=solver)
+    return state
+
+
+def _bodies(row: Row) -> dict[str, float]:
+    """A block on a coarser one, which alone holds it: pressed and pushed, with friction."""
+    import numpy as np
+
+    import pw_elements as pw
+
+    if row.method == "compared":
+        states, seconds = _seconds(
+            lambda: [_stacked(row, s) for s in (pw.Direct(), pw.Iterative())]
+        )
+        moved, statuses = zip(*((s.displacement, s.pairs[0].status) for s in states), strict=True)
+        return {
+            "dofs": moved[0].getSize(),
+            "seconds": seconds,
+            "difference": (moved[1] - moved[0]).norm(3) / moved[0].norm(3),
+            "other_statuses": float(np.sum(statuses[0] != statuses[1])),
+        }
+    solver = pw.Direct() if row.method == "Direct" else pw.Iterative()
+    state, seconds = _seconds(lambda: _stacked(row, solver))
+    (pair,) = state.pairs
+    return {
+        "dofs": state.displacement.getSize(),
+        "seconds": seconds,
+        "iterations": state.iterations,
+        "factorisations": state.report.factorisations,
+        "krylov_iterations": state.report.krylov_iterations,
+        "sticking": float((pair.status == 1).sum()),
+        "slipping": float((pair.status == 2).sum()),
+        "displacement": state.displacement.norm(),
+    }
+
+
+def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
+    """Its state, with assembly."""
+    from mpi4py import MPI
+
+    import numpy as np
+    from dolfinx import fem
+    from dolfinx.mesh import (
+        CellType,
+        compute_midpoints,
+        create_box,
+        create_mesh,
+        exterior_facet_indices,
+        locate_entities_boundary,
+        meshtags,
+    )
+
+    import pw_elements as pw
+    from pw_elements._compat import cell_nodes
+    from pw_elements.contact import ContactPair, DeformableSurface, solve_contact
+    from study.discretisation import spaces
+
+    comm, finer = MPI.COMM_WORLD, round(FINER * row.cells)
+    low, high = SIDES
+    lower, upper = (
+        create_box(MPI.COMM_SELF, corners, (n, n, n), CellType.tetrahedron)
+        for corners, n in (
+            ([(0, 0, 0), (1, 1, 1)], row.cells),
+            ([(low, low, 1), (high, high, 2)], finer),
+        )
+    )
+    x = np.concatenate([lower.geometry.x, upper.geometry.x])
+    cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(lower.geometry.x)])
+    if comm.rank:
+        cells, x = cells[:0], x[:0]
+    element = lower.ufl_domain().ufl_coordinate_element()
+    mesh = create_mesh(comm, cells=cells.astype(np.int64), x=x, e=element)
+
+    def above(dim: int, entities: Any) -> Any:  # noqa: ANN401
+        mesh.topology.create_connectivity(dim, 3)
+        behind = mesh.topology.connectivity(dim, 3)
+        of = entities if dim == 3 else np.array([behind.links(f)[0] for f in entities])
+        return compute_midpoints(mesh, 3, of.astype(np.int32))[:, 2] > 1
+
+    own = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    tags = meshtags(mesh, 3, own, above(3, own).astype(np.int32))
+    materials = {
+        k: pw.Material(E * YOUNGS_MODULUS, POISSONS_RATIO) for k, E in ((0, 1), (1, STIFFER))
+    }
+    body = pw.Body(
+        spaces(row.element, mesh), pw.Material.by_tag(mesh, tags, materials), pw.StressState.SOLID
+    )
+    space = body.spaces.trial
+    between = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1.0))
+    between = np.intersect1d(between, exterior_facet_indices(mesh.topology))
+    of_upper = above(2, between)
+    nodes = fem.locate_dofs_topological(space, 2, between[of_upper])
+    pair = ContactPair(nodes, DeformableSurface(between[~of_upper]), FRICTION_BETWEEN)
+    top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 2.0))
+    load = pw.assemble_vector(body.surface_load((PUSH / 2, PUSH / 4, -PRESSURE), top))
+    base = [pw.prescribe(space, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
+    K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
+    supports = pw.Reduction.dirichlet(space, base)
+    (state,) = solve_contact(K, load, supports, pair, space, solver=solver)
     return state
 
 
