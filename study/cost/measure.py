@@ -45,8 +45,8 @@ class Row:
         task: "assembly", "factors", "frequencies", "contact", or "bodies": two on each other.
         element: as in the study, or one of CalculiX.
         cells: along the height of the block, or of the lower one.
-        method: "Direct", "Iterative", "nested": from the state of half as many cells, "compared":
-            both of the former, for their difference; or "CalculiX", which
+        method: "Direct", "Iterative", "nested": from the state of half as many cells;
+            "compared": Direct and Iterative, for their difference; or "CalculiX", which
             `study.benchmarks.calculix_block` measures.
         processes: of MPI.
     """
