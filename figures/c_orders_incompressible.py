@@ -69,7 +69,7 @@ def caption(results: Results) -> str:
     return (
         "Errors of the displacements' gradients with a body force. Left: new over standard, on one "
         f"mesh. Up to 0.49 the ratio is at most {safe:.2f}, if pressure alone balances the body "
-        f"force {pressure:.2f}; at 0.4999 it reaches {worst:.0f} where the identity of section T "
+        f"force {pressure:.2f}; at 0.4999 it reaches {worst:.0f} where the identity with T "
         f"does not hold, and stays 1 where it does, unless pressure alone balances the body force "
         f"({alone:.0f}). Right: both elements over the cell size at "
         "0.4999; an error of 1 means that nothing of the solution is left."

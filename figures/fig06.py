@@ -48,8 +48,7 @@ def caption(results: Results) -> str:
     cells = len(results.curves(CASE)["cells"])
     return (
         f"The block with its mesh of {cells} triangles, pressed by p and pulled by t; the first "
-        "and the last contact element are smooth. Proportions and loads are reconstructed: the "
-        "paper's figure is lost."
+        "and the last contact element are smooth. Proportions and loads are reconstructed."
     )
 
 

@@ -181,7 +181,7 @@ def test_statement_stands_with_the_first_section_that_it_names(source, home):
 
 
 def test_statements_are_in_words():
-    words = report.in_words("CAX8 by the pw-Q8-lumped, where |x| < 1: L D L^T, 5 x 2")
+    words = report.in_words("CAX8 (C-pairs) by the pw-Q8-lumped, where |x| < 1: L D L^T, 5 x 2")
     assert words == (
         "CAX8 by the new Q8, condensed pair, lumped mass, where |<i>x</i>| &lt; 1: "
         "L D L<sup>T</sup>, 5 × 2"

@@ -302,7 +302,11 @@ def _unit(unit: str) -> tuple[float, str]:
 
 
 def in_words(statement: str) -> Markup:
-    """Write a statement with names of elements for those of result files, and its mathematics."""
+    """Write a statement with names of elements for those of result files, and its mathematics.
+
+    Names of findings, which are listed elsewhere, are left out.
+    """
+    statement = re.sub(r" \((?:[A-Z]\d*|\d\.?\d?)-[\w-]+\)", "", statement)
     words = re.sub(
         r"\b((?:galerkin|pw|pwsym|composite)-[TQ]\d)((?:-J|-lumped)?)\b",
         lambda m: (
