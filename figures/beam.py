@@ -9,7 +9,7 @@ from study.core.store import Results
 
 MESH = "7.6/galerkin-T6-J"
 LOAD = "#D55E00"
-NOTE = "Mesh and supports are reconstructed: the paper's figure is lost."
+NOTE = "Mesh and supports are reconstructed."
 
 
 def half_beam(ax: Axes, results: Results) -> tuple[float, float]:

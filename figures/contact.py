@@ -1,26 +1,22 @@
 """What the figures of contact examples share: stress curves, zones, deformed shapes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from figures.style import FULL, LOOK, MANY
+from figures.style import LOOK, MANY
 from study.core.store import Results
-from study.judge import measures
-from study.vocabulary import ELEMENTS, SLIP
+from study.vocabulary import SLIP
 
 # Contact status as the library numbers it
 ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
 SMOOTH = ("frictionless", "#C9C9C9")
 
-RECONSTRUCTED = "Dimensions and loads that the paper does not print are reconstructed."
+RECONSTRUCTED = "Dimensions and loads are reconstructed."
 
 Curves = dict[str, np.ndarray]
 
@@ -117,96 +113,3 @@ def force_arrows(
         style = {"arrowstyle": "-|>", "lw": 0.8, "color": LOOK[element]["color"]}
         style |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 6}
         ax.annotate("", moved[node], moved[node] - force, arrowprops=style)
-
-
-@dataclass(frozen=True)
-class BlockStresses:
-    """A figure of the paper: stresses below the block of section 7.2.
-
-    Args:
-        cells: what the elements are, in a word.
-        elements: the standard one, the new one, and another.
-    """
-
-    cells: str
-    elements: tuple[str, str, str]
-
-    @property
-    def needs(self) -> list[str]:
-        """Keys of the results."""
-        return [f"7.2/{element}" for element in self.elements]
-
-    def draw(self, results: Results) -> Figure:
-        """Normal and shear stress over x; the strips below are the new element's zones."""
-        fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
-        zones = results.curves(self.needs[1])
-        for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-            compare(ax, results, self.needs, quantity, 1 / measures.BLOCK_PRESSURE)
-            zone_strip(ax, zones, bottom=-0.3)
-            ax.set(xlabel="$x$", xlim=(0, 4))
-        axes[0].set(ylabel="normal pressure / applied pressure", ylim=(0, None))
-        axes[1].set_ylabel("shear stress / applied pressure")
-        axes[1].legend(fontsize=7)
-        fig.legend(handles=zone_legend(zones), loc="outside lower center", ncols=3)
-        return fig
-
-    def caption(self, results: Results) -> str:
-        """What the figure shows."""
-        saw = ", ".join(
-            f"{ELEMENTS[element].name} {results.scalar(key, 'sawtooth'):.3f}"
-            for element, key in zip(self.elements, self.needs, strict=True)
-        )
-        return (
-            f"Stresses along the contact area, {self.cells}: nodal force over tributary length, as "
-            "a node-to-surface code reports it. Mid-side over corner force of the normal forces: "
-            f"{saw}. Strips: zones of the {ELEMENTS[self.elements[1]].name}. {RECONSTRUCTED}"
-        )
-
-    def alt(self, results: Results) -> str:
-        """The figure in words."""
-        stick = results.scalar(self.needs[1], "stick_to")
-        return (
-            "Curves of normal and shear stress over the contact line. Those of the standard "
-            "element form a sawtooth around the smooth curves of the others; sticking up to "
-            f"x = {stick:.3f}, slip on the right."
-        )
-
-
-@dataclass(frozen=True)
-class PlateReactions:
-    """A figure of the paper: nodal forces below the plate of section 7.4.
-
-    Args:
-        element: whose.
-    """
-
-    element: str
-
-    @property
-    def needs(self) -> list[str]:
-        """Keys of the results."""
-        return [f"7.4/{self.element}"]
-
-    def draw(self, results: Results) -> Figure:
-        """Normal nodal forces as bars."""
-        curves = results.curves(self.needs[0])
-        fig, ax = plt.subplots(figsize=(FULL, 2.4))
-        ax.bar(curves["x"], curves["force_n"], 0.05, color=LOOK[self.element]["color"])
-        ax.set(xlabel="$x/b$", ylabel="normal reaction / kN", ylim=(0, 6))
-        ax.grid(visible=False, axis="x")
-        return fig
-
-    def caption(self, results: Results) -> str:
-        """What the figure shows."""
-        ratio = results.scalar(self.needs[0], "sawtooth")
-        total = results.scalar(self.needs[0], "force_normal")
-        return (
-            f"Normal nodal forces below the plate with {self.element}; their sum is {total:.6g} "
-            f"kN, the median of a mid-side force over its corner neighbours' mean {ratio:.3f}. "
-            f"{RECONSTRUCTED}"
-        )
-
-    def alt(self, results: Results) -> str:
-        """The figure in words."""
-        forces = ", ".join(f"{f:.2f}" for f in results.curves(self.needs[0])["force_n"])
-        return f"Bars over x, from edge to edge in kN: {forces}."

@@ -1,5 +1,7 @@
 """What the convergence figures of contact problems share."""
 
+from typing import Any
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -22,7 +24,10 @@ def prepare(ax: Axes, results: Results, key: str) -> None:
 def errors(ax: Axes, results: Results, keys: dict[str, str], name: str, **look: str) -> None:
     """Draws an error over the number of elements, `keys` by element."""
     for element, key in keys.items():
-        curves, own = results.curves(key), LOOK[element] | look
+        curves = results.curves(key)
+        own: dict[str, Any] = LOOK[element] | look
+        if element == "galerkin-T6":  # standard Q8 may lie on it
+            own |= {"markersize": 6, "linewidth": 2.2}
         if element == "composite-T6":  # coincides with the new element below flat punches
             own |= {"markerfacecolor": "none", "markersize": 7, "linewidth": 0.7}
         ax.plot(curves["elements"], curves[name], **own)

@@ -15,18 +15,21 @@ from typing import Any, NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
 import figures
+from figures.narrow import narrowed
 from figures.style import MANY, style
 from study.core.sources import closure
 from study.core.store import Results, Stored, StudyError, write_json, write_whole
 
 FRAME = {"__main__", "drawing", "style", "symbols"}
-FRAME |= {"beam", "column", "contact", "convergence"}
+FRAME |= {"beam", "column", "contact", "convergence", "narrow"}
 
 RASTER = 300  # dots per inch of what is an image within a drawing
+KINDS = ("png", "svg", "narrow.svg")  # a telephone's screen takes the last
 COLOURS = 128  # of such an image: lines and flat faces need few
 
 Entry = dict[str, Any]
@@ -73,7 +76,7 @@ def up_to_date(name: str, results: Results) -> Entry | None:
     try:
         note = json.loads(_note(results.folder, name).read_bytes())
         entry, digest = note["entry"], note["digest"]
-        files = [picture(results.folder, name, kind) for kind in ("png", "svg")]
+        files = [picture(results.folder, name, kind) for kind in KINDS]
         same = digest == _digest(name, results.folder, note["keys"], note["sections"])
         return entry if same and all(path.is_file() for path in files) else None
     except (OSError, ValueError, TypeError, KeyError):
@@ -118,7 +121,7 @@ def _attempt(name: str, results: _Reading) -> Drawn:
         missing = [key for key in script.NEEDS if key not in results]
         if missing:
             return Drawn(None, missing, "")
-        size = _draw(script, name, results)
+        size, narrow = _draw(script, name, results)
         entry = {
             "name": name,
             "title": (script.__doc__ or name).strip().splitlines()[0].rstrip("."),
@@ -127,6 +130,7 @@ def _attempt(name: str, results: _Reading) -> Drawn:
             "alt": script.alt(results),
             "width": size[0],
             "height": size[1],
+            "narrow": narrow,
         }
         keys, sections = sorted(results.keys), sorted(results.sections)
         digest = _digest(name, results.folder, keys, sections)
@@ -139,25 +143,37 @@ def _attempt(name: str, results: _Reading) -> Drawn:
     return Drawn(entry, [], "")
 
 
-def _draw(script: ModuleType, name: str, results: Results) -> tuple[int, int]:
-    """Draw the pictures; return width and height in CSS pixels."""
+def _draw(script: ModuleType, name: str, results: Results) -> tuple[tuple[int, int], list[int]]:
+    """Draw the pictures; return width and height in CSS pixels, and those of the narrow one."""
     with style():
         figure = script.draw(results)
         try:
-            width, height = (round(96 * inches) for inches in figure.get_size_inches())
+            size = _pixels(figure)
             stream = io.BytesIO()
             figure.savefig(stream, format="png")
             write_whole(picture(results.folder, name, "png"), stream.getvalue())
-            for line in figure.findobj(Line2D):
-                if line.get_linestyle() == "None" and len(line.get_xdata()) > MANY:
-                    line.set_rasterized(True)
-            figure.set_layout_engine("none")  # it stays as it is, and need not be found again
-            text = io.StringIO()
-            figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
-            write_whole(picture(results.folder, name, "svg"), _lean(text.getvalue()).encode())
+            write_whole(picture(results.folder, name, "svg"), _svg(figure))
+            narrow = narrowed(script.draw(results))
+            write_whole(picture(results.folder, name, "narrow.svg"), _svg(narrow))
+            return size, list(_pixels(narrow))
         finally:
-            plt.close(figure)
+            plt.close("all")
+
+
+def _pixels(figure: Figure) -> tuple[int, int]:
+    width, height = (round(96 * inches) for inches in figure.get_size_inches())
     return width, height
+
+
+def _svg(figure: Figure) -> bytes:
+    for line in figure.findobj(Line2D):
+        if line.get_linestyle() == "None" and len(line.get_xdata()) > MANY:
+            line.set_rasterized(True)
+    figure.canvas.draw()
+    figure.set_layout_engine("none")  # it stays as it is, and need not be found again
+    text = io.StringIO()
+    figure.savefig(text, format="svg", dpi=RASTER, metadata={"Date": None})
+    return _lean(text.getvalue()).encode()
 
 
 def _lean(svg: str) -> str:

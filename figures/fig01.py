@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import COLUMN
+from figures.style import SIDE
 from study.core.store import Results
 
 SECTION = "3"
@@ -16,7 +16,7 @@ def draw(results: Results) -> Figure:
     """Nodes by the paper's numbers and the four sub-elements."""
     curves = results.curves("3/weights")
     nodes, subelements = curves["nodes"], curves["subelements"]
-    fig, ax = plt.subplots(figsize=(COLUMN, 3.2))
+    fig, ax = plt.subplots(figsize=(SIDE, 2.3))
     for number, (cell, shade) in enumerate(zip(subelements, SHADES, strict=True), start=1):
         ax.fill(*nodes[cell].T, facecolor=shade, edgecolor="#777777", linewidth=0.8)
         ax.annotate(f"$A_{number}$", nodes[cell].mean(axis=0), ha="center", va="center")

@@ -12,14 +12,14 @@ NEEDS = ["3/weights"]
 
 
 def draw(results: Results) -> Figure:
-    """Surfaces of two weight functions and, below, of the quadratic shape functions."""
+    """Surfaces of two weight functions and of the quadratic shape functions beside them."""
     curves = results.curves("3/weights")
     (x, y), cells = curves["grid"].T, curves["grid_cells"]
-    fig = plt.figure(figsize=(FULL, 5.2))
+    fig = plt.figure(figsize=(FULL, 2.1))
     rows = (("weights", "w", LOOK["pw-T6"]), ("shapes", "N", LOOK["galerkin-T6"]))
     for row, (name, letter, look) in enumerate(rows):
         for column, node in enumerate((1, 4)):
-            ax: Axes3D = fig.add_subplot(2, 2, 2 * row + column + 1, projection="3d")
+            ax: Axes3D = fig.add_subplot(1, 4, 2 * row + column + 1, projection="3d")
             z = curves[name][:, node - 1]
             surface = {
                 "color": look["color"],
@@ -33,15 +33,17 @@ def draw(results: Results) -> Figure:
             ax.set(yticks=(0, 0.5, 1), zticks=(0, 0.5, 1))
             ax.set_title(f"${letter}_{node}$", y=0.9)
             ax.view_init(elev=24, azim=-118)
-            ax.set_box_aspect((1, 1, 0.75), zoom=0.93)
+            ax.set_box_aspect((1, 1, 0.75), zoom=0.95)
+            ax.tick_params(labelsize=6, pad=-3)
+            ax.xaxis.labelpad = ax.yaxis.labelpad = -8
     return fig
 
 
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Weight functions w of nodes 1 and 4 (upper row), drawn from the Basix element, and the "
-        "quadratic shape functions N of the same nodes (lower row), which are the standard "
+        "Weight functions w of nodes 1 and 4 (left), drawn from the Basix element, and the "
+        "quadratic shape functions N of the same nodes (right), which are the standard "
         "element's weight functions too."
     )
 

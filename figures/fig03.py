@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import BESIDE, LOOK
 from study.core.store import Results
 
 SECTION = "5"
@@ -19,7 +19,7 @@ def draw(results: Results) -> Figure:
     nodes, cells, inner = curves["nodes"], curves["cells"], int(curves["inner"])
     order = _numbered(nodes, cells, inner)
     outline = nodes[order[:4]]
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.3), sharex=True, sharey=True)
     for cell, shade in zip(cells, SHADES, strict=True):
         axes[0].fill(*nodes[cell[:3]].T, facecolor=shade, edgecolor="#777777", linewidth=0.8)
     axes[1].fill(*outline.T, facecolor=SHADES[0])
@@ -36,11 +36,11 @@ def draw(results: Results) -> Figure:
     axes[0].annotate(
         "inner node,\nto be condensed",
         nodes[inner],
-        (34, -34),
+        (26, -30),
         textcoords="offset points",
         ha="center",
         va="center",
-        fontsize=8,
+        fontsize=7.5,
         color=look["color"],
         arrowprops={"arrowstyle": "-", "color": look["color"], "lw": 0.7, "shrinkB": 4},
     )

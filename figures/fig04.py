@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import COLUMN, mesh_plot
+from figures.style import SIDE, mesh_plot
 from figures.symbols import load_arrows, roller
 from study.core.store import Results
 
@@ -15,7 +15,7 @@ NEEDS = ["7.1/pw-T6"]
 def draw(results: Results) -> Figure:
     """Mesh, load and supports."""
     curves = results.curves("7.1/pw-T6")
-    fig, ax = plt.subplots(figsize=(COLUMN, 3.1))
+    fig, ax = plt.subplots(figsize=(SIDE, 2.3))
     mesh_plot(ax, curves["nodes"], curves["cells"])
     load_arrows(ax, np.linspace(0, 1, 9), 1.0, 0.16)
     ax.annotate("$q = 1$", (0.5, 1.19), ha="center", va="bottom")

@@ -3,22 +3,28 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import BESIDE, LOOK
 from study.core.store import Results
 
 SECTION = "7.1"
 NEEDS = ["7.1/pw-T6", "7.1/galerkin-T6"]
-PANELS = (("pw-T6", "new method"), ("galerkin-T6", "Galerkin method"))
+PANELS = ("pw-T6", "galerkin-T6")
 
 
 def draw(results: Results) -> Figure:
     """Reactions at the three lower nodes."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.4), sharey=True)
-    for ax, (element, title) in zip(axes, PANELS, strict=True):
+    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.3), sharey=True)
+    for ax, element in zip(axes, PANELS, strict=True):
         curves = results.curves(f"7.1/{element}")
         bars = ax.bar(curves["x"], curves["reaction"], 0.06, color=LOOK[element]["color"])
         ax.bar_label(bars, fmt="%.4f", padding=2, fontsize=8)
-        ax.set(title=title, xlabel="$x$", xticks=(0, 0.5, 1), ylim=(0, 0.8), xlim=(-0.2, 1.2))
+        ax.set(
+            title=LOOK[element]["label"],
+            xlabel="$x$",
+            xticks=(0, 0.5, 1),
+            ylim=(0, 0.8),
+            xlim=(-0.2, 1.2),
+        )
         ax.grid(visible=False, axis="x")
     axes[0].set_ylabel("reaction over load")
     return fig
@@ -30,7 +36,7 @@ def caption(results: Results) -> str:
         "7.1/galerkin-T6", "reaction_0"
     )
     return (
-        "Vertical reactions at the three lower nodes, computed. With the Galerkin method the "
+        "Vertical reactions at the three lower nodes, computed. With the standard element the "
         f"central one is {ratio:.3g} times the others."
     )
 
@@ -39,9 +45,8 @@ def alt(results: Results) -> str:
     """The figure in words."""
     values = {
         element: ", ".join(f"{r:.4f}" for r in results.curves(f"7.1/{element}")["reaction"])
-        for element, _ in PANELS
+        for element in PANELS
     }
     return (
-        f"Bars at x = 0, 0.5 and 1: new method {values['pw-T6']}; "
-        f"Galerkin method {values['galerkin-T6']}."
+        f"Bars at x = 0, 0.5 and 1: new T6 {values['pw-T6']}; standard T6 {values['galerkin-T6']}."
     )

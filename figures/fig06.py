@@ -19,7 +19,7 @@ def draw(results: Results) -> Figure:
     curves = results.curves(CASE)
     length, height = curves["nodes"].max(axis=0)
     smooth = curves["x"][curves["friction"] > 0].min()
-    fig, ax = plt.subplots(figsize=(FULL, 3.9))
+    fig, ax = plt.subplots(figsize=(0.7 * FULL, 2.75))
     mesh_plot(ax, curves["nodes"], curves["cells"], linewidth=0.4)
     for line in ax.lines:
         line.set_markersize(1.4)

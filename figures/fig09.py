@@ -18,7 +18,7 @@ def draw(results: Results) -> Figure:
     """Mesh, base and punch."""
     curves = results.curves(CASE)
     low, high = curves["nodes"].min(axis=0), curves["nodes"].max(axis=0)
-    fig, ax = plt.subplots(figsize=(FULL, 4.0))
+    fig, ax = plt.subplots(figsize=(0.7 * FULL, 2.75))
     mesh_plot(ax, curves["nodes"], curves["cells"], linewidth=0.5)
     for line in ax.lines:
         line.set_markersize(2.0)

@@ -15,10 +15,10 @@ NEEDS = [*(f"7.3/{element}" for element in ELEMENTS), FINE]
 
 def draw(results: Results) -> Figure:
     """Normal and shear stress over x, with a fine mesh's for comparison."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0))
     fine = results.curves(FINE)
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
-        ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 114 x 24")
+        ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 114 × 24")
         compare(ax, results, NEEDS[:-1], quantity, hollow="pw-T6")
         zone_strip(ax, results.curves("7.3/pw-Q8"), bottom=-0.3)
         ax.set(xlabel="$x$", xlim=(-2.2, 2.2))

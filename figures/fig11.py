@@ -16,7 +16,7 @@ NEEDS = [CASE]
 def draw(results: Results) -> Figure:
     """The whole body, and the mesh around the plate."""
     curves = results.curves(CASE)
-    fig, axes = plt.subplots(2, 1, figsize=(FULL, 5.2), height_ratios=(1, 1.3))
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.3))
     half = curves["x"].max()
     for ax, (width, depth) in zip(axes, ((20.0, 10.0), (3.2, 1.9)), strict=True):
         mesh_plot(ax, curves["nodes"], curves["cells"], linewidth=0.5)
@@ -50,5 +50,5 @@ def alt(results: Results) -> str:
     """The figure in words."""
     return (
         "A wide rectangle held on both sides and below with a narrow plate on the middle of its "
-        "upper side; below, the mesh around the plate with eight elements under it."
+        "upper side; beside it, the mesh around the plate with eight elements under it."
     )

@@ -15,7 +15,7 @@ NEEDS = [*(f"7.4/{element}" for element in ELEMENTS), FINE]
 
 def draw(results: Results) -> Figure:
     """Normal and shear stress over x, with a fine mesh's for comparison."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.2))
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9))
     fine = results.curves(FINE)
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
         ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, fine")

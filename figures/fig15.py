@@ -21,7 +21,7 @@ OPENING = 40.0  # gaps are drawn so many times as wide
 def draw(results: Results) -> Figure:
     """Left the column in contact, right the mesh with the supports of Table 1."""
     curves = results.curves(CASE)
-    fig, (contact, vibration) = plt.subplots(1, 2, figsize=(FULL, 6.2), width_ratios=(1.6, 1))
+    fig, (contact, vibration) = plt.subplots(1, 2, figsize=(FULL, 4.4), width_ratios=(1.6, 1))
     corners = MM * outline(curves)
     _draw_contact(
         contact, curves, corners, [results.scalar(CASE, f"initial_gap_{k}") for k in (2, 3)]

@@ -22,6 +22,7 @@ def draw(results: Results) -> Figure:
     curves = results.curves(CASE)
     nodes, cells = MM * curves["nodes"], contact.outline(curves["cells"])
     corners = MM * outline(curves)
+    rim = _rim(curves["cells"])
     fig, axes = plt.subplots(1, 6, figsize=(FULL, 2.45), sharey=True)
     for mode, ax in enumerate(axes, start=1):
         shape = curves[f"shape_{mode}"]
@@ -32,15 +33,17 @@ def draw(results: Results) -> Figure:
                 PolyCollection(
                     (moved * mirror)[cells],
                     facecolor="#D8E8F4",
-                    edgecolor=LOOK[ELEMENT]["color"],
-                    lw=0.15,
+                    edgecolor="#D8E8F4",
+                    lw=0.3,
                     rasterized=True,  # thousands of cells
                 )
             )
+            ax.plot(*(moved[rim] * mirror).T, ".", ms=0.7, color=LOOK[ELEMENT]["color"])
             ax.plot(*(corners * mirror).T, color="#777777", lw=0.6)
         value = results.scalar(CASE, f"omega2_{mode}")
         mantissa, _, power = f"{value:.3e}".partition("e")
-        ax.set_title(rf"$\lambda_{mode}={mantissa}\cdot10^{int(power)}$", fontsize=7.5)
+        title = rf"$\lambda_{mode}={mantissa}\cdot10^{int(power)}$"
+        ax.set_title(title + "\n" + r"$\times 10^3\,\mathrm{s}^{-2}$", fontsize=7.5)
         ax.set(aspect="equal", xlim=(-192, 192), ylim=(-15, 645), xticks=(-100, 0, 100))
         ax.set_xlabel("$r$ / mm", fontsize=8)
         ax.tick_params(labelsize=7)
@@ -49,11 +52,20 @@ def draw(results: Results) -> Figure:
     return fig
 
 
+def _rim(cells: np.ndarray) -> np.ndarray:
+    """Nodes on sides that belong to one cell only."""
+    around = contact.outline(cells)
+    sides = np.stack([around[:, 0::2], around[:, 1::2], np.roll(around[:, 0::2], -1, 1)], -1)
+    sides = sides.reshape(-1, 3)
+    _, first, count = np.unique(sides[:, 1], return_index=True, return_counts=True)
+    return np.unique(sides[first[count == 1]])
+
+
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Mode shapes 1 to 6 by the new triangle and their λ = ω² in 1000/s²; outlines at rest in "
-        f"grey, largest displacement drawn as {LARGEST:g} mm. {SYNTHETIC}"
+        "Mode shapes 1 to 6 by the new triangle and their λ = ω² in the units as printed; outlines "
+        f"at rest in grey, largest displacement drawn as {LARGEST:g} mm. {SYNTHETIC}"
     )
 
 

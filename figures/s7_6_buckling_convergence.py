@@ -25,7 +25,7 @@ NEEDS = [
 
 def draw(results: Results) -> Figure:
     """Relative error over divisions of the height, one panel a form."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.7), sharey=True)
     for ax, (form, cases) in zip(axes, FORMS.items(), strict=True):
         for case in cases:
             parameters = results[f"7.6/{case}"].parameters

@@ -16,7 +16,7 @@ WINDOW = 12.0  # per cent
 
 def draw(results: Results) -> Figure:
     """Deviations of mode 2 over those of mode 1, CPS6 and user element."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.3), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.5), sharex=True, sharey=True)
     deviations = {reading: measures.scan(results, reading) for reading in READINGS}
     look = LOOK["galerkin-T6"]
     cps6 = deviations["pw-T6"][:, :2]
@@ -36,7 +36,7 @@ def draw(results: Results) -> Figure:
         ax.axhline(0, color="black", linewidth=0.8)
         ax.axvline(0, color="black", linewidth=0.8)
         ax.set(xlabel="mode 1: deviation / %", xlim=(-WINDOW, WINDOW), ylim=(-WINDOW, WINDOW))
-        ax.legend(loc="lower right", fontsize=7, framealpha=0.95)
+        ax.legend(loc="upper left", bbox_to_anchor=(0, -0.16), fontsize=7, ncols=2)
     return fig
 
 

@@ -15,6 +15,10 @@ matplotlib.use("Agg")
 
 COLUMN = 3.5
 """Width of a figure of one column, in inches."""
+SIDE = 2.4
+"""Width of a figure beside one of `BESIDE`, in inches."""
+BESIDE = 4.5
+"""Width of a figure that has another at its side, in inches."""
 FULL = 7.0
 """Width of a figure of the whole page, in inches."""
 

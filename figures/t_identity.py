@@ -40,7 +40,7 @@ NEEDS = [f"T/{name}" for name in CASES]
 def draw(results: Results) -> Figure:
     """Relative defect of both identities, a row a quantity."""
     fig, axes = plt.subplots(
-        2, 1, figsize=(FULL, 4.6), sharex=True, height_ratios=(len(NEW), len(COMPOSITE))
+        2, 1, figsize=(FULL, 3.6), sharex=True, height_ratios=(len(NEW), len(COMPOSITE))
     )
     _bars(axes[0], results, NEW, "")
     _bars(axes[1], results, COMPOSITE, "composite-")

@@ -34,7 +34,7 @@ NEEDS = [f"7.5/{case}" for case in (*SIX, *EIGHT, *REFERENCE)]
 
 def draw(results: Results) -> Figure:
     """One panel an element, difference over the standard one by mode."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.6), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
     panels = (("6", SIX, LINES, "galerkin-T6"), ("8", EIGHT, EIGHT_LINES, "galerkin-Q8"))
     for ax, (nodes, cases, lines, over) in zip(axes, panels, strict=True):
         printed = [

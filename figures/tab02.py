@@ -24,7 +24,7 @@ NEEDS = ["7.6/exact", *(f"7.6/{case}" for case in COMPUTED)]
 
 def draw(results: Results) -> Figure:
     """One row a value, one panel a mode."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.9), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.3), sharey=True)
     labels: list[str] = []
     for mode, ax in enumerate(axes, start=1):
         rows = [(f"printed: {name}", v[mode - 1], "black", "*") for name, v in TABLE_2.items()]

@@ -19,7 +19,7 @@ LARGEST = 1.4  # of the colours, over p0
 
 def draw(results: Results) -> Figure:
     """One panel for each element, a quarter of the contact each."""
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.6), sharex=True, sharey=True)
+    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.0), sharex=True, sharey=True)
     for ax, element in zip(axes.flat, SHOWN, strict=True):
         curves = results.curves(f"V10/sphere-{element}-5")
         _face(ax, curves["x"], curves["pressure_tributary"])

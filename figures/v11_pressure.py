@@ -15,7 +15,7 @@ NEEDS = [f"V11/{problem.format(way)}" for problem in PROBLEMS for way in WAYS]
 
 def draw(results: Results) -> Figure:
     """A panel for each problem and way; the line is exact."""
-    fig, axes = plt.subplots(2, 5, figsize=(FULL, 3.6), sharex=True, sharey=True)
+    fig, axes = plt.subplots(2, 5, figsize=(FULL, 3.3), sharex=True, sharey=True)
     s = np.linspace(0, 1, 401)
     for row, (problem, title) in zip(axes, PROBLEMS.items(), strict=True):
         for ax, way in zip(row, WAYS, strict=True):

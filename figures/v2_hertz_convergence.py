@@ -24,7 +24,7 @@ SLOPES = {
 
 def draw(results: Results) -> Figure:
     """Rows: kinds of contact; columns: measures."""
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.8), sharex=True, sharey=True)
+    fig, axes = plt.subplots(2, 3, figsize=(FULL, 3.9), sharex=True, sharey=True)
     for row, (kind, title) in zip(axes, KINDS.items(), strict=True):
         keys = {element: f"V2/{kind}-{element}" for element in convergence.ELEMENTS}
         for ax, name in zip(row, ERRORS, strict=True):

@@ -9,16 +9,16 @@ from study.core.store import Results
 
 SECTION = "V2"
 ELEMENTS = ("galerkin-T6", "pw-T6")
-KINDS = {"line": "cylinder on a half plane", "sphere": "sphere on a half space"}
+KINDS = {"line": "cylinder", "sphere": "sphere"}
 NEEDS = [f"V2/{kind}-{element}" for kind in KINDS for element in ELEMENTS]
-MEASURES = {"pressure": "over own test function", "pressure_tributary": "over tributary area"}
+MEASURES = {"pressure": "own test function", "pressure_tributary": "tributary area"}
 
 
 def draw(results: Results) -> Figure:
-    """Rows: kinds of contact; columns: measures."""
-    fig, axes = plt.subplots(2, 2, figsize=(FULL, 4.4), sharex=True, sharey=True)
-    for row, (kind, title) in zip(axes, KINDS.items(), strict=True):
-        for ax, (name, label) in zip(row, MEASURES.items(), strict=True):
+    """Cylinder by both measures, then the sphere."""
+    fig, axes = plt.subplots(1, 4, figsize=(FULL, 2.3), sharex=True, sharey=True)
+    for pair, (kind, title) in zip((axes[:2], axes[2:]), KINDS.items(), strict=True):
+        for ax, (name, label) in zip(pair, MEASURES.items(), strict=True):
             for element in ELEMENTS:
                 key = f"V2/{kind}-{element}"
                 curves = results.curves(key)
@@ -26,11 +26,12 @@ def draw(results: Results) -> Figure:
                 ax.plot(curves["x"] / a, curves[name] / p0, **LOOK[element])
             s = np.linspace(0, 1, 201)
             ax.plot(s, np.sqrt(1 - s**2), **LOOK["exact"], linestyle="--", zorder=3)
-            ax.set(title=f"{title}: {label}", xlim=(-0.02, 1.25), ylim=(0, 1.45))
-        row[0].set_ylabel("pressure / exact peak")
-    for ax in axes[1]:
-        ax.set_xlabel("distance from the middle / half width")
-    axes[0, 0].legend(loc="lower left", fontsize=7)
+            ax.set_title(f"{title},\n{label}", fontsize=8)
+            ax.set(xlim=(-0.02, 1.25), ylim=(0, 1.45))
+    axes[0].set_ylabel("pressure / exact peak")
+    for ax in axes:
+        ax.set_xlabel("$x/a$" if ax in axes[:2] else "$r/a$")
+    axes[0].legend(loc="lower left", fontsize=7)
     return fig
 
 

@@ -42,7 +42,7 @@ NEEDS = [f"V8/{problem}-{variant}" for problem in PROBLEMS for variant in VARIAN
 
 def draw(results: Results) -> Figure:
     """Largest relative error of the modes over the mesh density, a panel a problem."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.7), sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 3.3), sharey=True)
     for ax, (problem, (title, density)) in zip(axes, PROBLEMS.items(), strict=True):
         for variant, look in VARIANTS.items():
             curves = results.curves(f"V8/{problem}-{variant}")

@@ -19,7 +19,7 @@ SHOWN = 20  # every so many steps
 
 def draw(results: Results) -> Figure:
     """Left the spectra in the complex plane, right displacements over time."""
-    fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(FULL, 3.0))
+    fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(FULL, 2.6))
     for case, (label, look) in SERIES.items():
         curves = results.curves(f"V9/{case}")
         color = LOOK[look]["color"]

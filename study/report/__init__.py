@@ -1,33 +1,53 @@
-"""The report: one self-contained HTML page, and a PDF of the same source."""
+"""The report: a paper of some thirty pages, one self-contained HTML page and a PDF of it."""
 
-import base64
 import gc
-import importlib
-import json
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
-import numpy as np
 from markupsafe import Markup
 
-from study.core.cases import SECTIONS, title
-from study.core.store import (
-    CorruptResult,
-    MissingResult,
-    Results,
-    Stored,
-    StudyError,
-    write_whole,
-)
+from study.core.cases import SECTIONS
+from study.core.store import CorruptResult, MissingResult, Results, StudyError, write_whole
 from study.judge import claims as judged
 from study.report import numbers
-from study.vocabulary import ELEMENTS, PLANE_ELEMENTS
+from study.report.texts import HERE, Texts, counts, provenance, with_readings
+from study.vocabulary import ELEMENTS
 
-HERE = Path(__file__).parent
-_GENERAL = re.compile(r"Abstract|Section 8\b")  # the paper's frame, part of no section here
+# The parts in their order: template in `paper/`, chapter or section of one, title
+PARTS = (
+    ("answer", "", ""),
+    ("evidence", "chapter", "What was tested, and with which result"),
+    ("element", "chapter", "The element"),
+    ("reading", "chapter", "How to read contact forces"),
+    ("examples", "chapter", "The paper's examples"),
+    ("7.2", "section", "Elastic block on a rigid surface (the paper's section 7.2)"),
+    ("7.3", "section", "Parabolic rigid punch (7.3)"),
+    ("7.4", "section", "Rigid plate on an elastic body (7.4)"),
+    ("7.5", "section", "Stepped column (7.5)"),
+    ("7.6", "section", "Buckling of a beam (7.6)"),
+    ("beyond", "chapter", "Beyond the paper"),
+    ("bodies", "section", "Two deformable bodies"),
+    ("space", "section", "Contact and friction in space"),
+    ("friction", "section", "Friction: four benchmarks"),
+    ("impact", "section", "Dynamics and impact"),
+    ("fluxes", "section", "Fluxes"),
+    ("residuals", "section", "Large strains"),
+    ("rubber", "section", "Nearly incompressible bodies: the hybrid element"),
+    ("orders", "chapter", "Accuracy, and where the new element is worse"),
+    ("cost", "chapter", "What it costs"),
+    ("codes", "chapter", "Other codes on the same meshes"),
+    ("alternatives", "chapter", "Alternatives"),
+    ("unknown", "chapter", "What could not be known, and errata of the paper"),
+    ("references", "chapter", "References and nomenclature"),
+)
+# Sections of the paper whose statements are listed with its examples; the others' come before
+HOMES = ("3", "4", "5", "6", "7.1", "7.2", "7.3", "7.4", "7.5", "7.6")
+REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text())
+ROUND_OFF = 1e-9  # what a statement's number is away from a whole one without saying so
 
 
 class Rendered(NamedTuple):
@@ -35,6 +55,16 @@ class Rendered(NamedTuple):
 
     html: str
     incomplete: list[str]
+
+
+class Part(NamedTuple):
+    """A part of the report: its anchor, whether chapter or section, number, title and text."""
+
+    id: str
+    kind: str
+    number: str
+    title: str
+    body: Markup
 
 
 def build(results: Results, out: Path) -> list[str]:
@@ -60,241 +90,255 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
 
     Args:
         results: What to report; its folder has the claims and the figures, too.
-        templates: Folder of the templates, with `sections/<id>.html` for each section's text.
+        templates: Folder of the templates, with `paper/<part>.html` for each part's text.
     """
-    page = _Page(results, templates)
-    stored = {section: results.section(section) for section in SECTIONS}
-    stored = {section: cases for section, cases in stored.items() if cases}
-    sections = [
-        {"id": section, "title": title(section), "body": page.body(section)} for section in stored
-    ]
-    cases = [case for section in stored.values() for case in section]
-    values = {
-        "claims": page.claims,
-        "general": page.general(),
-        "exceptions": [
-            c
-            for c in page.claims
-            if c["differs"] or (c["kind"] in judged.PAPER and c["verdict"] != "holds")
-        ],
-        "grades": judged.GRADES,
-        "counts": _counts(page.claims),
-        "sections": sections,
-        "others": page.others(list(stored)),
-        "findings": page.frame("findings"),
-        "introduction": page.frame("introduction"),
-        "conclusions": page.frame("conclusions"),
-        "items": importlib.import_module("study.paper.items").ITEMS,
-        **_provenance(cases),
-    }
     try:
-        html = page.environment.get_template("base.html").render(values)
+        first = _Paper(results, templates, {})
+        first_parts = first.parts()
+        known = first.numbers | {f"part {part.id[5:]}": part.number for part in first_parts}
+        paper = _Paper(results, templates, known)  # now all numbers are known
+        parts = paper.parts()
+        cases = [case for section in SECTIONS for case in results.section(section)]
+        origin = provenance(cases)
+        html = paper.render(
+            "paper/base.html",
+            parts=parts,
+            version=_version(),
+            commits=sorted({case["commit"][:10] for case in origin["cases"] if case.get("commit")}),
+            versions=list(origin["versions"].values()),
+            date=max(
+                (case["time"][:10] for case in origin["cases"] if case.get("time")), default=""
+            ),
+        )
     except jinja2.UndefinedError as error:  # results or claims that another version wrote
         raise CorruptResult(f"{results.folder}: {error}; run ./run study --force") from error
-    return Rendered(html, page.incomplete)
+    return Rendered(str(html), paper.incomplete)
 
 
-class _Page:
-    """What the sections' texts can call, and which figures they have placed."""
+class _Paper(Texts):
+    """The parts' texts, with figures, tables and references numbered as they come.
 
-    def __init__(self, results: Results, templates: Path) -> None:
-        self.results = results
-        self.templates = templates
-        self.claims = results.claims()
-        self.figures = _figures(results)
-        self.placed: set[str] = set()
+    Args:
+        results: What is reported.
+        templates: Folder of the templates.
+        known: Numbers of figures, tables and references, for what is referred to before it comes.
+
+    Attributes:
+        numbers: The same, as found.
+        incomplete: What is missing, a line for each.
+    """
+
+    def __init__(self, results: Results, templates: Path, known: dict[str, int | str]) -> None:
+        super().__init__(results, [templates])
+        self.known = known
+        self.numbers: dict[str, int] = {}
         self.listed: set[str] = set()
         self.incomplete: list[str] = []
-        self.environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader([templates, HERE]),
-            undefined=jinja2.StrictUndefined,
-            autoescape=True,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        words: dict[str, Callable[..., Markup]] = {
-            "num": numbers.num,
-            "short": numbers.short,
-            "pct": numbers.pct,
-            "fixed": numbers.fixed,
-            "most": numbers.most,
-            "least": numbers.least,
+        words: dict[str, Callable[..., object]] = {
+            "table": self.table,
+            "ref": self.ref,
+            "cite": self.cite,
+            "cited": self.cited,
+            "statements": self.statements,
+            "counts": counts(self.claims),
+            "grades": judged.GRADES,
+            "graded": self.graded,
         }
-        self.environment.filters |= words
-        self.environment.globals |= words | {
-            "elements": [(key, ELEMENTS[key].name) for key in PLANE_ELEMENTS],
-            "names": {key: element.name for key, element in ELEMENTS.items()},
-            "s": results.scalar,
-            "parameters": lambda key: results[key].parameters,
-            "curves": self.curves,
-            "measure": self.measure,
-            "figure": self.figure,
-            "claims_of": self.claims_of,
-            "claims_table": self.claims_table,
-        }
+        self.environment.globals |= words
+        self.environment.filters |= {"found": found, "wanted": wanted, "in_words": in_words}
 
-    def body(self, section: str) -> Markup:
-        """Return a section's text, and after it those of its figures that the text left out."""
-        try:
-            text = Markup(self.environment.get_template(f"sections/{section}.html").render())
-        except jinja2.TemplateNotFound as error:
-            if error.name != f"sections/{section}.html":
-                raise
-            text = Markup()
-        except MissingResult as missing:
-            self.incomplete.append(f"section {section}: {missing}")
-            text = Markup('<p class="note">This section is incomplete: {}.</p>').format(missing)
-        except jinja2.TemplateError as error:
-            raise StudyError(f"study/report/sections/{section}.html: {error}") from error
-        mine = [name for name, entry in self.figures.items() if entry["section"] == section]
-        return text + self._rest(mine)
-
-    def frame(self, name: str) -> Markup:
-        """Return a text that is about all sections; nothing while some of them are missing."""
-        if not (self.templates / "sections" / f"{name}.html").is_file():
-            return Markup()
-        try:
-            return Markup(self.environment.get_template(f"sections/{name}.html").render())
-        except MissingResult as missing:
-            self.incomplete.append(f"{name}: {missing}")
-            return Markup()
-
-    def others(self, sections: list[str]) -> Markup:
-        """Return the figures of sections that are not in the report."""
-        entries = self.figures.items()
-        return self._rest([name for name, entry in entries if entry["section"] not in sections])
-
-    def curves(self, key: str) -> dict[str, np.ndarray]:
-        return self.results.curves(key)
-
-    def measure(self, name: str, /, **args: object) -> float:
-        """Return what a function of `study.judge.measures` makes of the results."""
-        return float(
-            getattr(importlib.import_module("study.judge.measures"), name)(self.results, **args)
-        )
+    def parts(self) -> list[Part]:
+        """Return the parts; one that lacks results says so in the place of its text."""
+        made: list[Part] = []
+        chapter = section = 0
+        for name, kind, title in PARTS:
+            body = self._body(name)
+            if not body.strip():  # there are no results yet of which it could tell
+                continue
+            chapter, section = (chapter, section + 1) if kind == "section" else (chapter + 1, 0)
+            number = f"{chapter - 1}.{section}" if kind == "section" else f"{chapter - 1}"
+            made.append(Part(f"part-{name}", kind, number, title, body))
+        return made
 
     def figure(self, name: str) -> Markup:
-        """Return a figure with its caption; a remark if it has not been drawn."""
-        if name in self.placed:
-            raise StudyError(f"the report places figure {name} twice")
-        self.placed.add(name)
+        """Return a figure with its number and caption; a remark if it has not been drawn."""
+        number = self._next("figure", name)
         if name not in self.figures:
             self.incomplete.append(f"figure {name} has not been drawn")
-        return self._part(
-            "figure.html", name=name, figure=self.figures.get(name), label=self._label(name)
+        figure = self.figures.get(name)
+        label = f"Fig. {number}" + _of_the_paper(name)
+        return super().render("figure.html", name=name, figure=figure, label=label)
+
+    def table(self, name: str, caption: str, caller: Callable[[], str], of: str = "") -> Markup:
+        """Return a table with its number and caption; `caller` gives its rows."""
+        paper = f" (the paper's Table {of})" if of else ""
+        return self.render(
+            "paper/table.html",
+            name=name,
+            label=f"Table {self._next('table', name)}{paper}",
+            caption=caption,
+            rows=caller(),
         )
 
-    def claims_of(self, section: str) -> list[dict[str, Any]]:
-        """Return the claims whose source names the section."""
-        mine = [claim for claim in self.claims if _names(claim["source"], section)]
-        self.listed |= {claim["id"] for claim in mine}
-        return mine
+    def ref(self, name: str) -> Markup:
+        """Return a link to a figure, a table or a part, by the number that it has."""
+        for kind, word in (("figure", "Fig."), ("table", "Table"), ("part", "section")):
+            if (number := self.known.get(f"{kind} {name}")) is not None:
+                anchor = f"part-{name}" if kind == "part" else name
+                return Markup('<a href="#{}">{}\N{NO-BREAK SPACE}{}</a>').format(
+                    anchor, word, number
+                )
+        return Markup("[?]")
 
-    def general(self) -> list[dict[str, Any]]:
-        """Return the claims of the paper's frame, and those that no section's text has listed."""
-        return [
-            claim
-            for claim in self.claims
-            if claim["kind"] != "pin"
-            and (_GENERAL.match(claim["source"]) or claim["id"] not in self.listed)
+    def cite(self, *names: str) -> Markup:
+        """Return numbers of references, as links."""
+        for name in names:
+            if name not in REFERENCES:
+                raise StudyError(f"the report cites {name}, which is no reference")
+            if f"reference {name}" not in self.numbers:
+                self._next("reference", name)
+        links = [
+            Markup('<a href="#ref-{}">{}</a>').format(name, self.numbers[f"reference {name}"])
+            for name in names
         ]
+        return Markup("[{}]").format(Markup(", ").join(links))
 
-    def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
-        """Return tables of the paper's claims and of findings, with or without their reasons.
+    def cited(self) -> list[dict[str, str]]:
+        """Return key, text and address of what is cited, in the order of the numbers."""
+        keys = [key.split()[1] for key in self.numbers if key.startswith("reference ")]
+        return [{"key": key, "url": "", **REFERENCES[key]} for key in keys]
 
-        Pins are left out unless they differ.
-        """
-        paper = _with_readings([row for row in rows if row["kind"] in judged.PAPER])
-        findings = [row for row in rows if row["kind"] == "finding"]
-        pins = [row for row in rows if row["kind"] == "pin" and row["differs"]]
-        titles = ("Statements of the paper", "Findings of this study", "Recorded numbers")
-        parts = zip(titles, (paper, findings, pins), strict=True)
-        return Markup().join(
-            self._part("claims.html", title=title, rows=some, reasons=reasons)
-            for title, some in parts
-            if some
+    def statements(self, *homes: str) -> Markup:
+        """Return a table of the paper's statements in some sections; without any, of the others."""
+        rows = self._of_paper(homes)
+        self.listed |= {row["id"] for row in rows}
+        return self.render("paper/statements.html", rows=rows)
+
+    def graded(self, *homes: str) -> Markup:
+        """Return how many statements of some sections have which grade, in words."""
+        grades = [row["grade"] for row in self._of_paper(homes)]
+        return Markup(", ").join(
+            f"{grades.count(grade)} {grade}" for grade in judged.GRADES if grade in grades
         )
 
-    def _rest(self, names: list[str]) -> Markup:
-        return Markup().join(self.figure(name) for name in names if name not in self.placed)
+    def _of_paper(self, homes: tuple[str, ...]) -> list[dict[str, Any]]:
+        rows = with_readings([row for row in self.claims if row["kind"] in judged.PAPER])
+        if not homes:
+            return [row for row in rows if home(row["source"]) not in HOMES]
+        return [row for row in rows if home(row["source"]) in homes]
 
-    def _part(self, template: str, **values: object) -> Markup:
-        return Markup(self.environment.get_template(template).render(values))
+    def _next(self, kind: str, name: str) -> int:
+        if f"{kind} {name}" in self.numbers:
+            raise StudyError(f"the report places {kind} {name} twice")
+        number = 1 + sum(key.startswith(f"{kind} ") for key in self.numbers)
+        self.numbers[f"{kind} {name}"] = number
+        return number
 
-    def _label(self, name: str) -> str:
-        """Return "Figure 5" for fig05, "Figure to Table 2" for tab02; for others S1, S2 …."""
-        numbered = re.compile(r"(fig|tab)(?:ure|le)?_?0*(\d+\w*)")
-        if match := numbered.fullmatch(name):
-            return f"{'Figure' if match[1] == 'fig' else 'Figure to Table'} {match[2]}"
-        own = [other for other in self.figures if not numbered.fullmatch(other)]
-        return f"Figure S{own.index(name) + 1}" if name in own else name
-
-
-def _figures(results: Results) -> dict[str, dict[str, Any]]:
-    """Return the index of figures by name, each with its drawing as a data URI."""
-    folder = results.folder / "figures"
-    remedy = "draw them again with ./run study report"
-    try:
-        entries = json.loads((folder / "index.json").read_bytes())
-        for entry in entries:
-            svg = (folder / f"{entry['name']}.svg").read_bytes()
-            entry["uri"] = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}"
-        return {entry["name"]: entry for entry in entries}
-    except FileNotFoundError as error:
-        raise MissingResult(f"there is no {error.filename}: {remedy}") from None
-    except (ValueError, TypeError, KeyError) as error:
-        raise CorruptResult(f"{folder / 'index.json'} cannot be used ({error}): {remedy}") from None
+    def _body(self, name: str) -> Markup:
+        try:
+            return self.render(f"paper/{name}.html")
+        except MissingResult as missing:
+            self.incomplete.append(f"{name}: {missing}")
+            return Markup('<p class="note">This part is incomplete: {}.</p>').format(missing)
 
 
-def _names(source: str, section: str) -> bool:
-    """Tell whether a source like "Sec. 7.1, Table 2" names a section; "Eq. 3" does not name 3."""
-    section = re.escape(section)
-    alone = section if r"\." in section else rf"(?:^|(?:§|\b[Ss]ec(?:tions?|\.)?)\s*){section}"
-    return re.search(rf"(?<![\w.]){alone}(?!\.?\w)", source) is not None
+def home(source: str) -> str:
+    """Return the section that a statement stands in: the first that its source names.
+
+    Those of the abstract, the introduction and the conclusions stand before all.
+    """
+    place = re.match(r"[Ss]ec(?:tion|\.) (\d(?:\.\d)?)", source)
+    return place[1] if place else ""
 
 
-def _with_readings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return claims in their order, other readings of a claim right after it."""
-    ids = [row["id"] for row in rows]
-    first = [row for row in rows if row["reading_of"] not in ids]
-    return [
-        one for row in first for one in (row, *(r for r in rows if r["reading_of"] == row["id"]))
-    ]
+def found(row: dict[str, Any]) -> Markup:
+    """Write what was measured of a statement, with its unit."""
+    x, unit = row["measured"], row["unit"]
+    if x is None:
+        return Markup(numbers.DASH)
+    if row["value"] == 0 and abs(x) < ROUND_OFF:
+        return Markup("round-off")
+    return _quantity(x, unit)
 
 
-def _counts(rows: list[dict[str, Any]]) -> dict[str, int]:
-    """Return numbers of claims by grade, of findings and pins, and of what is not as expected."""
-    counts = {grade: sum(row["grade"] == grade for row in rows) for grade in judged.GRADES}
-    for kind in (*judged.PAPER, "finding", "pin"):
-        mine = [row["verdict"] for row in rows if row["kind"] == kind]
-        counts |= {kind: len(mine), f"{kind}_holds": mine.count("holds")}
-    absent = sum(row["verdict"] == "not judged" for row in rows)
-    differing = sum(row["differs"] for row in rows if row["verdict"] != "not judged")
-    return {**counts, "not judged": absent, "differing": differing}
+def wanted(row: dict[str, Any]) -> Markup:
+    """Write what a statement asks for: relation, value and tolerance."""
+    if row["relation"] is None:
+        return Markup(numbers.DASH)
+    relation = {"<=": "≤", ">=": "≥"}.get(row["relation"], row["relation"])
+    tol = _quantity(row["tol"], row["unit"]) if row["tol"] > ROUND_OFF else None
+    if tol is None:
+        return Markup("{} {}").format(relation, _quantity(row["value"], row["unit"]))
+    value = _quantity(row["value"], "Pa" if row["unit"] == "Pa" else "")
+    if row["unit"] == "Pa":
+        value = Markup(value.removesuffix(f"{numbers.THIN}MPa"))
+    return Markup("{} {} ± {}").format(relation, value, tol)
 
 
-def _provenance(cases: list[Stored]) -> dict[str, Any]:
-    """Return the cases, and the distinct sets of versions, to which they refer by letters."""
-    sets: list[dict[str, str]] = []
-    rows = []
-    for case in cases:
-        origin = case.provenance
-        versions = origin.get("versions", {})
-        if versions not in sets:
-            sets.append(versions)
-        rows.append({"key": case.key, "letter": _letter(sets.index(versions)), **origin})
-    return {"cases": rows, "versions": {_letter(i): one for i, one in enumerate(sets)}}
+def _quantity(x: float, unit: str) -> Markup:
+    if unit == "Pa":
+        x, unit = x / 1e6, "MPa"
+    whole = abs(x - round(x)) < ROUND_OFF * max(1.0, abs(x))
+    text = numbers.fixed(x, 0) if whole else numbers.short(x, 5 if unit == "MPa" else 3)
+    return text + (f"{numbers.THIN}{unit}" if unit else "")
 
 
-def _letter(index: int) -> str:
-    return chr(ord("A") + index)
+def in_words(statement: str) -> Markup:
+    """Write a statement with names of elements for those of result files, and its mathematics."""
+    words = re.sub(
+        r"\b((?:galerkin|pw|pwsym|composite)-[TQ]\d)((?:-J|-lumped)?)\b",
+        lambda m: (
+            ELEMENTS[m[1]].name + {"-J": ", form J", "-lumped": ", lumped mass"}.get(m[2], "")
+        ),
+        statement,
+    )
+    safe = str(Markup.escape(words)).replace("L^T", "L<sup>T</sup>").replace(" x ", " × ")
+    return Markup(re.sub(r"\b(h|x|p0|mu)\b(?= ?[<&|)])", r"<i>\1</i>", safe))
+
+
+def _of_the_paper(name: str) -> str:
+    """Return " (the paper's Figs 7 and 8)" for fig07_08; nothing for figures of this study."""
+    if not (match := re.fullmatch(r"(fig|tab)0*(\d+)(?:_0*(\d+))?", name)):
+        return ""
+    if match[1] == "tab":
+        return f" (to the paper's Table {match[2]})"
+    if match[3] is None:
+        return f" (the paper's Fig. {match[2]})"
+    joint = " and " if int(match[3]) == int(match[2]) + 1 else " to "
+    return f" (the paper's Figs {match[2]}{joint}{match[3]})"
+
+
+def _version() -> str:
+    """Return the project's version, of which the report is a part."""
+    project = tomllib.loads((HERE.parents[1] / "pyproject.toml").read_text())
+    return str(project["project"]["version"])
+
+
+def _faces() -> str:
+    """Return the faces of STIX, which Matplotlib brings: narrower than DejaVu, with italics."""
+    import matplotlib
+
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    faces = (
+        ("", "normal", "normal"),
+        ("Italic", "normal", "italic"),
+        ("Bol", "bold", "normal"),
+        ("BolIta", "bold", "italic"),
+    )
+    return "".join(
+        f"@font-face {{ font-family: STIX; font-weight: {weight}; font-style: {slope}; "
+        f"src: url('{(folder / f'STIXGeneral{ending}.ttf').as_uri()}'); }}\n"
+        for ending, weight, slope in faces
+    )
 
 
 def _pdf(html: str) -> bytes:
     import weasyprint  # half a second, and its libraries are not needed to read the page's code
 
+    style = _faces() + (HERE / "paper" / "print.css").read_text()
+    printed = html.replace("</head>", f"<style>{style}</style></head>", 1)
     gc.disable()  # among millions of boxes that all stay, a fifth of the time for nothing
     try:
-        return weasyprint.HTML(string=html).write_pdf(pdf_variant="pdf/ua-1")
+        return weasyprint.HTML(string=printed).write_pdf(pdf_variant="pdf/ua-1")
     finally:
         gc.enable()

@@ -1,8 +1,0 @@
-"""Reaction forces along the contact area of the rigid plate, CPS8."""
-
-from figures.contact import PlateReactions
-
-SECTION = "7.4"
-_FIGURE = PlateReactions("galerkin-Q8")
-NEEDS = _FIGURE.needs
-draw, caption, alt = _FIGURE.draw, _FIGURE.caption, _FIGURE.alt

@@ -1,9 +1,0 @@
-"""Tangential shear stresses along contact surface 3."""
-
-from figures.column import NEEDS, Along
-
-__all__ = ["NEEDS", "SECTION", "alt", "caption", "draw"]
-
-SECTION = "7.5"
-_FIGURE = Along(surface=3, quantity="shear")
-draw, caption, alt = _FIGURE.draw, _FIGURE.caption, _FIGURE.alt
