@@ -55,6 +55,13 @@ class StressState(Enum):
 class Material:
     """Isotropic elastic material; numbers, or UFL expressions where it varies in space.
 
+        steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
+
+    Args:
+        youngs_modulus: E, positive, a stress.
+        poissons_ratio: nu, above -1 and at most 1/2, which plane stress alone allows.
+        density: positive, mass per volume.
+
     Checked are numbers, `fem.Constant`s and nodal values of Lagrange functions; what another
     expression is worth cannot be told.
 
@@ -406,6 +413,10 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     In explicit dynamics combine it with a symmetric stiffness, best that of the `Sibling`, whose
     own mass has positive row sums, too: with the unsymmetric stiffness the upper spectrum is
     complex, and undamped vibrations grow whatever the time step (section V9 of the study).
+
+    Args:
+        M: mass (n, n), free.
+        space: trial space.
 
     Raises:
         ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of

@@ -32,6 +32,13 @@ class NumberingError(RuntimeError):
 class Spaces:
     """A trial and a test space on one mesh, with identical dofmaps.
 
+        spaces = Spaces.petrov_galerkin(mesh)  # displacements; components=0 for a temperature
+        u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
+
+    Args:
+        trial: space of the unknowns.
+        test: space of the weights; the trial space itself in Galerkin's method.
+
     Raises:
         NumberingError: where the two numberings differ.
     """
@@ -103,6 +110,9 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 
     Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
     assembled row i then belongs to the node of column i. On tetrahedra see `macro_element`.
+
+    Args:
+        trial: quadratic Lagrange space, scalar or with components, of any cell.
 
     Raises:
         ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.

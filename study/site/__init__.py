@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GUIDE = ROOT / "docs"
 STATIC = Path(__file__).with_name("static")
 
+# The theme's script is a module that imports another
 _MODULE = '<script type="module"', "<script defer"
 _IMPORT = 'import * as Gumshoe from "./gumshoe-patched.js";'
 

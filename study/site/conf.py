@@ -1,9 +1,11 @@
 """Sphinx' settings; it reads this file from the folder of the sources."""
 
 import re
-from typing import Any
 
+from docutils import nodes
 from docutils.utils.math import latex2mathml
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
 
 project = "pw-elements"
 author = "pw-elements developers"
@@ -39,9 +41,10 @@ _SECTION = re.compile(r"(Args|Attributes|Raises|Returns|Yields):$")
 _PLURAL = re.compile(r"`([^`]+)`(?=\w)")  # as in `name`s, which needs a separator
 
 
-def readable(*parts: Any) -> None:
+def readable(
+    app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
     """Make reStructuredText of a docstring: code of what is indented, |x| and `names` in prose."""
-    lines = parts[-1]
     made: list[str] = []
     section = before = ""
     inside = False
@@ -56,26 +59,20 @@ def readable(*parts: Any) -> None:
     lines[:] = made
 
 
-def _inline(translator: Any, node: Any) -> None:
-    _mathml(translator, node, False)
-
-
-def _block(translator: Any, node: Any) -> None:
-    _mathml(translator, node, True)
-
-
-def _mathml(translator: Any, node: Any, block: bool) -> None:
+def _inline(page: HTML5Translator, node: nodes.Element) -> None:
     """Write a formula as MathML, which browsers know without any script."""
-    from docutils.nodes import SkipNode
-
-    formula = str(latex2mathml.tex2mathml(node.astext(), as_block=block))
-    translator.body.append(f'<div class="formula">{formula}</div>' if block else formula)
-    raise SkipNode
+    page.body.append(str(latex2mathml.tex2mathml(node.astext(), as_block=False)))
+    raise nodes.SkipNode
 
 
-def setup(app: Any) -> None:
+def _block(page: HTML5Translator, node: nodes.Element) -> None:
+    formula = latex2mathml.tex2mathml(node.astext(), as_block=True)
+    page.body.append(f'<div class="formula">{formula}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> None:
     """Add what Sphinx does not do by itself."""
-    app.add_html_math_renderer(
-        "mathml", inline_renderers=(_inline, None), block_renderers=(_block, None)
-    )
+    ways = {"inline_renderers": (_inline, None), "block_renderers": (_block, None)}
+    app.add_html_math_renderer("mathml", **ways)
     app.connect("autodoc-process-docstring", readable, priority=100)

@@ -78,8 +78,8 @@ class _Sheets(Texts):
         self.incomplete: list[str] = []
         self._tables: dict[str, Markup] = {}
         words: dict[str, Callable[..., object]] = {
-            "ref": lambda name: Markup(),
-            "cite": lambda *names: Markup(),
+            "ref": _nothing,
+            "cite": _nothing,
             "table": self._table,
         }
         self.environment.globals |= words
@@ -152,9 +152,9 @@ class _Sheets(Texts):
             self.incomplete.append(f"the decision table: {missing}")
         return _raw(self._tables.get("decision", Markup()).replace(" ()", ""))
 
-    def _table(self, name: str, caption: str, caller: Callable[[], str], of: str = "") -> Markup:
-        rows = Markup(caller())
-        self._tables[name] = self.render("decision.html", name=name, caption=caption, rows=rows)
+    def _table(self, name: str, caption: str, caller: Callable[[], str]) -> Markup:
+        del caption  # which speaks of the report's parts
+        self._tables[name] = self.render("decision.html", name=name, rows=Markup(caller()))
         return Markup()
 
     def _facts(self, section: str) -> str:
@@ -196,6 +196,12 @@ class _Sheets(Texts):
             "drawn": name,
             "alt": self.figures[name]["alt"] if name else "",
         }
+
+
+def _nothing(*names: str) -> Markup:
+    """Stand for the report's references to its own parts and sources."""
+    del names
+    return Markup()
 
 
 _PAPERS = re.compile(r"(fig|tab)0*(\d+)(?:_0*(\d+))?")

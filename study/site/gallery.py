@@ -135,7 +135,7 @@ def _index(every: list[Example]) -> str:
         "Each example is a script of at most 60 lines, run as it stands when this site is made. "
         "Copy one and change it."
     )
-    grid = "\n".join(["::::{grid} 1 1 2 3", ":gutter: 3", "", *cards, "::::"])
+    grid = "\n".join(["::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::"])
     return f"# Gallery\n\n{text}\n\n{grid}\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
 
 
@@ -151,9 +151,9 @@ def _ensure_run(one: Example, store: Path) -> None:
     for path in package_sources("pw_elements"):
         digest.update(f"{path.name} {code_digest(path)}".encode())
     note, picture, printed = (store / f"{one.name}.{end}" for end in ("sha256", "png", "txt"))
-    if picture.is_file() and printed.is_file() and note.is_file():
-        if note.read_text() == digest.hexdigest():
-            return
+    made = all(path.is_file() for path in (picture, printed, note))
+    if made and note.read_text() == digest.hexdigest():
+        return
     environment = os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
