@@ -32,7 +32,7 @@ default_role = "py:obj"  # `name` is a link where there is a page of it, code el
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 80
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_use_rtype = False
 html_math_renderer = "mathml"
 
