@@ -52,7 +52,7 @@ from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
 from pw_elements.sibling import Sibling
 from pw_elements.snes import NotConverged
-from pw_elements.spaces import NumberingError, Spaces, as_function, test_space
+from pw_elements.spaces import NumberingError, Spaces, as_function, split, test_space
 from pw_elements.stability import critical_step
 
 __all__ = [
@@ -96,6 +96,7 @@ __all__ = [
     "reactions",
     "serendipity_element",
     "solve",
+    "split",
     "symmetric_part",
     "test_space",
     "vibration_modes",

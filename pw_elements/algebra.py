@@ -29,6 +29,7 @@ from dolfinx.fem.petsc import create_matrix
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.hybrid import SubSpace, is_hybrid, is_split, positions, tied
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
@@ -37,6 +38,7 @@ from pw_elements.parts import numbered
 from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
 from pw_elements.quadrature import with_cell_rules
+from pw_elements.spaces import Spaces
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -154,12 +156,15 @@ class Reduction:
 
     @classmethod
     def dirichlet(
-        cls, space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
+        cls,
+        space: fem.FunctionSpace | Spaces,
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
     ) -> "Reduction":
         """Drops the prescribed degrees of freedom.
 
         Args:
-            space: trial space.
+            space: trial space, or both spaces; these tie the pressure within each part of a body
+                where it is split, see `Spaces.hybrid`.
             conditions: made on it; a single one needs no list.
 
         Raises:
@@ -167,10 +172,14 @@ class Reduction:
             ValueError: if they leave nothing free or contradict each other, a prescribed value is
                 not finite, or a condition was made on another space.
         """
+        parts = None
+        if isinstance(space, Spaces):
+            space, parts = space.trial, space.parts
         free, offset = prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        selection = _selection(free, offset)
-        return cls(selection, selection, offset, space=space, supports=Supports(space, free))
+        selection = tied(space, parts, free) if is_split(space) else _selection(free, offset)
+        supports = None if is_hybrid(space) else Supports(space, free)
+        return cls(selection, selection, offset, space=space, supports=supports)
 
     @classmethod
     def condensation(
@@ -198,6 +207,8 @@ class Reduction:
             SingularSystem: if an inner node has no stiffness.
         """
         Problem({"the stiffness": K}, space=space)
+        if is_hybrid(space):
+            raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
         K = unblocked(K)
         free, offset = prescribed(space, conditions)
         block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
@@ -265,6 +276,29 @@ class Reduction:
             raise ValueError(NO_SUPPORTS)
         projection = Projection(self.supports.free, self.supports.space.dofmap.index_map_bs)
         return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
+
+    def equilibrated(self, K: PETSc.Mat) -> "Reduction":
+        """This reduction with pressures of hybrid spaces over a modulus, to be of a strain's size.
+
+        In consistent units displacement and pressure may be 15 powers of ten apart: factors and
+        Krylov methods would lose one of them. What `expand` gives is the same.
+        """
+        if self.space is None or not is_hybrid(self.space):
+            return self
+        fields = SubSpace.displacements(self.space), SubSpace.pressure(self.space)
+        u, p = (field.selection() for field in fields)
+        of_equilibrium, of_volume = (rows.matMult(K).matTransposeMult(u) for rows in (u, p))
+        largest = PETSc.NormType.INFINITY
+        modulus = of_equilibrium.norm(largest) / of_volume.norm(largest)
+        scale = self.offset.duplicate()
+        scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
+        right = self.right.copy()
+        right.diagonalScale(scale)
+        left = right
+        if self.left != self.right:
+            left = self.left.copy()
+            left.diagonalScale(scale)
+        return replace(self, left=left, right=right)
 
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """This condensation for mass matrices, where two left matrices L are in use.
@@ -397,14 +431,18 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
     taken = chosen(solver, reduction.supports)
     if isinstance(taken, Iterative):
         reduction = reduction.masked()
-    reduction = reduction.under(K, f)
+    reduction = reduction.equilibrated(K).under(K, f)
     load = reduction.load(K, f)
     if isinstance(taken, Iterative):
         prepared = ready(taken.prepare(K, supports=reduction.supports))
         solution = prepared.solve(load)
     else:
         matrix = reduction.matrix(K)
-        prepared = factorise(matrix, solver=taken)
+        try:
+            prepared = factorise(matrix, solver=taken)
+        except SingularSystem:
+            _refuse_free_pressure(matrix, reduction)
+            raise
         solution = load.duplicate()
         prepared.ksp.solve(load, solution)
         _check_residual(matrix, solution, load)
@@ -434,6 +472,26 @@ def _unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     K.mult(a, r)
     r.axpy(-1.0, f)
     return r
+
+
+def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
+    """Raises SingularSystem if a constant pressure of a hybrid space acts on no displacement."""
+    if reduction.space is None or not is_hybrid(reduction.space):
+        return
+    pressure = SubSpace.pressure(reduction.space)
+    constant = reduction.offset.duplicate()
+    constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
+    unknown, effect = matrix.createVecRight(), matrix.createVecLeft()
+    reduction.right.multTranspose(constant, unknown)
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
+    matrix.mult(unknown, effect)
+    largest = PETSc.NormType.INFINITY
+    size = matrix.norm(largest) * unknown.norm(largest)
+    if size > 0 and effect.norm(largest) <= _RESIDUAL * size:
+        raise SingularSystem(
+            "an incompressible body whose whole boundary is held has a pressure that is known up "
+            'to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
+        )
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -564,8 +622,8 @@ def prescribed(
             raise ValueError("a prescribed value is not a finite number")
     size = comm.allreduce(np.abs(values).max(initial=0.0), MPI.MAX)
     twice = np.flatnonzero(difference > _SAME_VALUE * size)
-    x = space.tabulate_dof_coordinates()[np.unique(twice // block), : space.mesh.geometry.dim]
-    places = np.concatenate(comm.allgather(x))
+    x = positions(space)[twice, : space.mesh.geometry.dim]
+    places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
     if len(places):
         raise ValueError(
             f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "

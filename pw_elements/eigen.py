@@ -148,7 +148,7 @@ def vibration_modes(
         shift = number("shift", shift)
     taken = _chosen(solver, reduction, symmetrised)
     K, M = unblocked(K), unblocked(M)
-    A, B, reduced_by, supports = _pair(M, K, reduction, taken)
+    A, B, reduced_by, supports = _pair(M, K, reduction.equilibrated(K), taken)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
@@ -214,7 +214,8 @@ def buckling(
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
     check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
     taken = _chosen(solver, reduction, symmetrised)
-    A, B, reduced_by, supports = _pair(K_sigma, unblocked(K), reduction, taken)
+    K = unblocked(K)
+    A, B, reduced_by, supports = _pair(K_sigma, K, reduction.equilibrated(K), taken)
     if supports is not None and free_motion(B, supports):
         raise SingularSystem("the supports leave a rigid motion free: add Dirichlet conditions")
     if symmetrised:

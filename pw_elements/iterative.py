@@ -31,7 +31,7 @@ Solver: TypeAlias = LinearSolver | Literal["auto"] | None
 
 NO_SUPPORTS = (
     "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
-    "other reductions need Direct()"
+    "other reductions, and hybrid spaces, need Direct()"
 )
 log = logging.getLogger("pw_elements")
 

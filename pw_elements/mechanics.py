@@ -7,6 +7,7 @@ the place of the matrices B, of shape functions, and of Eq. (8), of weight funct
 Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -25,6 +26,7 @@ from ufl.core.expr import Expr
 from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.collective import agree, collective
+from pw_elements.hybrid import SubSpace, is_hybrid
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.problem import Problem
@@ -38,6 +40,20 @@ Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
 _RATIONAL_DEGREE = 8
+# Poisson's ratio above which displacements alone lock
+_LOCKED = 0.49
+_LOCKS = (
+    "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
+    "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
+)
+
+_JUMPS = (
+    "the material varies and the pressure is continuous: where the material jumps displacements "
+    "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
+)
+
+_logger = logging.getLogger("pw_elements")
+
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
 _ROUND_OFF = 1e-12
 
@@ -89,8 +105,15 @@ class Material:
 class Body:
     """An elastic body: spaces, material and state, and the forms that go with them.
 
+    With the spaces of `Spaces.hybrid` the forms are those of displacements and a pressure p,
+
+        int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
+
+    1/lambda = (1 - 2 nu) / (2 mu nu) being zero where nu = 1/2. There `u` stands for both fields
+    in `strain` and `stress`, such as a function of the mixed space.
+
     Args:
-        spaces: trial and test space of the displacements.
+        spaces: trial and test space of the displacements, or of displacements and pressure.
         material: elastic constants and density.
         state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
@@ -100,8 +123,9 @@ class Body:
 
     Raises:
         ValueError: where dimension and state do not fit, the mesh is a surface in space or
-            crosses the axis of rotation, an incompressible material is not in plane stress, or
-            the thickness is not positive.
+            crosses the axis of rotation, an incompressible material is neither in plane stress
+            nor in hybrid spaces, these are in plane stress or have nu <= 0, or the thickness is
+            not positive.
         DegenerateMesh: if cells or boundary make no body, see `mesh_checks`.
     """
 
@@ -129,7 +153,8 @@ class Body:
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
         shape = self.spaces.trial.ufl_element().reference_value_shape
-        if shape != (dimension,):
+        hybrid = self.spaces.is_hybrid
+        if shape != (dimension + hybrid,):
             raise ValueError(
                 f"the values of the spaces have the shape {shape}: displacements in {dimension}-D "
                 f"have {dimension} components"
@@ -141,14 +166,25 @@ class Body:
             size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
             if radius < -_ROUND_OFF * size:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
-        if self.state is not StressState.PLANE_STRESS:
+        nu = self.material.poissons_ratio
+        if hybrid:
+            if self.state is StressState.PLANE_STRESS:
+                raise ValueError(
+                    "hybrid spaces are of no use in plane stress, where nothing locks: take "
+                    "Spaces.petrov_galerkin"
+                )
+            below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
+            arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
+            varies = not (is_number(nu) and is_number(self.material.youngs_modulus))
+            if varies and self.spaces.parts is None and mesh.comm.rank == 0:
+                _logger.warning(_JUMPS)
+        elif self.state is not StressState.PLANE_STRESS:
+            above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
             arguments.coefficient(
-                "poissons_ratio",
-                self.material.poissons_ratio,
-                lambda values: values < 0.5,
-                "in plane stress only may it be 0.5",
-                mesh.comm,
+                "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
+            if is_number(nu) and nu > _LOCKED and mesh.comm.rank == 0:
+                _logger.warning(_LOCKS, nu)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
             with collective(mesh.comm):
@@ -158,6 +194,7 @@ class Body:
 
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
+        u, _ = self._split(u)
         plane = ufl.sym(ufl.grad(u))
         if self.state is not StressState.AXISYMMETRIC:
             return plane
@@ -170,6 +207,9 @@ class Body:
         """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape."""
         E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
         mu = E / (2 * (1 + nu))
+        if self.spaces.is_hybrid:
+            strain, (_, p) = self.strain(u), self._split(u)
+            return 2 * mu * strain - p * ufl.Identity(strain.ufl_shape[0])
         if self.state is StressState.PLANE_STRESS:
             lame = E * nu / (1 - nu**2)
         else:
@@ -185,18 +225,26 @@ class Body:
         stress = self.stress(u)
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
         if self.state is StressState.PLANE_STRAIN:
-            third = self._value(self.material.poissons_ratio) * trace
+            _, p = self._split(u)
+            third = self._value(self.material.poissons_ratio) * trace if p is None else -p
             trace, squares = trace + third, squares + third**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
     def stiffness(self) -> ufl.Form:
         """Stiffness form, Eq. (10)."""
         u, v = self._arguments()
-        return self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
+        work = self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
+        if not self.spaces.is_hybrid:
+            return work
+        E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
+        flexibility = (1 + nu) * (1 - 2 * nu) / (E * nu)
+        (_, p), (_, q) = self._split(u), self._split(v)
+        volume = ufl.tr(self.strain(u)) + flexibility * p
+        return work + self._integral(-q * volume, 2)
 
     def mass(self) -> ufl.Form:
         """Consistent mass form, Eq. (11)."""
-        u, v = self._arguments()
+        (u, _), (v, _) = map(self._split, self._arguments())
         return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
@@ -214,12 +262,12 @@ class Body:
             )
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
-        v = ufl.TestFunction(self.spaces.test)
+        v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return ufl.inner(self._vector("traction", traction), v) * self._depth() * surface
 
     def body_load(self, force: Vector) -> ufl.Form:
         """Load of a body force vector (force per volume), Eq. (12)."""
-        v = ufl.TestFunction(self.spaces.test)
+        v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return self._integral(ufl.inner(self._vector("force", force), v), 2)
 
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
@@ -247,7 +295,15 @@ class Body:
     def _arguments(self) -> tuple[Expr, Expr]:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
 
+    def _split(self, u: Expr) -> tuple[Expr, Expr]:
+        """Displacement, and pressure: None of one field, or a displacement alone."""
+        dimension = self.spaces.mesh.geometry.dim
+        if not (self.spaces.is_hybrid and u.ufl_shape == (dimension + 1,)):
+            return u, None
+        return ufl.as_vector([u[k] for k in range(dimension)]), u[dimension]
+
     def _gradient(self, u: Expr) -> Expr:
+        u, _ = self._split(u)
         grad = ufl.grad(u)
         if self.state is not StressState.AXISYMMETRIC:
             return grad
@@ -343,13 +399,16 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
 
 
 def prescribe(
-    space: fem.FunctionSpace, component: int, where: Marker, value: float | fem.Constant = 0.0
+    space: fem.FunctionSpace,
+    component: int | Literal["pressure"],
+    where: Marker,
+    value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
     """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
 
     Args:
         space: trial space.
-        component: counted from 0.
+        component: counted from 0; or "pressure" of a hybrid space, whose nodes are the vertices.
         where: marker of the nodes' positions as columns (3, n).
         value: of the component; a `fem.Constant` may change later, see `PetrovGalerkinProblem`.
 
@@ -358,16 +417,23 @@ def prescribe(
             truth values, or the value is no finite number.
     """
     arguments.space(space)
-    comm, components = space.mesh.comm, space.dofmap.index_map_bs
+    comm, hybrid = space.mesh.comm, is_hybrid(space)
+    fluid = hybrid and component == "pressure"
+    field = SubSpace.pressure(space) if fluid else SubSpace.displacements(space)
+    components = field.unknowns.shape[1]
     with collective(comm):
-        if not (is_number(component) and component in range(components)):
+        if not (fluid or (is_number(component) and component in range(components))):
             raise ValueError(f"component {component}: the space has {components}, counted from 0")
         held = value if isinstance(value, fem.Constant) else None
         now = number("the prescribed value", value if held is None else held.value)
     agree(comm, {"the component": component, "the prescribed value": now})
-    dofs = _nodes(space, where, "the prescribed nodes") * components + int(component)
-    part = space.sub(int(component)) if space.num_sub_spaces else space
-    return fem.dirichletbc(default_scalar_type(now) if held is None else held, dofs, part)
+    axis = 0 if fluid else int(component)
+    dofs = field.unknowns[_nodes(field.space, where, "the prescribed nodes"), axis]
+    part = space.sub(int(fluid)) if hybrid else space
+    if part.num_sub_spaces:
+        part = part.sub(axis)
+    prescribed = default_scalar_type(now) if held is None else held
+    return fem.dirichletbc(prescribed, np.ascontiguousarray(dofs), part)
 
 
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
@@ -385,21 +451,16 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
             force has another number of components than the space, or one that is not finite.
     """
     arguments.space(space)
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    comm = space.mesh.comm
+    comm, field = space.mesh.comm, SubSpace.displacements(space)
     with collective(comm):
-        vector("nodal force", force, block)
+        vector("nodal force", force, field.unknowns.shape[1])
     agree(comm, {"the nodal force": force})
-    nodes = _nodes(space, where, "the loaded nodes")
-    nodes = nodes[nodes < index_map.size_local]
-    first = index_map.local_range[0]
-    load = PETSc.Vec().createMPI(
-        (index_map.size_local * block, index_map.size_global * block), comm=comm
-    )
-    for component, value in enumerate(force):
-        dofs = ((nodes + first) * block + component).astype(PETSc.IntType)
-        load.setValues(dofs, np.full(len(dofs), value, dtype=float))
-    load.assemble()
+    nodes = _nodes(field.space, where, "the loaded nodes")
+    nodes = nodes[nodes < len(field.owned)]
+    values = np.zeros(field.owned.shape)
+    values[nodes] = force
+    load = PETSc.Vec().createMPI(field.rows, comm=comm)
+    load.setArray(field.spread(values.ravel()))
     return load
 
 
@@ -424,6 +485,8 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """
     arguments.space(space)
     Problem({"the mass matrix": M}, space=space)
+    if is_hybrid(space):
+        raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)
     M.mult(ones, mass)

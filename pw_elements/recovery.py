@@ -31,7 +31,7 @@ from pw_elements import arguments
 from pw_elements._compat import renamed
 from pw_elements.algebra import assemble_vector
 from pw_elements.collective import agree, collective
-from pw_elements.mechanics import Body, Scalar, boundary_measure
+from pw_elements.mechanics import Body, Material, Scalar, boundary_measure
 from pw_elements.parts import Marker, Part, exterior_facets, marked
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number
@@ -203,6 +203,8 @@ class SurfaceNodes:
                 is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
+        # areas are no matter of the material, which may be incompressible
+        body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
         up = np.eye(body.spaces.mesh.geometry.dim)[-1]
 

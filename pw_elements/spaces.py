@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import basix.ufl
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import Mesh
+from dolfinx.mesh import Mesh, MeshTags
 
 from pw_elements import arguments
 from pw_elements.collective import collective
@@ -21,6 +22,7 @@ from pw_elements.elements import (
     quadratic_element,
     serendipity_element,
 )
+from pw_elements.hybrid import SubSpace, is_hybrid, mixed_element
 from pw_elements.values import whole
 
 
@@ -36,8 +38,9 @@ class Spaces:
         u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
 
     Args:
-        trial: space of the unknowns.
-        test: space of the weights; the trial space itself in Galerkin's method.
+        trial: of the unknowns: displacements, or these and a pressure, or a scalar field.
+        test: of their weight functions; the trial space itself in Galerkin's method.
+        parts: tags of all cells, between which the pressure of a hybrid body is split.
 
     Raises:
         NumberingError: where the two numberings differ.
@@ -45,6 +48,7 @@ class Spaces:
 
     trial: fem.FunctionSpace
     test: fem.FunctionSpace
+    parts: MeshTags | None = None
 
     def __post_init__(self) -> None:
         arguments.space(self.trial, "the trial space")
@@ -72,6 +76,34 @@ class Spaces:
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles)."""
         trial = _lagrange(mesh, components)
+        return cls(trial, trial)
+
+    @classmethod
+    def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
+        """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
+
+        Displacements are those of `petrov_galerkin`; the pressure is its own test space. Up to
+        and including nu = 1/2 nothing locks. `Body` makes the forms, with one vector (n,) of all
+        unknowns; `split` tells displacement and pressure apart.
+
+        Args:
+            mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
+            parts: tags of all cells, one for each material: between them the pressure jumps, and
+                `Reduction.dirichlet(spaces, conditions)` ties it within each of them. A pressure
+                that is continuous where the material is not errs by ten per cent and more.
+        """
+        element = _trial_element(mesh)
+        weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
+        trial, test = (
+            fem.functionspace(mesh, mixed_element(vector, split=parts is not None))
+            for vector in (element, weights)
+        )
+        return cls(trial, test, parts)
+
+    @classmethod
+    def taylor_hood(cls, mesh: Mesh) -> "Spaces":
+        """The standard hybrid element, quadratic displacements and linear pressure for both."""
+        trial = fem.functionspace(mesh, mixed_element(_trial_element(mesh)))
         return cls(trial, trial)
 
     @classmethod
@@ -103,6 +135,21 @@ class Spaces:
     def mesh(self) -> Mesh:
         """The mesh of both spaces."""
         return self.trial.mesh
+
+    @property
+    def displacements(self) -> "Spaces":
+        """Those of the displacements alone; the same unless they are hybrid."""
+        if not self.is_hybrid:
+            return self
+        trial = SubSpace.displacements(self.trial).space
+        if self.test is self.trial:
+            return Spaces(trial, trial)
+        return Spaces(trial, SubSpace.displacements(self.test).space)
+
+    @property
+    def is_hybrid(self) -> bool:
+        """Whether there is a pressure beside the displacements."""
+        return is_hybrid(self.trial)
 
 
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
@@ -171,6 +218,33 @@ def as_function(
     return function
 
 
+def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fem.Function]:
+    """Displacement and pressure, as functions, in a vector (n,) of a hybrid space.
+
+    The pressure is compression positive, -lambda div u.
+
+        u, p = split(body.spaces.trial, solve(K, f, held))
+
+    Args:
+        space: trial space of `Spaces.hybrid`.
+        values: vector (n,).
+
+    Raises:
+        TypeError: for things of another kind.
+        ValueError: if the space is not hybrid, or the vector is not one of it.
+    """
+    both = as_function(space, values)
+    if not is_hybrid(space):
+        raise ValueError("the space has no pressure: Spaces.hybrid(mesh) makes one that has")
+    parts = SubSpace.displacements(space), SubSpace.pressure(space)
+    found = []
+    for name, part in zip(("displacement", "pressure"), parts, strict=True):
+        function = fem.Function(part.space, name=name)
+        function.x.array[:] = both.x.array[part.unknowns.ravel()]
+        found.append(function)
+    return found[0], found[1]
+
+
 def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     """The space of a vector space's components, its nodes numbered like the vectors'.
 
@@ -183,8 +257,12 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
 
 
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:
+    return fem.functionspace(mesh, _trial_element(mesh, components))
+
+
+def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
     shape = _shape(mesh, components)
-    return fem.functionspace(mesh, quadratic_element(mesh.topology.cell_name(), shape))
+    return quadratic_element(mesh.topology.cell_name(), shape)
 
 
 def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:

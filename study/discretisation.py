@@ -22,6 +22,7 @@ from pw_elements import (
     boundary_measure,
     composite_element,
 )
+from pw_elements.hybrid import SubSpace
 from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
 from pw_elements.mechanics import Marker, Vector
 
@@ -49,6 +50,11 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "sibling-T10": Spaces.galerkin,
     "pw-T10": Spaces.petrov_galerkin,
     "onecut-T10": Spaces.one_cut,
+    # with a pressure beside displacements
+    "galerkin-hybrid-T6": Spaces.taylor_hood,
+    "pw-hybrid-T6": Spaces.hybrid,
+    "galerkin-hybrid-T10": Spaces.taylor_hood,
+    "pw-hybrid-T10": Spaces.hybrid,
     "galerkin-H27": Spaces.galerkin,
     "pw-H27": Spaces.petrov_galerkin,
 }
@@ -115,6 +121,7 @@ def discretise(
 
 def mesh_curves(space: fem.FunctionSpace) -> dict[str, npt.NDArray[Any]]:
     """Nodes (n, dim) and the nodes of each cell in Basix's order, to draw and to check with."""
+    space = displacement_space(space)
     return {
         "nodes": space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim],
         "cells": space.dofmap.list.copy(),
@@ -124,6 +131,20 @@ def mesh_curves(space: fem.FunctionSpace) -> dict[str, npt.NDArray[Any]]:
 def spaces(element: str, mesh: Mesh) -> Spaces:
     """Displacement spaces of an element on a mesh of its cells."""
     return _SPACES[element](mesh)
+
+
+def displacement_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
+    """That of the displacements alone, with nodes of its own where there is a pressure."""
+    return SubSpace.displacements(space).space
+
+
+def held_nodes(
+    space: fem.FunctionSpace, nodes: npt.NDArray[np.int32], displacement: npt.NDArray[np.floating]
+) -> fem.DirichletBC:
+    """Prescribed displacements (m, dim) of nodes (m,) of the displacement space."""
+    field, exact = SubSpace.displacements(space), fem.Function(space)
+    exact.x.array[field.unknowns[nodes]] = displacement
+    return fem.dirichletbc(exact, nodes if field.is_all else field.unknowns[nodes].ravel())
 
 
 def is_quadrilateral(element: str) -> bool:

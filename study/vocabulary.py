@@ -40,6 +40,10 @@ ELEMENTS = {
     "onecut-T10": Element("new T10, one cut", "h", "#4D8FB8"),
     "galerkin-H27": Element("standard H27", "8", "#806000"),
     "pw-H27": Element("new H27", "*", "#00543D"),
+    "galerkin-hybrid-T6": Element("standard hybrid T6", "+", "#A65E2E"),
+    "pw-hybrid-T6": Element("new hybrid T6", "3", "#1B9E9E"),
+    "galerkin-hybrid-T10": Element("standard hybrid T10", "1", "#6B4226"),
+    "pw-hybrid-T10": Element("new hybrid T10", "2", "#0B6E6E"),
     "exact": Element("exact", "", "#000000"),
 }
 

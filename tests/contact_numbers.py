@@ -44,9 +44,9 @@ def noted(name, states):
         numbers[f"{name} {k} scale"] = list(vars(state.scale).values())
 
 
-def drag():
+def drag(method=Spaces.petrov_galerkin, poissons_ratio=0.3):
     mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (5, 5, 3), CellType.tetrahedron)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.SOLID)
+    body = Body(method(mesh), Material(1000.0, poissons_ratio), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
     foot = Reduction.dirichlet(U, [prescribe(U, i, at(2, 0.0)) for i in range(3)])
@@ -96,6 +96,7 @@ punch = Punch(comm=comm)
 motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))]
 noted("punch", punch.solve(0.6, motions))
 noted("drag", drag())
+noted("rubber", drag(Spaces.hybrid, 0.5))
 noted("stacked", stacked())
 noted("mortar", mortar())
 numbers["ball refused"] = refused(Sphere((0, 6), 2.0), 5.0)

@@ -31,6 +31,7 @@ from pw_elements import (
     prescribe,
     reactions,
     solve,
+    split,
     symmetric_part,
     vibration_modes,
 )
@@ -39,6 +40,7 @@ from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.recovery import force_transfer, forces_along
 from study.discretisation import discretise
 from study.verification.t_identity import distorted
+from tests.test_hybrid import layers
 
 comm = MPI.COMM_WORLD
 numbers: dict[str, list[float] | float] = {}
@@ -173,6 +175,23 @@ def rubber():
     numbers["rubber_iterations"] = [len(part.corrections) for part in problem.increments]
 
 
+def hybrid(state, name):
+    if state == "solid":
+        mesh = create_box(comm, [(0, 0, 0), (1, 1, 2)], (3, 3, 5), CellType.tetrahedron)
+    else:
+        mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), state)
+    W = body.spaces.trial
+    dim = mesh.geometry.dim
+    K, f = assemble_matrix(body.stiffness()), assemble_vector(body.body_load([3e6] * dim))
+    f.axpy(1.0, nodal_load(W, left, [2e6] * dim))
+    held = Reduction.dirichlet(W, [prescribe(W, k, left, 0.01 * k) for k in range(dim)])
+    a = solve(K, f, held)
+    for field, function in zip(("displacement", "pressure"), split(W, a), strict=True):
+        numbers[f"{name}_{field}"] = function.x.petsc_vec.norm()
+    numbers[f"{name}_reactions"] = reactions(K, a, f).norm()
+
+
 beam(Spaces.galerkin, "galerkin")
 beam(Spaces.petrov_galerkin, "pw")
 identity()
@@ -181,5 +200,8 @@ for name in ("pw-Q8", "pw-Q9", "composite-T6"):
 solid()
 tube()
 rubber()
+for state in ("plane strain", "axisymmetric", "solid"):
+    hybrid(state, f"hybrid {state}")
+assert layers(split_pressure=True, comm=comm) < 1e-12
 if comm.rank == 0:
     print(json.dumps({name: np.asarray(value).tolist() for name, value in numbers.items()}))

@@ -486,7 +486,6 @@ CASES |= {
     ),
     "vector of 0": lambda w: assemble_vector(0),
     "conditions on None": lambda w: Reduction.dirichlet(None, w.left),
-    "conditions on Spaces": lambda w: Reduction.dirichlet(w.spaces, w.left),
     "conditions None": lambda w: Reduction.dirichlet(w.U, None),
     "conditions of None": lambda w: Reduction.dirichlet(w.U, [None]),
     "conditions a marker": lambda w: Reduction.dirichlet(w.U, left),

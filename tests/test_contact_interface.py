@@ -17,6 +17,7 @@ from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.system import ContactSystem
+from pw_elements.hybrid import SubSpace
 from tests.contact_cases import Block, at
 from tests.test_contact_matching import Blocks
 
@@ -81,7 +82,7 @@ def coupled():
         nodal.faced,
     )
     return (
-        Interface([points], [CURVED], BLOCK.K.createVecRight()),
+        Interface([points], [CURVED], SubSpace.displacements(BLOCK.space)),
         motion.toarray(),
         force.toarray().T,
     )

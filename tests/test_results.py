@@ -81,6 +81,10 @@ QUICK = [
     "V13/sourced-trefftz-6",
     "V14/punch-pw-T6-4",
     "K/contact-pw-T10-8-Iterative",
+    "V15/square-pw-hybrid-T6-0.5-8",
+    "V15/cube-pw-hybrid-T10-0.4999-3",
+    "V15/cook-galerkin-hybrid-T6-4",
+    "V15/hertz-pw-T6-8",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -100,6 +104,7 @@ SYSTEMS = {
     "V12": NONE,
     "V13": NONE,
     "V14": NONE,
+    "V15": NONE,
 }
 # What names say, whatever the section; the first pattern counts
 NAMED = {

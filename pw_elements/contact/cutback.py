@@ -77,7 +77,7 @@ def held_by(state: ContactState, K: PETSc.Mat, interface: Interface) -> Target:
     points = interface.force.createVecRight()
     points.setArray(np.where(interface.equation >= 0, Reference.of(state, interface).force, 0.0))
     load = K.createVecLeft()
-    K.mult(state.displacement, load)
+    K.mult(state.unknowns, load)
     load.axpy(-1.0, interface.force * points)
     return Target(
         load,

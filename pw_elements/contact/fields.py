@@ -21,6 +21,7 @@ from pw_elements.collective import collective
 from pw_elements.contact.errors import listed
 from pw_elements.contact.state import ContactState, PairState
 from pw_elements.elements import quadratic_element
+from pw_elements.hybrid import SubSpace
 from pw_elements.mechanics import Body
 from pw_elements.recovery import SurfaceNodes, facets_between
 from pw_elements.spaces import as_function, scalar_space
@@ -200,7 +201,7 @@ def surface_of(number: int, pair: PairState, body: Body) -> SurfaceNodes:
     Raises:
         ValueError: for a node that belongs to none of them.
     """
-    space = body.spaces.trial
+    space = _trial(body)
     facets = facets_between(space, pair.node)
     lone = pair.position
     if space.mesh.comm.allreduce(len(facets)):
@@ -243,7 +244,8 @@ def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
-    return body.spaces.trial if isinstance(body, Body) else body
+    space = body.spaces.trial if isinstance(body, Body) else body
+    return SubSpace.displacements(space).space
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:

@@ -32,6 +32,7 @@ import scipy.sparse as sp
 from pw_elements.collective import answer, collective
 from pw_elements.contact.errors import listed
 from pw_elements.contact.surfaces import Surface
+from pw_elements.hybrid import SubSpace
 from pw_elements.recovery import by_position
 from pw_elements.values import field as checked_field
 
@@ -66,8 +67,8 @@ class Points:
         equation: (m, dim), number of the reduced equation that holds this component of the
             point's force and of no other; -1 where none does: the law is not stated there. It
             is owned by this process.
-        motion: (m dim, n), rows of G.
-        force: (m dim, n), columns of H, transposed.
+        motion: (m dim, n), rows of G, for the displacements alone.
+        force: (m dim, n), columns of H, transposed, likewise.
         beside: (m, dim), mean of the midpoints of the cells around: tells points apart that
             coincide, such as those of two bodies that touch.
         outward: (m, dim), direction of the body's outward normal; zero where there is none.
@@ -101,22 +102,24 @@ class Interface:
         opposite: as in `Points`, per pair.
         motion: G.
         force: H.
+        field: the displacements among the unknowns.
     """
 
     def __init__(
         self,
         points: Sequence[Points],
         surfaces: Sequence[Surface],
-        space_rows: PETSc.Vec,
+        field: SubSpace,
         interfering: Sequence[bool] = (),
         inverse: PETSc.Mat | None = None,
     ) -> None:
-        """Puts pairs together; `space_rows` (n,) has the distribution of the displacements.
+        """Puts pairs together, whose points move with displacements among the unknowns (n,).
 
         Surfaces may cut the body in pairs that are `interfering`. Unknowns are displacements, or
         coefficients which `inverse`, (n, n), makes of these.
         """
-        self.comm: MPI.Comm = space_rows.comm.tompi4py()
+        self.field = field
+        self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces = list(surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
@@ -128,8 +131,8 @@ class Interface:
         self.opposite = [part.opposite for part in points]
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
-        self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), space_rows)
-        transposed = _matrix(sp.vstack([part.force for part in points], "csr"), space_rows)
+        self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), field)
+        transposed = _matrix(sp.vstack([part.force for part in points], "csr"), field)
         self.force = transposed.transpose(PETSc.Mat())
         self._inverse = inverse
         self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
@@ -316,8 +319,9 @@ class Interface:
         return values
 
 
-def _matrix(rows: sp.csr_matrix, columns: PETSc.Vec) -> PETSc.Mat:
-    """A matrix with these rows on this process, and columns distributed as a vector."""
+def _matrix(rows: sp.csr_matrix, field: SubSpace) -> PETSc.Mat:
+    """A matrix with these rows on this process, of displacements, for all unknowns."""
     csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    sizes = ((rows.shape[0], PETSc.DETERMINE), columns.getSizes())
-    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=columns.comm)
+    sizes = ((rows.shape[0], PETSc.DETERMINE), field.sizes)
+    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=field.space.mesh.comm)
+    return matrix if field.is_all else matrix.matMult(field.selection())

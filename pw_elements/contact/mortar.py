@@ -137,7 +137,7 @@ def mortar_points(
             coarseness,
         )
     m, dim = len(node), body.x.shape[1]
-    nodes = body.rows.getSize() // dim
+    nodes = body.field.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
     faced = area > 0
     scale = sp.diags_array(1 / np.where(faced, area, 1.0))

@@ -37,7 +37,7 @@ class Iterate:
 
     Args:
         reduced: displacements, reduced.
-        full: displacements (n,).
+        full: all unknowns (n,).
         translations: of the surfaces, (pairs, dim).
         displacement: motion of the points, (m, dim).
         force: of the surfaces on the points, (m, dim).

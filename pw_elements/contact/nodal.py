@@ -17,6 +17,7 @@ from pw_elements.contact.mortar import mortar_points
 from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
+from pw_elements.hybrid import is_hybrid
 from pw_elements.sibling import Sibling
 from pw_elements.values import field, is_number
 
@@ -44,7 +45,7 @@ def nodal_interface(
             node, or one that cuts the body.
     """
     dim = space.mesh.geometry.dim
-    if space.dofmap.index_map_bs != dim:
+    if not is_hybrid(space) and space.dofmap.index_map_bs != dim:
         raise ValueError("contact is stated on displacements: the space has to be a vector's")
     if not pairs:
         raise ValueError("there is no contact pair")
@@ -55,7 +56,9 @@ def nodal_interface(
     for k, shape in enumerate(shapes):
         _check_dimension(k, shape, dim)
     body = BodyNodes.of(space, reduction)
-    found = [owned_nodes(f"contact pair {k}", pair.nodes, space) for k, pair in enumerate(pairs)]
+    found = [
+        owned_nodes(f"contact pair {k}", pair.nodes, body.space) for k, pair in enumerate(pairs)
+    ]
     with collective(space.mesh.comm):
         friction = [
             _friction(space.mesh.comm, k, pair, body.x[node])
@@ -70,12 +73,12 @@ def nodal_interface(
             continue
         if isinstance(pair.surface, MatchingNodes):
             whose = f"contact pair {k}, opposite side"
-            faced.append(owned_nodes(whose, pair.surface.nodes, space))
+            faced.append(owned_nodes(whose, pair.surface.nodes, body.space))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], mu, body)
         points.append(_points(body, node, mu, opposite))
     interfering = [pair.interference for pair in pairs]
     inverse = None if sibling is None else sibling.inverse
-    interface = Interface(points, shapes, body.rows, interfering, inverse)
+    interface = Interface(points, shapes, body.field, interfering, inverse)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     return interface
@@ -91,7 +94,7 @@ def _points(
     dofs = [(end[:, None] * dim + np.arange(dim)).ravel() for end, _ in ends]
     value = np.repeat([sign for _, sign in ends], len(node) * dim)
     row = np.tile(np.arange(len(node) * dim), len(ends))
-    shape = (len(node) * dim, body.rows.getSize())
+    shape = (len(node) * dim, body.field.sizes[1])
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
     return Points(
         body.x[node],

@@ -14,6 +14,7 @@ from dolfinx.mesh import exterior_facet_indices
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction, assemble_vector
 from pw_elements.contact.errors import listed
+from pw_elements.hybrid import SubSpace
 from pw_elements.parts import Part, nodes_of
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +29,7 @@ class BodyNodes:
     """Where the nodes of a body are, and which unknowns and equations they have.
 
     Args:
-        space: trial space.
+        field: the displacements among the unknowns.
         x: (nodes, dim), ghosts too.
         column: (owned nodes, dim), reduced number of each displacement component; -1 where it is
             prescribed, -2 where it is a combination of others.
@@ -36,33 +37,35 @@ class BodyNodes:
         outward: (owned nodes, dim), the outward normal integrated with the shape functions.
         beside: (nodes, dim), mean midpoint of the cells around.
         diagonal: length of the bounding box's.
-        rows: vector (n,) with the distribution of the displacements.
     """
 
-    space: fem.FunctionSpace
+    field: SubSpace
     x: Array
     column: Indices
     on_boundary: npt.NDArray[np.bool_]
     outward: Array
     beside: Array
     diagonal: float
-    rows: PETSc.Vec
 
     @classmethod
     def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
-        """Looks them up in a space of displacements under a reduction."""
-        dim = space.mesh.geometry.dim
-        outward = _outward(space)
+        """Looks them up in a space with displacements under a reduction."""
+        field = SubSpace.displacements(space)
+        space, dim = field.space, space.mesh.geometry.dim
         return cls(
-            space,
+            field,
             space.tabulate_dof_coordinates()[:, :dim],
-            free_columns(reduction.right).reshape(-1, dim),
+            free_columns(reduction.right)[field.owned],
             _on_boundary(space),
-            outward.array_r.reshape(-1, dim),
+            _outward(space).reshape(-1, dim),
             midpoints_around(space),
             _diagonal(space),
-            outward,
         )
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """Of the displacements."""
+        return self.field.space
 
     def refuse(self, node: npt.NDArray[np.int32], what: str) -> None:
         """Raises a ValueError that names the positions of nodes, if there are any."""
@@ -127,10 +130,12 @@ def free_columns(right: PETSc.Mat) -> Indices:
     return column
 
 
-def _outward(space: fem.FunctionSpace) -> PETSc.Vec:
+def _outward(space: fem.FunctionSpace) -> Array:
     """Outward normals of the owned nodes (nodes dim,), integrated with their shape functions."""
     v = ufl.TestFunction(space)
-    return assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+    normal = assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+    # a view would keep the vector on the one process whose error holds these nodes
+    return np.array(normal.array_r)
 
 
 def _diagonal(space: fem.FunctionSpace) -> float:

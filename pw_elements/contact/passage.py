@@ -139,7 +139,9 @@ class Passage:
         first = sum(comm.allgather(len(points))[: comm.rank])
         far = np.sort(np.lexsort(every.T)[:_CHORDS])  # where many are alike, the first by position
         farthest = points[far[(far >= first) & (far < first + len(points))] - first]
-        moved = with_ghosts(self._space, now.full)[self._exterior.vertices]
+        moved = with_ghosts(self._space, self._interface.field.part(now.full))[
+            self._exterior.vertices
+        ]
         origins, directions = (
             interface.gathered(values[farthest]) for values in (interface.position, normal)
         )

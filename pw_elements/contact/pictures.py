@@ -72,7 +72,7 @@ def plot(
     import matplotlib.pyplot as plt
 
     arguments.of_type("body", body, Body, "pressures need the body's surface measure")
-    check_state(state, body.spaces.trial)
+    check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
     if not 0 <= pair < len(state.pairs):
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")

@@ -31,7 +31,7 @@ def contact_state(
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)
     return ContactState(
-        now.full,
+        increment.interface.field.part(now.full),
         tuple(_pair(k, increment.interface, now, active) for k in range(increment.interface.pairs)),
         iterations,
         len(orientations) <= 1 if system.orientations else None,
@@ -43,11 +43,12 @@ def contact_state(
         scale,
         smallness,
         converged,
+        unknowns=now.full,
     )
 
 
-def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
-    """The body before any load, `displacement` being a vector (n,) of zeros."""
+def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
+    """The body before any load, `unknowns` being a vector (n,) of zeros."""
     normal, gap = interface.normals(None), interface.gaps(None)
     pairs = []
     for k in range(interface.pairs):
@@ -77,7 +78,7 @@ def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
     residuals = Residuals(*np.zeros(8).tolist())
     report = SolverReport("nothing", 0)
     return ContactState(
-        displacement,
+        interface.field.part(unknowns),
         tuple(pairs),
         0,
         None,
@@ -88,6 +89,7 @@ def undeformed(interface: Interface, displacement: PETSc.Vec) -> ContactState:
         frozenset(),
         Scale(),
         Smallness(),
+        unknowns=unknowns,
     )
 
 

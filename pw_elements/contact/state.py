@@ -150,7 +150,8 @@ class ContactState:
     `ContactProblem.save` writes files for any number.
 
     Args:
-        displacement: full vector (n,) in the trial space's numbering.
+        displacement: full vector in the numbering of the displacements' space, which is the trial
+            space unless that is hybrid.
         pairs: one state per contact pair.
         iterations: linear systems solved, those of failed attempts and parts included. The
             solutions by which a remedy condenses the body to its contact points are not counted,
@@ -173,6 +174,8 @@ class ContactState:
             `slip` and `iterations` are of all parts. Files have none: they hold what the next
             increment needs.
         converged: False in the `state` of an error, which is no solution: nothing goes on from it.
+        unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
+            pressure of a hybrid one. None in a hybrid body's state that was read from a file.
     """
 
     displacement: PETSc.Vec
@@ -189,6 +192,7 @@ class ContactState:
 
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()
+    unknowns: PETSc.Vec | None = None
 
     @property
     def translations(self) -> Array:
@@ -196,19 +200,31 @@ class ContactState:
         return np.array([pair.translation for pair in self.pairs])
 
     def __getstate__(self) -> dict[str, Any]:
-        vector = self.displacement
-        kept = (vector.getSizes(), vector.comm.size, vector.array_r.copy())
-        return vars(self) | {"displacement": kept}
+        vectors = {"displacement": self.displacement, "unknowns": self.unknowns}
+        if self.unknowns == self.displacement:
+            vectors["unknowns"] = None  # one and the same, unless the body is hybrid
+        kept = {
+            name: vector and (vector.getSizes(), vector.comm.size, vector.array_r.copy())
+            for name, vector in vectors.items()
+        }
+        return vars(self) | kept
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
-        sizes, processes, values = kept["displacement"]
-        world = MPI.COMM_WORLD
-        if processes not in (1, world.size):
-            raise ValueError(
-                f"a state pickled by {processes} processes is read by {world.size}: "
-                "ContactProblem.save writes files for any number"
-            )
-        comm = world if processes == world.size else MPI.COMM_SELF
-        vector = PETSc.Vec().createMPI(sizes, comm=comm)
-        vector.setArray(values)
-        vars(self).update(kept | {"displacement": vector})
+        moved = _unpickled(kept["displacement"])
+        every = moved if kept["unknowns"] is None else _unpickled(kept["unknowns"])
+        vars(self).update(kept | {"displacement": moved, "unknowns": every})
+
+
+def _unpickled(kept: tuple[tuple[int, int], int, Array]) -> PETSc.Vec:
+    """A vector from its sizes, number of processes and values of this one."""
+    sizes, processes, values = kept
+    world = MPI.COMM_WORLD
+    if processes not in (1, world.size):
+        raise ValueError(
+            f"a state pickled by {processes} processes is read by {world.size}: "
+            "ContactProblem.save writes files for any number"
+        )
+    comm = world if processes == world.size else MPI.COMM_SELF
+    vector = PETSc.Vec().createMPI(sizes, comm=comm)
+    vector.setArray(values)
+    return vector

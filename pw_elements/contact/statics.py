@@ -100,17 +100,18 @@ class RigidMotions:
         """Displacements (n,) of the pieces' modes."""
         for mode in self.modes.displacements():
             vector = self._system.interface.motion.createVecRight()
-            vector.setArray(mode)
+            vector.setArray(self._system.interface.field.spread(mode))
             yield vector
 
     def _reduced(self) -> Iterator[PETSc.Vec]:
         """The same, where they are not prescribed, under the reduction."""
         stiffness, kept = self._system.stiffness, self._column >= 0
+        field = self._system.interface.field
         own = self._column[kept] - stiffness.getOwnershipRange()[0]
         for mode in self.modes.displacements():
             vector = stiffness.createVecRight()
             values = np.zeros(vector.getLocalSize())
-            values[own] = mode[kept]
+            values[own] = field.spread(mode)[kept]
             vector.setArray(values)
             yield vector
 
@@ -150,9 +151,9 @@ class RigidMotions:
             else:
                 system.stiffness.mult(mode, image)
             forces[:, k] = image.array_r / largest
-        held = self._column == -1
-        prescribed = np.stack([mode[held] for mode in self.modes.displacements()], axis=1)
-        return _triangle(prescribed, system.comm, forces)
+        held, field = self._column == -1, system.interface.field
+        prescribed = [field.spread(mode)[held] for mode in self.modes.displacements()]
+        return _triangle(np.stack(prescribed, axis=1), system.comm, forces)
 
 
 def _null_space(rows: Array, tolerance: float) -> Array:

@@ -71,7 +71,7 @@ class ContactProblem:
             prescribe some that are tangential.
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
-        space: trial space of the displacements.
+        space: trial space of the displacements, or of the hybrid element.
         solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
@@ -100,11 +100,13 @@ class ContactProblem:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
         self._solver, reduction = solver_for(solver, reduction, self.pairs)
-        self._K, self._reduction, self._space = K, reduction, space
+        self._K, self._reduction = K, reduction.equilibrated(K)
         self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
         self._remedies = checked_remedies(remedies, space)
-        self._interface = nodal_interface(self.pairs, space, reduction, K.getAttr("sibling"))
+        sibling = K.getAttr("sibling")
+        self._interface = nodal_interface(self.pairs, space, self._reduction, sibling)
+        self._space = space = self._interface.field.space
         self._watch = Watch(self._interface, space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
@@ -159,7 +161,8 @@ class ContactProblem:
 
     def _cut(self, state: ContactState, end: Target, reporter: Reporter) -> ContactState | None:
         """The state at a target, in parts; None if it is not found that way."""
-        if "cutback" not in self._remedies or homogeneous(state):
+        known = state.unknowns is not None
+        if not known or "cutback" not in self._remedies or homogeneous(state):
             return None
         start = held_by(state, self._K, self._interface)
         return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
@@ -251,6 +254,8 @@ class ContactProblem:
             OSError: if the file cannot be read.
         """
         state = read_state(checked_path(path, self._space), self._space)
+        if self._interface.field.is_all:
+            state = replace(state, unknowns=state.displacement)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 

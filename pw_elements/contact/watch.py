@@ -55,7 +55,7 @@ class Watch:
             SurfacePassed: if a rigid surface is through the body, or pushes it outwards.
         """
         self._passage.check_way(increment.past, now.translations)
-        strain, rotation = self._gradients.largest(now.full)
+        strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
         self._passage.check(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
         if self._interface.comm.rank == 0:

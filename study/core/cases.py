@@ -40,6 +40,7 @@ SECTIONS = {
     "V12": "study.verification.v12_impact",
     "V13": "study.verification.v13_fluxes",
     "V14": "study.verification.v14_rubber",
+    "V15": "study.verification.v15_rubber",
     "P": "study.peers.p_compare",
     "K": "study.cost.k_cost",
 }

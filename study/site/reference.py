@@ -14,6 +14,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "Spaces",
             "test_space",
             "as_function",
+            "split",
             "macro_element",
             "quadratic_element",
             "serendipity_element",

@@ -19,7 +19,7 @@ from pw_elements.meshes import on_lines
 from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
 from study.contact_result import CONTACT_UNITS
 from study.core.store import Result
-from study.discretisation import discretise, mesh_curves
+from study.discretisation import discretise, displacement_space, held_nodes, mesh_curves
 from study.units import UNSTATED, Units, units_of
 from study.verification.half_space import BondedLine, KnownContact
 
@@ -88,7 +88,7 @@ def series(
         `order_…` over the last two doublings; curves along the surface of the second level.
     """
     levels = [
-        [_indent(element, indenter, lines, outer, far_field) for lines in of_level]
+        [indented(element, indenter, lines, outer, far_field) for lines in of_level]
         for of_level in meshes.values()
     ]
     names = [name for name in levels[0][0].scalars if name.startswith("error")]
@@ -115,8 +115,12 @@ def series(
     return Result(scalars, named, curves, dofs=finest[0].dofs)
 
 
-def _indent(
-    element: str, indenter: Indenter, lines: Array, outer: float, far_field: bool
+def indented(
+    element: str,
+    indenter: Indenter,
+    lines: Array,
+    outer: float = OUTER,
+    far_field: bool = True,
 ) -> Result:
     """One half of an indented body on one mesh."""
     known, half_width = indenter.known, indenter.known.half_width
@@ -176,11 +180,9 @@ def _outer_conditions(
 
     if known is None:
         return [prescribe(space, i, outside) for i in (0, 1)]
-    field = fem.Function(space)
-    nodes = fem.locate_dofs_geometrical(space, outside)
-    x = space.tabulate_dof_coordinates()[nodes, :2]
-    field.x.array.reshape(-1, 2)[nodes] = known.displacement(x)
-    return [fem.dirichletbc(field, nodes)]
+    x = displacement_space(space).tabulate_dof_coordinates()
+    nodes = np.flatnonzero(outside(x.T)).astype(np.int32)
+    return [held_nodes(space, nodes, known.displacement(x[nodes, :2]))]
 
 
 def _along(solved: ContactState, known: KnownContact, surface: SurfaceNodes) -> dict[str, Array]:

@@ -1,0 +1,289 @@
+"""The hybrid element, u in P2 and p in P1, against exact solutions and its Galerkin twin."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import (
+    CellType,
+    compute_midpoints,
+    create_unit_cube,
+    create_unit_square,
+    meshtags,
+)
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    SingularSystem,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    nodal_load,
+    prescribe,
+    reactions,
+    solve,
+    split,
+    vibration_modes,
+)
+from pw_elements.hybrid import SubSpace
+from pw_elements.meshes import mapped, triangles
+from pw_elements.recovery import force_transfer
+from study.verification.t_identity import distorted
+
+COMM = MPI.COMM_WORLD
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+MAKERS = {"new": Spaces.hybrid, "standard": Spaces.taylor_hood}
+
+
+def block(cell, n=3):
+    """A unit square or cube whose inner nodes have been moved."""
+    if cell in ("triangle", "quadrilateral"):
+        mesh = create_unit_square(COMM, n, n, getattr(CellType, cell))
+    else:
+        mesh = create_unit_cube(COMM, n, n, n, getattr(CellType, cell))
+    dim = mesh.geometry.dim
+    x = mesh.geometry.x[:, :dim]
+    inner = np.all((x > 1e-9) & (x < 1 - 1e-9), axis=1)
+    moved = 0.2 / n * np.sin(9 * x + 5 * np.roll(x, 1, axis=1))
+    mesh.geometry.x[inner, :dim] += moved[inner]
+    return mesh
+
+
+def side(axis, end):
+    return lambda x: np.isclose(x[axis], end)
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
+@pytest.mark.parametrize("method", MAKERS)
+@pytest.mark.parametrize("cell", CELLS)
+def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
+    mesh = block(cell)
+    dim, E, t = mesh.geometry.dim, 2e11, 1e6
+    state = "plane strain" if dim == 2 else "solid"
+    body = Body(MAKERS[method](mesh), Material(E, nu), state)
+    W = body.spaces.trial
+    held = Reduction.dirichlet(W, [prescribe(W, k, side(k, 0.0)) for k in range(dim)])
+    top = boundary_measure(mesh, side(dim - 1, 1.0))
+    pull = np.eye(dim)[-1] * t
+    f = assemble_vector(body.surface_load(pull, top))
+    K = assemble_matrix(body.stiffness())
+    a = solve(K, f, held)
+    u, p = split(W, a)
+    stress = np.zeros(3)
+    stress[dim - 1] = t
+    if dim == 2:
+        stress[2] = nu * t
+    strain = ((1 + nu) * stress - nu * stress.sum()) / E
+    # p = 2 mu eps - sigma, along any axis
+    exact = E / (1 + nu) * strain[0]
+    assert np.abs(p.x.array - exact).max() < 1e-9 * t
+    x = u.function_space.tabulate_dof_coordinates()[:, :dim]
+    moved = u.x.array.reshape(-1, dim)
+    assert np.abs(moved - x * strain[:dim]).max() < 1e-10 * np.abs(strain).max()
+    below = SubSpace.displacements(W).part(reactions(K, a, f)).array_r.reshape(-1, dim)
+    assert below.sum(axis=0) == pytest.approx(-pull, abs=1e-9 * t)
+
+
+def test_in_the_plane_both_blocks_are_galerkins_with_equations_shared_out():
+    """K = T K_TaylorHood, T acting on equilibrium and not on the equations of volume."""
+    mesh = mapped(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (6, 5)), distorted)
+    K, standard = (
+        assemble_matrix(Body(make(mesh), Material(2.0, 0.45), "plane strain").stiffness())
+        for make in (Spaces.hybrid, Spaces.taylor_hood)
+    )
+    W = Spaces.taylor_hood(mesh).trial
+    u, p = (field.selection() for field in (SubSpace.displacements(W), SubSpace.pressure(W)))
+    T = force_transfer(SubSpace.displacements(W).space)
+    for field, rows in (("displacement", u), ("pressure", p)):
+        expected = rows.matMult(standard)
+        if field == "displacement":
+            expected = T.matMult(expected)
+        for columns in (u, p):
+            mine = rows.matMult(K).matTransposeMult(columns)
+            theirs = expected.matTransposeMult(columns)
+            assert (mine - theirs).norm() < 1e-13 * max(mine.norm(), 1e-30), field
+    assert (K - standard).norm() > 1e-2 * K.norm()
+
+
+def ring(method, n, state):
+    """An incompressible thick ring under inner pressure: relative errors of u and p."""
+    inner, outer, load, E = 1.0, 2.0, 3.0, 5.0
+    mu = E / 3
+    C = load / (2 * mu * (1 / inner**2 - 1 / outer**2))
+    exact_p = -2 * mu * C / outer**2
+    if state == "axisymmetric":
+        mesh = create_unit_square(COMM, n, n)
+        mesh.geometry.x[:, 0] += inner
+    else:
+        mesh = create_unit_square(COMM, n, n, CellType.triangle)
+        r, angle = inner + mesh.geometry.x[:, 0], np.pi / 2 * mesh.geometry.x[:, 1]
+        mesh.geometry.x[:, 0], mesh.geometry.x[:, 1] = r * np.cos(angle), r * np.sin(angle)
+    body = Body(MAKERS[method](mesh), Material(E, 0.5), state)
+    W = body.spaces.trial
+    x = ufl.SpatialCoordinate(mesh)
+    if state == "axisymmetric":
+        supports = [prescribe(W, 1, side(1, 0.0)), prescribe(W, 1, side(1, 1.0))]
+        here, push = side(0, inner), ufl.as_vector([load, 0])
+    else:
+        supports = [prescribe(W, 1, side(1, 0.0)), prescribe(W, 0, side(0, 0.0))]
+
+        def here(x):
+            return np.hypot(x[0], x[1]) < inner + 1e-9
+
+        push = -load * ufl.FacetNormal(mesh)
+    f = assemble_vector(body.surface_load(push, boundary_measure(mesh, here)))
+    u, p = split(W, solve(assemble_matrix(body.stiffness()), f, Reduction.dirichlet(W, supports)))
+    if state == "axisymmetric":
+        exact, volume = ufl.as_vector([C / x[0], 0]), x[0]
+    else:
+        exact, volume = C * x / ufl.dot(x, x), 1
+
+    def norm(value):
+        form = fem.form(
+            ufl.inner(value, value) * volume * ufl.dx(metadata={"quadrature_degree": 8})
+        )
+        return np.sqrt(COMM.allreduce(fem.assemble_scalar(form)))
+
+    return norm(u - exact) / norm(exact), norm(p - exact_p) / abs(exact_p)
+
+
+@pytest.mark.parametrize("method", MAKERS)
+def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
+    coarse, fine = ring(method, 4, "axisymmetric"), ring(method, 8, "axisymmetric")
+    assert fine[0] < 1e-4
+    assert coarse[0] / fine[0] > 2**2.8
+    assert fine[1] < 2e-2
+    assert coarse[1] / fine[1] > 2**1.7
+
+
+@pytest.mark.parametrize("method", MAKERS)
+def test_an_incompressible_ring_in_plane_strain(method):
+    # straight sides for a circle: second order
+    coarse, fine = ring(method, 8, "plane strain"), ring(method, 16, "plane strain")
+    assert fine[0] < 3e-3
+    assert coarse[0] / fine[0] > 2**1.9
+    assert fine[1] < 5e-2
+    assert coarse[1] / fine[1] > 2**1.4
+
+
+def enclosed(fixed):
+    mesh = create_unit_square(COMM, 4, 4)
+    body = Body(Spaces.hybrid(mesh), Material(1.0, 0.5), "plane strain")
+    W = body.spaces.trial
+    rim = [
+        prescribe(W, k, lambda x: np.any(np.isclose(np.abs(x[:2] - 0.5), 0.5), axis=0))
+        for k in (0, 1)
+    ]
+    corner = prescribe(W, "pressure", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0), 2.0)
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load((0.0, -3.0)))
+    return W, solve(K, f, Reduction.dirichlet(W, [*rim, *([corner] if fixed else [])]))
+
+
+def test_an_enclosed_incompressible_body_needs_its_pressure_fixed():
+    with pytest.raises(SingularSystem, match="prescribe it at a vertex"):
+        enclosed(fixed=False)
+    u, p = split(*enclosed(fixed=True))
+    # it rests under its weight, as a fluid would
+    depth = p.function_space.tabulate_dof_coordinates()[:, 1]
+    assert np.abs(p.x.array - (2 - 3 * depth)).max() < 1e-12
+    assert np.abs(u.x.array).max() < 1e-13
+
+
+def test_refused_are_plane_stress_and_materials_without_pressure():
+    spaces = Spaces.hybrid(create_unit_square(COMM, 2, 2))
+    with pytest.raises(ValueError, match="of no use in plane stress"):
+        Body(spaces, Material(1.0, 0.4), "plane stress")
+    with pytest.raises(ValueError, match="has to be positive in hybrid spaces"):
+        Body(spaces, Material(1.0, 0.0), "plane strain")
+    with pytest.raises(ValueError, match="component 2: the space has 2"):
+        prescribe(spaces.trial, 2, side(0, 0.0))
+    one = Spaces.petrov_galerkin(spaces.mesh).trial
+    load = nodal_load(one, side(0, 0.0), (1.0, 0.0))
+    with pytest.raises(ValueError, match="the space has no pressure"):
+        split(one, load)
+
+
+@pytest.mark.parametrize(
+    ("method", "nu", "state", "warned"),
+    [
+        (Spaces.petrov_galerkin, 0.495, "plane strain", True),
+        (Spaces.galerkin, 0.495, "axisymmetric", True),
+        (Spaces.petrov_galerkin, 0.49, "plane strain", False),
+        (Spaces.petrov_galerkin, 0.5, "plane stress", False),
+        (Spaces.hybrid, 0.5, "plane strain", False),
+    ],
+)
+def test_displacements_alone_warn_near_incompressibility(caplog, method, nu, state, warned):
+    Body(method(create_unit_square(COMM, 2, 2)), Material(1.0, nu), state)
+    assert ("in displacements alone: they lock" in caplog.text) is warned
+
+
+def layers(split_pressure, comm=COMM):
+    """Two layers, the upper ten times as stiff and compressible, pressed between smooth plates."""
+    mesh = triangles(comm, (0.0, 0.0), (1.0, 2.0), (4, 6))
+    x = mesh.geometry.x
+    inner = (x[:, 0] > 1e-9) & (x[:, 0] < 1 - 1e-9)
+    x[inner, 0] += 0.05 * np.sin(7 * x[inner, 1])
+    count = mesh.topology.index_map(2)
+    cells = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    upper = compute_midpoints(mesh, 2, cells)[:, 1] > 1
+    parts = meshtags(mesh, 2, cells, upper.astype(np.int32))
+    E, nu = (fem.Function(fem.functionspace(mesh, ("DG", 0))) for _ in range(2))
+    E.x.array[:], nu.x.array[:] = np.where(upper, 20.0, 2.0), np.where(upper, 0.3, 0.4999)
+    spaces = Spaces.hybrid(mesh, parts if split_pressure else None)
+    body = Body(spaces, Material(E, nu), "plane strain")
+    W = body.spaces.trial
+    held = [
+        prescribe(W, 1, side(1, 0.0)),
+        prescribe(W, 0, side(0, 0.0)),
+        prescribe(W, 0, side(0, 1.0)),
+    ]
+    top = boundary_measure(mesh, side(1, 2.0))
+    f = assemble_vector(body.surface_load((0.0, -1.0), top))
+    u, _ = split(W, solve(assemble_matrix(body.stiffness()), f, Reduction.dirichlet(spaces, held)))
+    stiffness = [e * (1 - n) / ((1 + n) * (1 - 2 * n)) for e, n in ((2.0, 0.4999), (20.0, 0.3))]
+    y = u.function_space.tabulate_dof_coordinates()[:, 1]
+    exact = -np.minimum(y, 1) / stiffness[0] - np.maximum(y - 1, 0) / stiffness[1]
+    moved = u.x.array.reshape(-1, 2)
+    return max(np.abs(moved[:, 0]).max(), np.abs(moved[:, 1] - exact).max()) / np.abs(exact).max()
+
+
+def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
+    assert layers(split_pressure=True) < 1e-12
+    assert "the pressure is continuous" not in caplog.text
+    assert layers(split_pressure=False) > 1e-3
+    assert "the pressure is continuous" in caplog.text
+
+
+def test_a_split_pressure_has_to_be_tied():
+    mesh = create_unit_square(COMM, 2, 2)
+    some = meshtags(mesh, 2, np.arange(8, dtype=np.int32), np.ones(8, dtype=np.int32))
+    spaces = Spaces.hybrid(mesh, some)
+    held = [prescribe(spaces.trial, 0, side(0, 0.0))]
+    with pytest.raises(ValueError, match="dirichlet needs both spaces"):
+        Reduction.dirichlet(spaces.trial, held)
+    few = meshtags(mesh, 2, np.arange(3, dtype=np.int32), np.ones(3, dtype=np.int32))
+    with pytest.raises(ValueError, match="of all of them"):
+        Reduction.dirichlet(Spaces.hybrid(mesh, few), held)
+    # one part has the pressure of a body without parts
+    tied = Reduction.dirichlet(spaces, held).right.getSize()[1]
+    one = Spaces.hybrid(mesh).trial
+    whole = Reduction.dirichlet(one, [prescribe(one, 0, side(0, 0.0))])
+    assert tied == whole.right.getSize()[1]
+
+
+def test_frequencies_are_those_of_displacements_alone_where_nothing_locks():
+    found = []
+    for method in (Spaces.petrov_galerkin, Spaces.hybrid):
+        body = Body(method(create_unit_square(COMM, 8, 8)), Material(2e11, 0.3), "plane strain")
+        W = body.spaces.trial
+        foot = Reduction.dirichlet(W, [prescribe(W, k, side(0, 0.0)) for k in (0, 1)])
+        K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+        found.append(vibration_modes(K, M, foot, 4).eigenvalues)
+    assert np.allclose(*found, rtol=1e-3)
