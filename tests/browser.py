@@ -230,6 +230,16 @@ def searched(browser, folder, word):
     return 0
 
 
+def filtered(browser, folder, query):
+    """What the page of claims says of how many it shows, as "10 of 86", for a query."""
+    url = (folder / "evidence" / "claims.html").resolve().as_uri()
+    browser.faults(f"{url}?{query}", WIDTHS[1])
+    count = "[...document.querySelectorAll('.claim')].filter(c => c.offsetParent).length"
+    seen = f"document.getElementById('count').value + ': ' + {count}"
+    answer = browser.ask("Runtime.evaluate", expression=seen, returnByValue=True)
+    return answer["result"]["value"]
+
+
 def site(browser, folder):
     """What is wrong with a site: its pages, the links between them, and its search."""
     told = [f"link to nowhere, {line}" for line in dead(folder)]
@@ -239,6 +249,12 @@ def site(browser, folder):
             told += [f"{page.relative_to(folder)} at {width} pixels: {one}" for one in faults]
     if not searched(browser, folder, "friction"):
         told.append("search finds nothing")
+    some, every = (filtered(browser, folder, f"verdict={v}") for v in ("fails", ""))
+    for count in (some, every):
+        if int(count.split(" ")[0]) != int(count.split(": ")[1]):
+            told.append(f"claims are counted as {count}")
+    if int(some.split(" ")[0]) >= int(every.split(" ")[0]):
+        told.append(f"the filter shows {some} and {every}")
     return told
 
 
