@@ -20,7 +20,7 @@ from study.core.sources import source
 from study.core.store import MissingResult, Results, StudyError
 from study.judge import claims as judged
 from study.paper.items import ITEMS, TITLES, Item
-from study.report.texts import Texts, names_section
+from study.report.texts import Texts, names_section, provenance
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -140,6 +140,8 @@ class _Sheets(Texts):
         for group, members in GROUPS.items():
             rows = [self._summary(section) for section in members if section in sections]
             parts += [f"## {group}", _raw(self.render("sheets.html", rows=rows))]
+        cases = [case for section in sections for case in self.results.section(section)]
+        parts.append(f"## Computed with\n\n{_raw(self.render('origin.html', **provenance(cases)))}")
         tree = "\n".join(["claims", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{tree}\n```")
         return "\n\n".join(parts) + "\n"

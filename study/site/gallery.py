@@ -117,7 +117,7 @@ def _page(one: Example, store: Path) -> str:
         f"```{{image}} {one.name}.png\n:alt: {one.title}\n```",
         one.text,
         f"```sh\n./run python3 examples/{one.name}.py\n```",
-        *([f"prints\n\n```text\n{printed}\n```"] if printed else []),
+        *([f"It prints\n\n```text\n{printed}\n```"] if printed else []),
         f"{{download}}`{one.name}.py <{one.name}.py>`{files}",
         f"```{{literalinclude}} {one.name}.py\n:language: python\n```",
     ]
