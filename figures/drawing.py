@@ -12,9 +12,11 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import matplotlib
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
@@ -28,9 +30,11 @@ from study.core.store import Results, Stored, StudyError, write_json, write_whol
 FRAME = {"__main__", "drawing", "style", "symbols"}
 FRAME |= {"beam", "column", "contact", "convergence", "narrow"}
 
-RASTER = 300  # dots per inch of what is an image within a drawing
+RASTER = 200  # dots per inch of what is an image within a drawing
 KINDS = ("png", "svg", "narrow.svg")  # a telephone's screen takes the last
 COLOURS = 128  # of such an image: lines and flat faces need few
+
+SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
 Entry = dict[str, Any]
 
@@ -167,7 +171,7 @@ def _pixels(figure: Figure) -> tuple[int, int]:
 
 def _svg(figure: Figure) -> bytes:
     for line in figure.findobj(Line2D):
-        if line.get_linestyle() == "None" and len(line.get_xdata()) > MANY:
+        if line.get_linestyle() == "None" and np.size(line.get_xdata()) > MANY:
             line.set_rasterized(True)
     figure.canvas.draw()
     figure.set_layout_engine("none")  # it stays as it is, and need not be found again
@@ -181,12 +185,50 @@ def _lean(svg: str) -> str:
 
     A hundredth of a point is enough for places; the page has dozens of drawings.
     """
-    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>", "", svg, flags=re.DOTALL)
     svg = re.sub(r' transform="rotate\(-0 [^"]*\)"', "", svg)
     svg = re.sub(r"\bfont: ([^;\"]+)", _longhand, svg)
     svg = re.sub(r'="(?!data:)[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
+    svg = re.sub(r"(\.\d*?)0+(?=[ \"])", lambda m: m[1].rstrip("."), svg)
     svg = re.sub(r"data:image/png;base64,([^\"]+)", _smaller, svg)
-    return re.sub(r"\n\s+", "\n", svg)
+    return _bare(svg)
+
+
+def _bare(svg: str) -> str:
+    """Return a drawing without names that nothing refers to, and without what says nothing."""
+    ElementTree.register_namespace("", SVG)
+    ElementTree.register_namespace("xlink", XLINK)
+    root = ElementTree.fromstring(svg)
+    used = set(re.findall(r"(?:href=\"|url\()#([\w.-]+)", svg))
+    styles = {one.get("id"): one.get("style") for one in root.iter() if one.get("id") in used}
+    for parent in list(root.iter()):
+        if parent.get("id") not in used:
+            parent.attrib.pop("id", None)
+        drawn = parent.get(f"{{{XLINK}}}href", "#").removeprefix("#")
+        if parent.tag == f"{{{SVG}}}use" and parent.get("style") == styles.get(drawn):
+            parent.attrib.pop("style", None)
+        if path := parent.get("d"):
+            parent.set("d", re.sub(r"\s*\n\s*|\s*([MLQCzZ])\s*", r"\1", path).strip())
+    for group in root.iter(f"{{{SVG}}}g"):
+        looks = {child.get("style") for child in group}
+        if len(group) > 1 and len(looks) == 1 and (look := looks.pop()) and not group.get("style"):
+            group.set("style", look)
+            for child in group:
+                child.attrib.pop("style")
+    for parent in reversed(list(root.iter())):
+        for place, child in reversed(list(enumerate(parent))):
+            if child.tag == f"{{{SVG}}}g" and not child.attrib:
+                parent[place : place + 1] = list(child)
+    for one in root.iter():
+        one.tail = None
+        one.text = one.text if one.text and one.text.strip() else None
+        if look := one.get("style"):
+            one.set("style", look.replace("; ", ";").replace(": ", ":"))
+    bare = ElementTree.tostring(root, encoding="unicode")
+    for number, name in enumerate(sorted(used, key=len, reverse=True)):
+        for before, after in (('id="', '"'), ('href="#', '"'), ("url(#", ")")):
+            bare = bare.replace(f"{before}{name}{after}", f"{before}n{number}{after}")
+    return bare.replace(" />", "/>")
 
 
 def _longhand(font: re.Match[str]) -> str:

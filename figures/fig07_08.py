@@ -19,6 +19,7 @@ def draw(results: Results) -> Figure:
     """Rows: triangles and quadrilaterals; the strips below are the new elements' zones."""
     fig, axes = plt.subplots(2, 2, figsize=(FULL, 4.9), sharex=True, sharey="col")
     fine = results.curves(FINE)
+    titles = ["Fig. 7: triangles", "Fig. 8: quadrilaterals"]
     for row, family in zip(axes, FAMILIES, strict=True):
         zones = results.curves(f"7.2/{family[1]}")
         for ax, quantity in zip(row, ("pressure", "shear"), strict=True):
@@ -26,7 +27,10 @@ def draw(results: Results) -> Figure:
             ax.plot(fine["x"], exact, color="black", lw=0.9, label="new T6, 80 × 40")
             keys = [f"7.2/{element}" for element in family]
             compare(ax, results, keys, quantity, 1 / measures.BLOCK_PRESSURE)
-            zone_strip(ax, zones, bottom=-0.26 if row is axes[1] else -0.1)
+            zone_strip(ax, zones, bottom=-0.09, height=0.03)
+        for ax in row:
+            ax.tick_params(axis="x", pad=8)
+        row[0].set_title(titles.pop(0), loc="left", fontsize=8)
         row[0].set(ylabel="normal pressure / $p$", ylim=(0, 2.5), xlim=(0, 4))
         row[1].set(ylabel="shear stress / $p$", ylim=(-0.4, 0.6))
         row[1].legend(fontsize=7, loc="lower right")

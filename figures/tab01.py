@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from figures.column import SYNTHETIC
-from figures.style import FULL
+from figures.style import FULL, LOOK
 from study.core.store import Results
 from study.judge import measures
 
@@ -26,7 +26,9 @@ EIGHT = {
     "pwsym-Q8-lumped": "symmetrised and lumped",
 }
 # colour and marker of the treatments, in the order of both lists
-LINES = (("#0072B2", "o"), ("#B87A00", "s"), ("#D55E00", "^"), ("#6A4C93", "D"), ("#777777", "v"))
+# new elements in their colours, other treatments in colours that no element has
+NEW, SYMMETRISED = (LOOK[element]["color"] for element in ("pw-T6", "pwsym-T6"))
+LINES = ((NEW, "o"), (SYMMETRISED, "d"), ("#8A8A8A", "v"), ("#B3003C", "<"), ("#7FA800", ">"))
 EIGHT_LINES = (LINES[0], LINES[4], LINES[1], LINES[2], LINES[3])
 REFERENCE = {"galerkin-T6": "CAX6", "galerkin-Q8": "CAX8"}
 NEEDS = [f"7.5/{case}" for case in (*SIX, *EIGHT, *REFERENCE)]

@@ -37,7 +37,8 @@ def _face(ax: Axes, x: np.ndarray, pressure: np.ndarray) -> None:
     """Colours between the nodes, and the nodes themselves."""
     face, colours = Triangulation(x[:, 0], x[:, 1]), plt.Normalize(0, LARGEST)
     ax.tripcolor(face, pressure, shading="gouraud", rasterized=True, norm=colours)
-    ax.scatter(x[:, 0], x[:, 1], s=7, c=pressure, edgecolors="white", linewidths=0.3, norm=colours)
+    nodes = ax.scatter(x[:, 0], x[:, 1], s=7, c=pressure, ec="white", lw=0.3, norm=colours)
+    nodes.set_rasterized(True)
     angle = np.linspace(0, np.pi / 2, 101)
     ax.plot(np.cos(angle), np.sin(angle), color="white", linestyle="--", linewidth=0.8)
     ax.set(aspect="equal", xlim=(-0.03, x[:, 0].max() + 0.03), ylim=(-0.03, x[:, 1].max() + 0.03))

@@ -15,7 +15,7 @@ NEEDS = [f"V10/{name.format(e)}" for name in (SPHERE, PUNCH, MINDLIN) for e in S
 
 def draw(results: Results) -> Figure:
     """Panels: sphere, flat punch, shear of partial slip; a marker for each node with weight."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5))
     panels = ((SPHERE, "pressure", "rigid sphere"), (PUNCH, "pressure", "rigid flat punch"))
     for ax, (name, quantity, title) in zip(
         axes, (*panels, (MINDLIN, "shear", "partial slip, shear")), strict=True

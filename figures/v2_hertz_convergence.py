@@ -32,7 +32,7 @@ def draw(results: Results) -> Figure:
             convergence.errors(ax, results, keys, name)
             for order, start in SLOPES.get(name, []):
                 convergence.slope(ax, results, NEEDS[0], order, start)
-        row[0].set_ylabel(f"{title}: error of pressure")
+        row[0].set_ylabel(f"{title}: error")
     for top, bottom, title in zip(*axes, ERRORS.values(), strict=True):
         top.set_title(title, fontsize=8)
         bottom.set_xlabel("elements over half width")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from importlib import import_module
 
 import matplotlib
@@ -102,7 +103,7 @@ def test_figures_are_drawn_again_only_after_a_change(out, script):
 def test_figure_is_drawn_and_indexed(out, script):
     script("toy_one")
     assert main(["--results", str(out)]) == 0
-    files = ["index.json", "toy_one.json", "toy_one.png", "toy_one.svg"]
+    files = ["index.json", *(f"toy_one.{kind}" for kind in ("json", "narrow.svg", "png", "svg"))]
     assert sorted(os.listdir(out / "figures")) == files
     (entry,) = json.loads((out / "figures" / "index.json").read_text())
     assert entry == {
@@ -113,6 +114,7 @@ def test_figure_is_drawn_and_indexed(out, script):
         "alt": "A parabola",
         "width": 336,
         "height": 192,
+        "narrow": [336, 192],
     }
     assert plt.imread(out / "figures" / "toy_one.png").shape[:2] == (400, 700)
     assert plt.get_fignums() == []
@@ -129,8 +131,41 @@ def test_same_results_give_the_same_bytes(out, script):
     assert drawn[0] == drawn[1]
     svg = drawn[0][0].decode()
     assert "<dc:date>" not in svg
-    assert "font-family: 'DejaVu Sans', sans-serif" in svg
+    assert "font-family:'DejaVu Sans', sans-serif" in svg
     assert "font:" not in svg
+
+
+WIDE = ("figsize=(COLUMN, 2.0))", "ncols=2, figsize=(2 * COLUMN, 2.0), sharey=True)")
+
+
+def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, script):
+    script("toy_wide", *WIDE)
+    path = out.parent / "scripts" / "toy_wide.py"
+    text = path.read_text().replace("figure, ax =", "figure, (ax, other) =")
+    path.write_text(text.replace("ax.legend()", "other.set(xlabel='place')"))
+    assert main(["--results", str(out)]) == 0
+    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert entry["width"] == 672
+    width, height = entry["narrow"]
+    assert width <= 358  # what a telephone's screen of 390 pixels leaves
+    assert height > entry["height"]
+    narrow, wide = (
+        (out / "figures" / f"toy_wide.{kind}").read_text() for kind in ("narrow.svg", "svg")
+    )
+    assert wide.count(">0.0<") == 3  # both panels' x, one y
+    assert narrow.count(">0.0<") == 4
+
+
+def test_drawing_keeps_what_it_shows_and_drops_the_rest(out, script):
+    script("toy_lean")
+    assert main(["--results", str(out)]) == 0
+    svg = (out / "figures" / "toy_lean.svg").read_text()
+    assert ">new T6<" in svg
+    assert LOOK["pw-T6"]["color"].lower() in svg
+    assert not re.search(r'id="(figure|axes|patch|text|line2d)_', svg)
+    used = set(re.findall(r'(?:href="|url\()#([^")]+)', svg))
+    assert used
+    assert used == set(re.findall(r'id="([^"]+)"', svg))
 
 
 def test_figure_without_its_results_is_skipped_with_a_line(out, script, capsys):

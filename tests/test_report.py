@@ -1,5 +1,7 @@
 """The report: self-contained, accessible, with every number from a file."""
 
+import json
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,12 +11,14 @@ from pypdf import PdfReader
 from study import report
 from study.core.store import MissingResult, Results, StudyError
 from study.report import build, numbers, render
+from study.report.texts import Texts, names_section
 from tests.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 
 RESULTS = Path(__file__).parents[1] / "results"
+TEXTS = Path(report.__file__).parent
 
 
 @pytest.fixture
@@ -24,12 +28,13 @@ def out(tmp_path, monkeypatch):
 
 @pytest.fixture
 def text(tmp_path):
-    """A function that writes the text of section 1 and returns the page."""
+    """A function that writes the first part's text and returns the page; others say nothing."""
     folder = tmp_path / "templates"
 
     def page(fragment, out):
-        (folder / "sections").mkdir(parents=True, exist_ok=True)
-        (folder / "sections" / "1.html").write_text(fragment)
+        (folder / "paper").mkdir(parents=True, exist_ok=True)
+        for name, *_ in report.PARTS:
+            (folder / "paper" / f"{name}.html").write_text(fragment if name == "answer" else "")
         return render(Results(out), folder).html
 
     return page
@@ -48,26 +53,24 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-def row(html, id):
-    """The first row of a claim: exceptions stand in the summary, too."""
-    one = next(part for part in html.split("<tr") if f"<code>{id}</code>" in part)
-    return one.partition("</tr>")[0]
+FIGURES = '{{ figure("fig05") }}{{ figure("tab2") }}{{ figure("orders") }}{{ statements() }}'
 
 
-def test_page_needs_nothing_but_itself(out):
-    page = Page(render(Results(out)).html)
-    assert len(page.all("img")) == 3
-    for image in page.all("img"):
-        assert image["src"].startswith("data:image/svg+xml;base64,")
-    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
+def test_page_needs_nothing_but_itself(out, text):
+    html = text(FIGURES, out)
+    page = Page(html)
+    assert len(page.all("img")) == len(page.all("source")) == 3
     sources = [a[key] for tag, a in page.tags for key in ("src", "srcset", "poster") if key in a]
-    assert all(source.startswith("data:") for source in sources)
-    assert "url(" not in render(Results(out)).html
-    assert "@import" not in render(Results(out)).html
+    assert len(sources) == 6
+    assert all(source.startswith("data:image/svg+xml,%3Csvg") for source in sources)
+    assert not any(" " in source for source in sources)  # a space would end it in srcset
+    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.tags}
+    assert "url(" not in html
+    assert "@import" not in html
 
 
-def test_page_is_accessible(out):
-    page = Page(render(Results(out)).html)
+def test_page_is_accessible(out, text):
+    page = Page(text(FIGURES, out))
     assert page.all("html") == [{"lang": "en"}]
     viewport = {"name": "viewport", "content": "width=device-width, initial-scale=1"}
     assert viewport in page.all("meta")
@@ -78,121 +81,147 @@ def test_page_is_accessible(out):
     assert len(page.all("title")) == 1
     assert all("scope" in heading for heading in page.all("th"))
     boxes = [one for one in page.all("div") if one.get("class") == "scroll"]
-    assert len(boxes) == len(page.all("table"))
+    assert len(boxes) == len(page.all("table")) == 1
 
 
-def test_every_internal_link_has_its_one_target(out):
-    page = Page(render(Results(out)).html)
+def check_links(page):
     ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
     links = [link["href"] for link in page.all("a")]
-    assert {"#summary", "#sec-1", "#paper", "#provenance"} <= set(links)
     assert all(link[1:] in ids for link in links if link.startswith("#"))
+    return links
 
 
-def test_only_sections_with_results_appear(out):
-    html = render(Results(out)).html
-    assert "First toy" in html
-    assert "Second toy" not in html
+def test_every_internal_link_has_its_one_target(out, text):
+    links = check_links(
+        Page(text('<p id="ref-guo">{{ cite("guo") }} {{ ref("fig05") }}</p>' + FIGURES, out))
+    )
+    assert {"#part-answer", "#ref-guo", "#fig05"} == set(links)
 
 
-def test_verdicts_come_first_in_words_and_differing_ones_are_marked(out):
-    html = render(Results(out)).html
-    assert html.index("Summary of verdicts") < html.index("Contents") < html.index("First toy")
-    counts = html.partition('<dl class="counts">')[2].partition("</dl>")[0]
-    assert [int(part.partition("<")[0]) for part in counts.split("<dd>")[1:]] == [3, 0, 0, 0, 1, 1]
-    assert '"verdict holds">holds<' in row(html, "the-claim")
-    assert "pinned: " not in row(html, "the-claim")
-    assert '"verdict fails">fails<' in row(html, "wrong")
-    assert row(html, "wrong").startswith(' class="differs"')
-    assert "pinned: holds" in row(html, "wrong")
-    assert '"verdict open">not judged<' in row(html, "open")
-    assert ">5<" in row(html, "wrong")
-    assert "= 4<" in row(html, "wrong")
-
-
-def test_items_of_the_paper_and_provenance_are_listed(out):
-    html = render(Results(out)).html
-    assert "Equation 3" in html
-    assert "A &lt; B &amp; so on" in html
-    assert "<dt>A</dt><dd>dolfinx 0.9.0, numpy 2.2.4</dd>" in html
-    assert "<dt>B</dt><dd>dolfinx 0.10.0, numpy 2.2.4</dd>" in html
-    cases = html.partition('id="provenance"')[2].split("<tr>")[2:]
-    assert len(cases) == 2
-    for cell in (
-        ">1/a<",
-        ">4290<",
-        ">1.24<",
-        ">2<",
-        ">0123456789+<",
-        ">A<",
-        ">2026-01-02 03:04:05<",
-    ):
-        assert cell in cases[0]
-    assert ">0123456789<" in cases[1]
-    assert ">B<" in cases[1]
-
-
-def test_text_of_a_section_can_call_for_numbers_figures_and_claims(out, text):
+def test_figures_tables_and_references_are_numbered_as_they_come(out, text):
     html = text(
-        '<p id="first">{{ num(s("1/a", "y")) }}, {{ pct(0.00314) }}, {{ 0.5 | fixed(2) }}</p>'
-        '{{ figure("tab2") }}<p id="last">{{ curves("1/a")["x"][1] }}</p>'
-        '{{ claims_table(claims_of("1")) }}',
+        '<p id="first">{{ ref("orders") }}, {{ cite("guo", "paper") }}, {{ cite("paper") }}</p>'
+        '{{ figure("fig05") }}{{ figure("orders") }}'
+        '{% call table("made", "Caption < here", of="1") %}<tr><td>1</td></tr>{% endcall %}'
+        '{% for one in cited() %}<p id="ref-{{ one.key }}">{{ one.text }}</p>{% endfor %}',
         out,
     )
-    assert "2.550\u202f×\u202f10<sup>9</sup>, 0.31\u202f%, 0.50</p>" in html
+    first = html.partition('id="first">')[2].partition("</p>")[0]
+    assert first == (
+        '<a href="#orders">Fig.\N{NO-BREAK SPACE}2</a>, [<a href="#ref-guo">1</a>, '
+        '<a href="#ref-paper">2</a>], [<a href="#ref-paper">2</a>]'
+    )
+    assert "<b>Fig. 1 (the paper&#39;s Fig. 5)</b> Caption of fig05: a &lt; b." in html
+    assert "<b>Fig. 2</b> Caption of orders" in html
+    assert "<b>Table 1 (the paper&#39;s Table 1)</b> Caption &lt; here" in html
+    assert html.index('id="ref-guo"') < html.index('id="ref-paper"')
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("fig05", " (the paper's Fig. 5)"),
+        ("fig07_08", " (the paper's Figs 7 and 8)"),
+        ("fig16_23", " (the paper's Figs 16 to 23)"),
+        ("tab02", " (to the paper's Table 2)"),
+        ("v2_hertz_pressure", ""),
+    ],
+)
+def test_captions_say_what_of_the_paper_a_figure_is(name, of):
+    assert report._of_the_paper(name) == of
+
+
+def test_statements_have_grade_anchor_and_numbers(out, text):
+    html = text('{{ statements() }}<p id="grades">{{ graded() }}</p>', out)
+    rows = {one.split('"')[0]: one for one in html.split('<tr id="claim-')[1:]}
+    assert set(rows) == {"the-claim", "wrong", "open"}
+    assert ">reproduced<" in rows["the-claim"]
+    assert ">= 5\N{NARROW NO-BREAK SPACE}N<" in rows["the-claim"]
+    assert ">5\N{NARROW NO-BREAK SPACE}N<" in rows["the-claim"]
+    assert 'class="differs"' in rows["wrong"]
+    assert 'class="differs"' not in rows["the-claim"]
+    assert "not judged" in rows["open"]
+    assert '<p id="grades">3 reproduced</p>' in html
+
+
+@pytest.mark.parametrize(
+    ("row", "asked", "found"),
+    [
+        ({"relation": "=", "value": 0.0, "tol": 1e-12, "measured": 3e-16}, "= 0", "round-off"),
+        ({"relation": "=", "value": 4.0, "tol": 1e-12, "measured": 4 - 1e-14}, "= 4", "4"),
+        ({"relation": ">", "value": 1.5, "tol": 0.0, "measured": 1.99707}, "> 1.50", "2.00"),
+        ({"relation": "<=", "value": 2.0, "tol": 0.5, "measured": 2.25}, "≤ 2 ± 0.500", "2.25"),
+        (
+            {"relation": "=", "value": 2660e6, "tol": 1e6, "measured": 2660.17e6, "unit": "Pa"},
+            "= 2660 ± 1 MPa",
+            "2660.2 MPa",
+        ),
+        ({"relation": None, "value": None, "tol": None, "measured": None}, "–", "–"),
+    ],
+)
+def test_numbers_of_statements_are_written_with_units(row, asked, found):
+    row = {"unit": "", **row}
+    assert report.wanted(row).unescape().replace("\u202f", " ") == asked
+    assert report.found(row).replace("\u202f", " ") == found
+
+
+@pytest.mark.parametrize(
+    ("source", "home"),
+    [
+        ("Abstract; section 7.1, Fig. 5", ""),
+        ("Section 1; section 7.1", "1"),
+        ("Section 7.4 (Jarzebowski, implied)", "7.4"),
+        ("Section 5; section 4", "5"),
+        ("Sec. 3, Eq. 5", "3"),
+    ],
+)
+def test_statement_stands_with_the_first_section_that_it_names(source, home):
+    assert report.home(source) == home
+
+
+def test_statements_are_in_words():
+    words = report.in_words("CAX8 by the pw-Q8-lumped, where |x| < 1: L D L^T, 5 x 2")
+    assert words == (
+        "CAX8 by the new Q8, condensed pair, lumped mass, where |<i>x</i>| &lt; 1: "
+        "L D L<sup>T</sup>, 5 × 2"
+    )
+
+
+def test_text_can_call_for_numbers_and_curves(out, text):
+    html = text(
+        '<p>{{ num(s("1/a", "y")) }}, {{ pct(0.00314) }}, {{ 0.5 | fixed(2) }}, '
+        '{{ 71415 | count }}</p><p id="last">{{ curves("1/a")["x"][1] }}</p>',
+        out,
+    )
+    assert "2.550\u202f×\u202f10<sup>9</sup>, 0.31\u202f%, 0.50, 71\u202f415</p>" in html
     assert '<p id="last">2.0</p>' in html
-    order = [html.index(part) for part in ('id="first"', 'id="tab2"', 'id="last"', 'id="fig05"')]
-    assert order == sorted(order)
-    body = html.partition('id="sec-1"')[2].partition('id="others"')[0]
-    assert "<code>the-claim</code>" in body
-    assert "<code>wrong</code>" not in body
-    assert html.count('id="tab2"') == 1
 
 
-def test_caption_is_numbered_as_in_the_paper_and_escaped(out):
-    html = render(Results(out)).html
-    assert "<b>Figure 5</b> Caption of fig05: a &lt; b." in html
-    assert "<b>Figure to Table 2</b> Caption of tab2" in html
-    assert "<b>Figure S1</b> Caption of orders" in html
-
-
-def test_figure_of_no_reported_section_is_not_lost(out):
-    html = render(Results(out)).html
-    assert html.index('id="others"') < html.index('id="orders"') < html.index('id="paper"')
-
-
-def test_what_is_missing_is_listed(out, tmp_path):
-    assert render(Results(out), tmp_path / "templates").incomplete == []
-    sections = tmp_path / "templates" / "sections"
-    sections.mkdir(parents=True)
-    (sections / "1.html").write_text('{{ figure("fig77") }}{{ s("1/never", "y") }}')
-    (sections / "findings.html").write_text('{{ s("2/no", "y") }}')
-    figure, section, findings = render(Results(out), tmp_path / "templates").incomplete
+def test_what_is_missing_is_listed(out, text, tmp_path):
+    html = text('{{ figure("fig77") }}{{ s("1/never", "y") }}', out)
+    assert "This part is incomplete: " in html
+    assert "run ./run study 1." in html
+    figure, part = render(Results(out), tmp_path / "templates").incomplete
     assert figure == "figure fig77 has not been drawn"
-    assert section.startswith("section 1: ")
-    assert findings.startswith("findings: ")
+    assert part.startswith("answer: ")
+    assert any(line.startswith("7.2: ") for line in render(Results(out)).incomplete)
 
 
 def test_figure_that_was_not_drawn_is_a_remark(out, text):
     html = text('{{ figure("fig77") }}', out)
-    assert "Figure 77 is not drawn" in html or "fig77 is not drawn" in html
+    assert "Fig. 1 (the paper&#39;s Fig. 77) is not drawn" in html
     assert 'id="fig77"' in html
-
-
-def test_missing_result_costs_a_section_its_text_only(out, text):
-    html = text('<p>{{ s("1/never", "y") }}</p>', out)
-    assert "This section is incomplete" in html
-    assert "run ./run study 1." in html
-    assert 'id="fig05"' in html
 
 
 @pytest.mark.parametrize(
     ("fragment", "message"),
     [
         ('{{ figure("fig05") }}{{ figure("fig05") }}', "fig05 twice"),
-        ("{{ no_such_word }}", r"sections/1\.html: 'no_such_word' is undefined"),
-        ("{% if %}", r"sections/1\.html: "),
+        ('{{ cite("nobody") }}', "cites nobody"),
+        ('{{ ref("nothing") }}', "refers to nothing"),
+        ("{{ no_such_word }}", r"paper/answer\.html: 'no_such_word' is undefined"),
+        ("{% if %}", r"paper/answer\.html: "),
         ('{{ s("1/a", "z") }}', "no scalar 'z'"),
     ],
 )
@@ -222,7 +251,7 @@ def test_mistake_in_a_text_is_named(out, text, fragment, message):
     ],
 )
 def test_claims_belong_to_the_section_that_their_source_names(source, section, named):
-    assert report._names(source, section) is named
+    assert names_section(source, section) is named
 
 
 def test_missing_figures_are_named_with_the_remedy(out):
@@ -239,8 +268,7 @@ def test_files_are_written_with_pages_bookmarks_and_tags(out):
     assert pdf.metadata.title.startswith("Piecewise-linear weight functions")
     assert pdf.metadata.author == "The pw-elements maintainers"
     titles = [entry.title for entry in flat(pdf.outline)]
-    assert "Summary of verdicts" in titles
-    assert any("First toy" in title for title in titles)
+    assert any("What it costs" in title for title in titles)
     assert pdf.trailer["/Root"]["/MarkInfo"]["/Marked"]
     assert "/StructTreeRoot" in pdf.trailer["/Root"]
     assert pdf.trailer["/Root"]["/Lang"] == "en"
@@ -262,7 +290,7 @@ def written(request, tmp_path, monkeypatch):
 
 def test_links_in_the_pdf_lead_where_those_of_the_page_do(written):
     pdf = PdfReader(written / "report.pdf")
-    page = Page((written / "report.html").read_text())
+    page = Page((written / "report.html").read_text().partition("</nav>")[2])  # it is not printed
     expected = {link["href"][1:] for link in page.all("a") if link["href"].startswith("#")}
     named, internal = pdf.named_destinations, set()
     count = len(pdf.pages)
@@ -320,8 +348,123 @@ def flat(outline):
         (numbers.fixed(-2.345, 1), "−2.3"),
         (numbers.fixed(-0.001, 2), "0.00"),
         (numbers.fixed(None, 2), "–"),
+        (numbers.count(2132343.0), "2 132 343"),
+        (numbers.count(None), "–"),
     ],
 )
 def test_numbers_are_written_for_readers(written, expected):
     assert written.replace("\u202f", " ") == expected
     assert hasattr(written, "__html__")
+
+
+# The study's own report
+
+
+@pytest.fixture(scope="module")
+def own():
+    """The stored results, and the page that they make."""
+    if not (RESULTS / "claims.json").exists() or not (RESULTS / "figures" / "index.json").exists():
+        pytest.skip("there are no results: ./run study computes them")
+    rendered = render(Results(RESULTS))
+    if rendered.incomplete:
+        pytest.skip(f"results are incomplete: {rendered.incomplete[0]}")
+    return Results(RESULTS), rendered.html
+
+
+@pytest.fixture(scope="module")
+def sheets(own):
+    """The pages of the PDF."""
+    return report.laid_out(own[1]).pages
+
+
+def test_report_is_short_and_small(own, sheets):
+    assert len(sheets) <= 36
+    assert len(own[1].encode()) < 5e6
+    check_links(Page(own[1]))
+
+
+def test_no_page_is_more_than_a_quarter_blank_but_the_last(sheets):
+    for number, sheet in enumerate(sheets[:-1], start=1):
+        page = sheet._page_box
+        top = page.content_box_y()
+        ends = [
+            box.position_y + box.height
+            for box in page.descendants()
+            if type(box).__name__ in ("LineBox", "BlockReplacedBox", "InlineReplacedBox")
+            and top <= box.position_y < top + page.height
+        ]
+        assert max(ends) - top > 0.75 * page.height, f"page {number}"
+
+
+def test_all_figures_and_tables_of_the_paper_have_captions(own):
+    shown = set()
+    labels = re.findall(
+        r"<b>Fig\. \d+ \(the paper(?:&#39;|')s Figs?\.? (\d+)(?: and | to )?(\d*)", own[1]
+    )
+    for first, last in labels:
+        shown |= set(range(int(first), int(last or first) + 1))
+    assert shown == set(range(1, 26))
+    tables = re.findall(r"<b>Table \d+ \(the paper(?:&#39;|')s Table (\d)\)", own[1])
+    assert sorted(tables) == ["1", "2"]
+
+
+def test_no_statement_of_the_paper_is_without_a_grade(own):
+    results, html = own
+    statements = [row for row in results.claims() if row["kind"] in ("paper", "implied")]
+    assert len(statements) > 80
+    for row in statements:
+        line = html.partition(f'<tr id="claim-{row["id"]}"')[2].partition("</tr>")[0]
+        shown = row["grade"].removeprefix("consistent ")
+        assert f">{shown}</span>" in line, row["id"]
+
+
+def test_examples_follow_one_template(own):
+    for example in ("7.2", "7.3", "7.4", "7.5", "7.6"):
+        body = own[1].partition(f'id="part-{example}"')[2].partition("</section>")[0]
+        leads = ("Printed.", "Reconstructed.", "<figure", "<table", "Sensitivity.", "Finding.")
+        places = [body.find(lead) for lead in leads]
+        assert -1 not in places, example
+        assert places[:3] == sorted(places[:3])
+        assert places[3:] == sorted(places[3:])
+        assert 'class="statements"' in body[places[-1] :]
+
+
+def test_first_page_gives_the_numbers_of_the_results(sheets):
+    """Recomputed here from the files: what each way gains, costs and risks."""
+
+    def stored(key, name):
+        return json.loads((RESULTS / f"{key}.json").read_text())["scalars"][name]
+
+    words = " ".join(box.text for box in sheets[0]._page_box.descendants() if hasattr(box, "text"))
+    page = re.sub(r"\s+", " ", words)
+    factors = [stored(f"K/factors-{kind}-T10-11-Direct", "entries") for kind in ("pw", "galerkin")]
+    step = [stored(f"V12/bar-3d-{mass}-7", "critical_step") for mass in ("sibling", "hrz")]
+    for expected in (
+        f"gets {stored('7.2/galerkin-T6', 'sawtooth'):.2f} times the force",
+        f"corner force {stored('7.2/pw-T6', 'sawtooth'):.3f}",
+        f"off by {100 * stored('V2/line-galerkin-T6', 'error_pressure_tributary'):.0f} %",
+        f"{factors[0] / factors[1]:.1f} times the entries",
+        f"time step {100 * step[0] / step[1] - 100:.0f} % longer",
+        f"energy × {stored('V12/bar-2d-pw-16', 'energy_end'):.0f}",
+        f"Hertz error {100 * stored('V11/hertz-2d-pw-dual-16', 'pressure_l2'):.2f} %",
+    ):
+        assert expected in page, expected
+
+
+def test_no_measured_number_is_typed_into_the_first_page():
+    text = (TEXTS / "paper" / "answer.html").read_text()
+    plain = re.sub(r"\{\{.*?\}\}|\{%.*?%\}|<[^>]*>", " ", text)
+    assert re.findall(r"\d[\d.]*", plain) == ["0.48", "0.4999"]  # Poisson's ratios of the hybrid
+
+
+def test_texts_of_the_sections_can_be_written(own):
+    """They are pages of their own elsewhere; here it is seen that all they ask for is there."""
+    texts = Texts(own[0])
+    for path in sorted((TEXTS / "sections").glob("*.html")):
+        assert texts.render(f"sections/{path.name}").strip(), path.name
+
+
+def test_every_reference_is_cited(own):
+    assert {link["id"] for link in Page(own[1]).all("li") if "id" in link} == {
+        f"ref-{key}" for key in report.REFERENCES
+    }

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -92,20 +91,6 @@ ORIGIN = {
 }
 
 
-@dataclass
-class Item:
-    kind: str
-    number: str
-    content: str
-    treated: str
-
-
-ITEMS = [
-    Item("figure", "1", "Set-up", "Section 1"),
-    Item("equation", "3", "A < B & so on", "left out: not checkable"),
-]
-
-
 def claim(**changes):
     """Return a statement of the paper as TOML; a change to None leaves the key out."""
     graded = {"grade": '"reproduced"', "swap": '{ element = ["1/b", "1/a"], gives = 2.0 }'}
@@ -152,7 +137,7 @@ MEASURED = module("toy_measures", MEASURES)
 
 
 def install(folder, monkeypatch):
-    """Replace sections, claims, measures, items and figures by toys with sources in the folder."""
+    """Replace sections, claims, measures and figures by toys with sources in the folder."""
     package = folder / "toy"
     package.mkdir()
     sources = {"__init__": "", "common": "FACTOR = 2.0\n", "one": ONE, "two": TWO}
@@ -169,9 +154,6 @@ def install(folder, monkeypatch):
     path = folder / "claims.toml"
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, [path], MEASURED))
-    monkeypatch.setitem(
-        sys.modules, "study.paper.items", module("study.paper.items", "", ITEMS=ITEMS)
-    )
     monkeypatch.setattr(study.__main__, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
@@ -204,6 +186,7 @@ def figures(out, *sections):
             "alt": f'Line "{name}"',
             "width": 672,
             "height": 288,
+            "narrow": [355, 400],
         }
         for name, section in sections
     ]
@@ -211,7 +194,8 @@ def figures(out, *sections):
     folder.mkdir(exist_ok=True)
     (folder / "index.json").write_text(json.dumps(entries))
     for name, _ in sections:
-        (folder / f"{name}.svg").write_text(SVG)
+        for ending in ("svg", "narrow.svg"):
+            (folder / f"{name}.{ending}").write_text(SVG)
 
 
 def started(folder):

@@ -5,7 +5,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jinja2
 from markupsafe import Markup
@@ -16,6 +16,9 @@ from study.judge import claims as judged
 from study.report import numbers
 from study.report.texts import HERE, Texts, counts, provenance, with_readings
 from study.vocabulary import ELEMENTS
+
+if TYPE_CHECKING:
+    import weasyprint
 
 # The parts in their order: template in `paper/`, chapter or section of one, title
 PARTS = (
@@ -39,7 +42,7 @@ PARTS = (
     ("rubber", "section", "Nearly incompressible bodies: the hybrid element"),
     ("orders", "chapter", "Accuracy, and where the new element is worse"),
     ("cost", "chapter", "What it costs"),
-    ("codes", "chapter", "Other codes on the same meshes"),
+    ("codes", "chapter", "Other codes, and verification in one table"),
     ("alternatives", "chapter", "Alternatives"),
     ("unknown", "chapter", "What could not be known, and errata of the paper"),
     ("references", "chapter", "References and nomenclature"),
@@ -80,7 +83,7 @@ def build(results: Results, out: Path) -> list[str]:
     page, pdf = Path(out) / "report.html", Path(out) / "report.pdf"
     if pdf.is_file() and page.is_file() and page.read_bytes() == html.encode():
         return incomplete
-    write_whole(pdf, _pdf(html))
+    write_whole(pdf, laid_out(html).write_pdf(pdf_variant="pdf/ua-1"))
     write_whole(page, html.encode())
     return incomplete
 
@@ -93,10 +96,10 @@ def render(results: Results, templates: Path = HERE) -> Rendered:
         templates: Folder of the templates, with `paper/<part>.html` for each part's text.
     """
     try:
-        first = _Paper(results, templates, {})
+        first = _Paper(results, templates, {}, strict=False)
         first_parts = first.parts()
         known = first.numbers | {f"part {part.id[5:]}": part.number for part in first_parts}
-        paper = _Paper(results, templates, known)  # now all numbers are known
+        paper = _Paper(results, templates, known, strict=not first.incomplete)
         parts = paper.parts()
         cases = [case for section in SECTIONS for case in results.section(section)]
         origin = provenance(cases)
@@ -121,20 +124,23 @@ class _Paper(Texts):
     Args:
         results: What is reported.
         templates: Folder of the templates.
-        known: Numbers of figures, tables and references, for what is referred to before it comes.
+        known: Numbers of figures, tables and parts, for what is referred to before it comes.
+        strict: Whether all that is referred to is known.
 
     Attributes:
         numbers: The same, as found.
         incomplete: What is missing, a line for each.
     """
 
-    def __init__(self, results: Results, templates: Path, known: dict[str, int | str]) -> None:
+    def __init__(
+        self, results: Results, templates: Path, known: dict[str, int | str], strict: bool
+    ) -> None:
         super().__init__(results, [templates])
         self.known = known
+        self.strict = strict
         self.numbers: dict[str, int] = {}
-        self.listed: set[str] = set()
         self.incomplete: list[str] = []
-        words: dict[str, Callable[..., object]] = {
+        words: dict[str, object] = {
             "table": self.table,
             "ref": self.ref,
             "cite": self.cite,
@@ -188,7 +194,9 @@ class _Paper(Texts):
                 return Markup('<a href="#{}">{}\N{NO-BREAK SPACE}{}</a>').format(
                     anchor, word, number
                 )
-        return Markup("[?]")
+        if self.strict:
+            raise StudyError(f"the report refers to {name}, which is not there")
+        return Markup("?")  # numbers are not known yet, or results are missing
 
     def cite(self, *names: str) -> Markup:
         """Return numbers of references, as links."""
@@ -210,9 +218,7 @@ class _Paper(Texts):
 
     def statements(self, *homes: str) -> Markup:
         """Return a table of the paper's statements in some sections; without any, of the others."""
-        rows = self._of_paper(homes)
-        self.listed |= {row["id"] for row in rows}
-        return self.render("paper/statements.html", rows=rows)
+        return self.render("paper/statements.html", rows=self._of_paper(homes))
 
     def graded(self, *homes: str) -> Markup:
         """Return how many statements of some sections have which grade, in words."""
@@ -235,9 +241,11 @@ class _Paper(Texts):
         return number
 
     def _body(self, name: str) -> Markup:
+        before = dict(self.numbers)
         try:
             return self.render(f"paper/{name}.html")
         except MissingResult as missing:
+            self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             return Markup('<p class="note">This part is incomplete: {}.</p>').format(missing)
 
@@ -279,7 +287,7 @@ def _quantity(x: float, unit: str) -> Markup:
     if unit == "Pa":
         x, unit = x / 1e6, "MPa"
     whole = abs(x - round(x)) < ROUND_OFF * max(1.0, abs(x))
-    text = numbers.fixed(x, 0) if whole else numbers.short(x, 5 if unit == "MPa" else 3)
+    text = numbers.fixed(x, 0) if whole else numbers.num(x, 5 if unit == "MPa" else 3)
     return text + (f"{numbers.THIN}{unit}" if unit else "")
 
 
@@ -332,13 +340,14 @@ def _faces() -> str:
     )
 
 
-def _pdf(html: str) -> bytes:
+def laid_out(html: str) -> "weasyprint.Document":
+    """Return the pages of the PDF, in STIX, and with what is meant for paper only."""
     import weasyprint  # half a second, and its libraries are not needed to read the page's code
 
     style = _faces() + (HERE / "paper" / "print.css").read_text()
     printed = html.replace("</head>", f"<style>{style}</style></head>", 1)
     gc.disable()  # among millions of boxes that all stay, a fifth of the time for nothing
     try:
-        return weasyprint.HTML(string=printed).write_pdf(pdf_variant="pdf/ua-1")
+        return weasyprint.HTML(string=printed).render(pdf_variant="pdf/ua-1")
     finally:
         gc.enable()

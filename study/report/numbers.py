@@ -42,6 +42,13 @@ def fixed(x: float | None, decimals: int) -> Markup:
     return Markup(_signed(text if float(text) else text.lstrip("-")))  # no "-0.00"
 
 
+def count(x: float | None) -> Markup:
+    """Write a whole number, thousands apart."""
+    if x is None or not math.isfinite(x):
+        return Markup(DASH)
+    return Markup(_signed(f"{x:,.0f}".replace(",", THIN)))
+
+
 def _written(x: float | None, digits: int, padded: bool) -> Markup:
     if x is None or not math.isfinite(x):
         return Markup(DASH)

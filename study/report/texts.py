@@ -1,12 +1,12 @@
 """Texts with numbers out of stored results: what the report and other pages are written in."""
 
-import base64
 import importlib
 import json
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import jinja2
 import numpy as np
@@ -18,6 +18,7 @@ from study.report import numbers
 from study.vocabulary import ELEMENTS, PLANE_ELEMENTS, WAYS
 
 HERE = Path(__file__).parent
+PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
 
 
 class Texts:
@@ -48,6 +49,7 @@ class Texts:
             "short": numbers.short,
             "pct": numbers.pct,
             "fixed": numbers.fixed,
+            "count": numbers.count,
             "most": numbers.most,
             "least": numbers.least,
         }
@@ -117,8 +119,8 @@ def load_figures(results: Results) -> dict[str, dict[str, Any]]:
         entries = json.loads((folder / "index.json").read_bytes())
         for entry in entries:
             for key, ending in (("uri", "svg"), ("narrow_uri", "narrow.svg")):
-                drawing = (folder / f"{entry['name']}.{ending}").read_bytes()
-                entry[key] = f"data:image/svg+xml;base64,{base64.b64encode(drawing).decode()}"
+                drawing = (folder / f"{entry['name']}.{ending}").read_text(encoding="utf-8")
+                entry[key] = f"data:image/svg+xml,{quote(drawing, safe=PLAIN)}"
         return {entry["name"]: entry for entry in entries}
     except FileNotFoundError as error:
         raise MissingResult(f"there is no {error.filename}: {remedy}") from None
