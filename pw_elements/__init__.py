@@ -9,6 +9,8 @@ of M. Bercovier and O. Pironneau (1979), https://doi.org/10.1007/BF01399555.
 
 from importlib.util import find_spec
 
+__version__ = "0.1.0"
+
 if find_spec("dolfinx") is None:
     raise ImportError(
         "pw_elements needs DOLFINx 0.9 or newer: take Debian's python3-dolfinx, conda-forge's "

@@ -358,7 +358,7 @@ def test_modes_that_need_factors_or_more_iterations():
 def numbers(processes):
     python = [sys.executable, "-m", "mpi4py", "-m"]
     command = ["mpirun", "-n", str(processes), *python, "tests.iterative_numbers"]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)
 

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-import study.__main__
+import study.command
 from study.core.cases import SECTIONS
 from study.core.store import Result, Results, save, write_json
 from study.judge import claims
@@ -154,7 +154,7 @@ def install(folder, monkeypatch):
     path = folder / "claims.toml"
     path.write_text(claim())
     monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, [path], MEASURED))
-    monkeypatch.setattr(study.__main__, "draw_figures", lambda out, *_: _draw_nothing(out))
+    monkeypatch.setattr(study.command, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):

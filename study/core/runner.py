@@ -14,13 +14,16 @@ from tqdm import tqdm
 
 from study.core.cases import Case, Section, fingerprint
 from study.core.expected import expected
+from study.core.jit import unblocked
 from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
-from study.core.store import CorruptResult, Results, discard, save
+from study.core.store import CorruptResult, Result, Results, discard, save, sweep
 
 # Cases run beside each other: their lines on what goes on would cross those of the runner, and that
 # the paper's displacements are not small is no news in each of several hundred
 logging.getLogger("pw_elements").addHandler(logging.NullHandler())
+
+PATIENCE = 20  # times that a case is tried again because another process compiles what it needs
 
 Validity = Literal["stored", "outdated", "missing", "corrupt"]
 Todo = tuple[Case, str]  # with its fingerprint, taken before anything runs
@@ -93,6 +96,7 @@ def run(
         Keys of the cases that did not finish. An old result of theirs is kept if it holds, and
         else removed: it would pass for one of this run.
     """
+    sweep(out)
     progress = _Progress(cases)
     results = Results(out)
     todo, holds = [], set()
@@ -138,7 +142,7 @@ def compute(case: Case, mark: str, out: Path) -> Done:
     """Run one case and store its result under its fingerprint; an exception becomes one line."""
     try:
         start = time.perf_counter()
-        result = case.run(**case.parameters)
+        result = _result(case)
         seconds = time.perf_counter() - start
         origin = provenance(seconds, result.dofs, result.processes, mark)
         save(out, case.section, case.name, result, case.stored_parameters, origin)
@@ -148,6 +152,16 @@ def compute(case: Case, mark: str, out: Path) -> Done:
     if "iterations" in result.scalars:
         cost += f" {result.scalars['iterations']:4.0f} iterations"
     return Done(cost)
+
+
+def _result(case: Case) -> Result:
+    for _ in range(PATIENCE):
+        try:
+            return case.run(**case.parameters)
+        except Exception as error:
+            if not unblocked(error):
+                raise
+    return case.run(**case.parameters)
 
 
 class _Progress:
