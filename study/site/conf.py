@@ -7,9 +7,12 @@ from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
+import pw_elements
+
 project = "pw-elements"
 author = "pw-elements developers"
-html_title = "pw-elements"
+version = release = pw_elements.__version__
+html_title = f"pw-elements {version}"
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
