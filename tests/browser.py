@@ -190,13 +190,15 @@ class Anchors(HTMLParser):
 
     def __init__(self, html):
         super().__init__()
-        self.ids, self.targets = set(), set()
+        self.ids, self.targets, self.loads = set(), set(), set()
         self.feed(html)
 
-    def handle_starttag(self, _, attributes):
+    def handle_starttag(self, tag, attributes):
         given = dict(attributes)
+        if tag in ("script", "img", "link", "source"):
+            self.loads |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
         self.ids |= {given[key] for key in ("id", "name") if given.get(key)}
-        self.targets |= {given[key] for key in ("href", "src") if given.get(key)}
+        self.targets |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
 
 
 def dead(folder):
@@ -207,6 +209,8 @@ def dead(folder):
         for target in sorted(anchors.targets):
             parts = urlsplit(target)
             if parts.scheme or parts.netloc:
+                if target in anchors.loads and parts.scheme != "data":
+                    wrong.append(f"{page.relative_to(folder)}: {target} comes from elsewhere")
                 continue
             path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
             anchor = unquote(parts.fragment)

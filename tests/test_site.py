@@ -136,9 +136,11 @@ def test_links_that_lead_nowhere_are_found(tmp_path):
         '<a href="https://example.org/none">3</a><a href="b/c.html#nowhere">4</a>'
     )
     (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "d.html").write_text('<script src="https://example.org/x.js"></script>')
     (tmp_path / "b" / "c.html").write_text('<b id="x y"></b><a href="../a.html#gone">5</a>')
     assert dead(tmp_path) == [
         "a.html: b/c.html#nowhere",
         "a.html: d.png",
         "b/c.html: ../a.html#gone",
+        "b/d.html: https://example.org/x.js comes from elsewhere",
     ]

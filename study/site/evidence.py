@@ -58,11 +58,11 @@ def write(results: Results, source_folder: Path) -> list[str]:
 def copy_data(results: Results, pages: Path) -> None:
     """Put the files of all results beside the pages, where sheets refer to them."""
     for section in SECTIONS:
+        folder = pages / "data" / section
+        folder.mkdir(parents=True)
         for case in results.cases(section):
-            for path in results.folder.joinpath(section).glob(f"{case}.*"):
-                if path.suffix in (".json", ".npz"):
-                    folder = pages / "data" / section
-                    folder.mkdir(parents=True, exist_ok=True)
+            for name in (f"{case}.json", f"{case}.npz"):
+                if (path := results.folder / section / name).is_file():
                     shutil.copy(path, folder)
 
 
@@ -178,14 +178,11 @@ class _Sheets(Texts):
         return f"## Data\n\n{_raw(page)}"
 
     def _summary(self, section: str) -> dict[str, Any]:
-        mine = [row for row in self.claims_of(section) if row["kind"] != "pin"]
-        kinds = {
-            kind: [row["verdict"] for row in mine if (row["kind"] == "finding") == (kind == "own")]
-            for kind in ("paper", "own")
-        }
-        counts = {
-            kind: (len(verdicts), verdicts.count("holds")) for kind, verdicts in kinds.items()
-        }
+        verdicts: dict[str, list[str]] = {"paper": [], "finding": [], "pin": []}
+        for row in self.claims_of(section):
+            kind = "paper" if row["kind"] in judged.PAPER else row["kind"]
+            verdicts[kind].append(row["verdict"])
+        counts = {kind: (len(mine), mine.count("holds")) for kind, mine in verdicts.items()}
         drawn = [name for name, entry in self.figures.items() if entry["section"] == section]
         return {"id": section, "title": title(section), **counts, "figure": drawn[-1:]}
 
