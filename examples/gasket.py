@@ -26,11 +26,9 @@ STEEL, FIBRE, MIDDLE, SEAL, FACE, BOLTS, WET, END = range(1, 9)  # the file's ph
 bolts, pressure = 150e3, 3.0  # N, MPa
 mesh, cells, facets = from_gmsh(MPI.COMM_WORLD, Path(__file__).with_name("gasket.msh"), dim=2)
 
-E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-E.x.array[:] = 210e3
-E.x.array[cells.find(FIBRE)] = 600.0
-E.x.scatter_forward()
-joint = Body(Spaces.petrov_galerkin(mesh), Material(E, 0.3), "axisymmetric")
+steel, fibre = Material(210e3, 0.3), Material(600.0, 0.3)
+both = Material.by_tag(mesh, cells, {STEEL: steel, FIBRE: fibre})
+joint = Body(Spaces.petrov_galerkin(mesh), both, "axisymmetric")
 U = joint.spaces.trial
 K = assemble_matrix(joint.stiffness())
 middle = fem.locate_dofs_topological(U.sub(1), 1, facets.find(MIDDLE))

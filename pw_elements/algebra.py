@@ -73,9 +73,12 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
 
 
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
-    """Vector of a linear form, contributions of all processes added.
+    """Vector (n,) of a linear form, contributions of all processes added.
 
     Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+
+    Args:
+        form: of a test function.
 
     Raises:
         TypeError: if it is no UFL form.
@@ -92,7 +95,12 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
 def assemble_scalar(form: ufl.Form) -> float:
     """Value of a functional (an energy, an error's square), summed over all processes.
 
+        area = assemble_scalar(1.0 * boundary_measure(mesh, where))
+
     Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+
+    Args:
+        form: without arguments.
 
     Raises:
         TypeError: if it is no UFL form.
@@ -447,6 +455,11 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Nodal forces r = K a - f (n,) that supports exert on the body.
 
+    Args:
+        K: stiffness (n, n), all rows and columns free.
+        a: displacement (n,).
+        f: load (n,).
+
     Raises:
         TypeError, ValueError: for things that do not go together, see `problem.Problem`.
     """
@@ -483,6 +496,9 @@ def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     """(A + A^T) / 2: what a symmetric solver makes of an unsymmetric element's matrix.
+
+    Args:
+        matrix: A, (n, n); it stays as it is.
 
     Raises:
         TypeError, ValueError: if it is no square matrix.

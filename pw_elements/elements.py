@@ -59,12 +59,23 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     The order of a cell's vertices says along which of three diagonals the octahedron inside is
     cut, and nodal forces move by some per cent with it. DOLFINx's own integrals of its slopes
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
+
+    Args:
+        shape: value shape, () for a scalar, (d,) for a vector field.
     """
     return _blocked(_halved_element(CellType.tetrahedron), extents("shape", shape))
 
 
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
+    """Quadratic Lagrange shape functions, the trial functions of the paper's elements.
+
+    Args:
+        cell: "interval", "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
+        shape: value shape, () for a scalar, (d,) for a vector field.
+
+    Raises:
+        ValueError: for any other cell.
+    """
     _cell(cell)
     return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
 
@@ -74,6 +85,9 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
 
     Basix's own serendipity element has integral moments for degrees of freedom; nodal
     forces need point evaluations. The space is that of all quadratics, x²y and xy².
+
+    Args:
+        shape: value shape, () for a scalar, (d,) for a vector field.
     """
     shape = extents("shape", shape)
     celltype = CellType.quadrilateral
@@ -110,6 +124,9 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko,
     E. A. Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47
     (2000), for small strains. Projecting on the reference triangle is right for straight sides.
+
+    Args:
+        shape: value shape, () for a scalar, (d,) for a vector field.
     """
     shape = extents("shape", shape)
     return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)

@@ -71,7 +71,14 @@ class StressState(Enum):
 class Material:
     """Isotropic elastic material; numbers, or UFL expressions where it varies in space.
 
+        steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
+
     `by_tag` makes one of several that meet in a mesh, or of bodies that are parts of one.
+
+    Args:
+        youngs_modulus: E, positive, a stress.
+        poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
+        density: positive, mass per volume.
 
     Checked are numbers, `fem.Constant`s and nodal values of Lagrange functions; what another
     expression is worth cannot be told.
@@ -251,7 +258,8 @@ class Body:
         stress = self.stress(u)
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
         if self.state is StressState.PLANE_STRAIN:
-            third = self._value(self.material.poissons_ratio) * trace
+            _, p = self._split(u)
+            third = self._value(self.material.poissons_ratio) * trace if p is None else -p
             trace, squares = trace + third, squares + third**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
@@ -499,6 +507,10 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     In explicit dynamics combine it with a symmetric stiffness, best that of the `Sibling`, whose
     own mass has positive row sums, too: with the unsymmetric stiffness the upper spectrum is
     complex, and undamped vibrations grow whatever the time step (section V9 of the study).
+
+    Args:
+        M: mass (n, n), free.
+        space: trial space.
 
     Raises:
         ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of

@@ -37,7 +37,14 @@ def triangles(
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle of triangles; `pattern` says how a square is cut, "crossed" gives four.
+    """Rectangle of triangles.
+
+    Args:
+        comm: communicator.
+        lower: corner (x, y).
+        upper: the opposite corner, above and to the right.
+        divisions: squares in each direction.
+        pattern: how a square is cut in triangles; "crossed" gives four, the others two.
 
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
@@ -54,6 +61,12 @@ def quadrilaterals(
     divisions: tuple[int, int],
 ) -> Mesh:
     """Rectangle of quadrilaterals.
+
+    Args:
+        comm: communicator.
+        lower: corner (x, y).
+        upper: the opposite corner, above and to the right.
+        divisions: quadrilaterals in each direction.
 
     Raises:
         ValueError: for an empty rectangle or no divisions.

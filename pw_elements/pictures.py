@@ -107,7 +107,7 @@ def draw(
     Raises:
         TypeError: for things of another kind.
         ValueError: for a field that is no scalar, a displacement that is no vector, a scale or
-            view that is not finite, or cells of another kind.
+            view that is not finite, a function of another mesh, or cells of another kind.
     """
     arguments.mesh(mesh)
     with collective(mesh.comm):
@@ -141,6 +141,9 @@ def draw(
 
 def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -> None:
     dim = mesh.geometry.dim
+    for thing in (values, displacement):
+        if isinstance(thing, fem.Function) and thing.function_space.mesh is not mesh:
+            raise ValueError(f"the function {thing.name} belongs to another mesh")
     if mesh.topology.dim != dim or dim == 1:
         raise ValueError(f"a mesh of {mesh.topology.dim}-D cells in {dim}-D space is not drawn")
     if values is not None:

@@ -58,6 +58,11 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     stiffness than K_PW, though both even out forces. T is the 1/8 basis transformation of
     B. Wohlmuth's quadratic mortar spaces, applied to equations.
 
+        even = force_transfer(U) * reactions(K, a, f)  # of the standard element
+
+    Args:
+        space: quadratic Lagrange trial space, of any cell.
+
     Raises:
         ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
             each face and cell of quadrilaterals and hexahedra).
@@ -67,6 +72,10 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
     """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`.
+
+    Args:
+        space: quadratic Lagrange trial space, of any cell.
+        inverse: T^-T in place of T^T.
 
     Raises:
         ValueError: as that.

@@ -34,9 +34,12 @@ class NumberingError(RuntimeError):
 class Spaces:
     """A trial and a test space on one mesh, with identical dofmaps.
 
+        spaces = Spaces.petrov_galerkin(mesh)  # displacements; components=0 for a temperature
+        u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
+
     Args:
-        trial: of displacements, or of these and a pressure.
-        test: of their weight functions.
+        trial: of the unknowns: displacements, or these and a pressure, or a scalar field.
+        test: of their weight functions; the trial space itself in Galerkin's method.
         parts: tags of all cells, between which the pressure of a hybrid body is split.
 
     Raises:
@@ -155,6 +158,9 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
     assembled row i then belongs to the node of column i. On tetrahedra see `macro_element`.
 
+    Args:
+        trial: quadratic Lagrange space, scalar or with components, of any cell.
+
     Raises:
         ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.
         NumberingError: if DOLFINx numbers the two spaces differently.
@@ -218,6 +224,10 @@ def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fe
     The pressure is compression positive, -lambda div u.
 
         u, p = split(body.spaces.trial, solve(K, f, held))
+
+    Args:
+        space: trial space of `Spaces.hybrid`.
+        values: vector (n,).
 
     Raises:
         TypeError: for things of another kind.

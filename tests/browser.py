@@ -1,4 +1,4 @@
-"""Opens pages in a headless Chromium and tells what is wrong with them: `-m tests.browser FILE …`.
+"""Opens pages in a headless Chromium and tells what is wrong with them: `-m tests.browser PATH …`.
 
 Needs nothing but Python and a Chromium, so that it runs on a system without DOLFINx too. Speaks the
 DevTools protocol over the pipes of --remote-debugging-pipe: JSON, a zero byte after each message.
@@ -13,7 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
@@ -183,8 +185,85 @@ def complaint(event):
     return ""
 
 
+class Anchors(HTMLParser):
+    """What a page refers to, and what may be referred to in it."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.ids, self.targets, self.loads = set(), set(), set()
+        self.feed(html)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        if tag in ("script", "img", "link", "source"):
+            self.loads |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
+        self.ids |= {given[key] for key in ("id", "name") if given.get(key)}
+        self.targets |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
+
+
+def dead(folder):
+    """Links between the files of a folder that lead nowhere, a line for each."""
+    pages = {path: Anchors(path.read_text("utf-8")) for path in sorted(folder.rglob("*.html"))}
+    wrong = []
+    for page, anchors in pages.items():
+        for target in sorted(anchors.targets):
+            parts = urlsplit(target)
+            if parts.scheme or parts.netloc:
+                if target in anchors.loads and parts.scheme != "data":
+                    wrong.append(f"{page.relative_to(folder)}: {target} comes from elsewhere")
+                continue
+            path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+            anchor = unquote(parts.fragment)
+            known = pages[path].ids if path in pages else {anchor}
+            if not path.is_file() or (anchor and anchor not in known):
+                wrong.append(f"{page.relative_to(folder)}: {target}")
+    return wrong
+
+
+def searched(browser, folder, word):
+    """Number of pages that the site's own search finds for a word."""
+    url = (folder / "search.html").resolve().as_uri()
+    browser.faults(f"{url}?q={word}", WIDTHS[1])
+    count = "document.querySelectorAll('#search-results li').length"
+    end = time.monotonic() + SECONDS
+    while time.monotonic() < end:
+        found = browser.ask("Runtime.evaluate", expression=count, returnByValue=True)
+        if found["result"]["value"]:
+            return found["result"]["value"]
+        time.sleep(0.2)
+    return 0
+
+
+def filtered(browser, folder, query):
+    """What the page of claims says of how many it shows, as "10 of 86", for a query."""
+    url = (folder / "evidence" / "claims.html").resolve().as_uri()
+    browser.faults(f"{url}?{query}", WIDTHS[1])
+    count = "[...document.querySelectorAll('.claim')].filter(c => c.offsetParent).length"
+    seen = f"document.getElementById('count').value + ': ' + {count}"
+    answer = browser.ask("Runtime.evaluate", expression=seen, returnByValue=True)
+    return answer["result"]["value"]
+
+
+def site(browser, folder):
+    """What is wrong with a site: its pages, the links between them, and its search."""
+    told = [f"link to nowhere, {line}" for line in dead(folder)]
+    for page in sorted(folder.rglob("*.html")):
+        for width in WIDTHS:
+            faults = browser.faults(page.resolve().as_uri(), width)
+            told += [f"{page.relative_to(folder)} at {width} pixels: {one}" for one in faults]
+    if not searched(browser, folder, "friction"):
+        told.append("search finds nothing")
+    some, every = (filtered(browser, folder, f"verdict={v}") for v in ("fails", ""))
+    for count in (some, every):
+        if int(count.split(" ")[0]) != int(count.split(": ")[1]):
+            told.append(f"claims are counted as {count}")
+    if int(some.split(" ")[0]) >= int(every.split(" ")[0]):
+        told.append(f"the filter shows {some} and {every}")
+    return told
+
+
 def main(paths):
-    """Check pages, and first that faults are seen at all; return the exit status."""
+    """Check pages and folders of them, and first that faults are seen at all; return the status."""
     program = executable()
     if program is None:
         print(f"browser: there is none of {', '.join(NAMES)}", file=sys.stderr)
@@ -195,7 +274,11 @@ def main(paths):
             if not any(fault in told for told in browser.faults(faulty(body), WIDTHS[0])):
                 print(f"browser: does not see the fault {fault!r}", file=sys.stderr)
                 wrong += 1
-        for path in paths:
+        for folder in (Path(path) for path in paths if Path(path).is_dir()):
+            told = site(browser, folder.resolve())
+            print("\n".join(f"browser: {line}" for line in told or [f"{folder}: good"]))
+            wrong += bool(told)
+        for path in (path for path in paths if Path(path).is_file()):
             for width in WIDTHS:
                 faults = browser.faults(Path(path).resolve().as_uri(), width)
                 print(f"browser: {path} at {width} pixels: {'; '.join(faults) or 'good'}")

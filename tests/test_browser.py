@@ -13,6 +13,7 @@ from tests import browser
 from tests.toystudy import reported
 
 REPORT = Path(__file__).parents[1] / "results" / "report.html"
+SITE = REPORT.with_name("site")
 
 pytestmark = [
     pytest.mark.skipif(browser.executable() is None, reason="no Chromium here"),
@@ -44,3 +45,8 @@ def test_small_report_is_good(chromium, tmp_path, monkeypatch, width):
 @pytest.mark.parametrize("width", browser.WIDTHS)
 def test_report_of_the_study_is_good(chromium, width):
     assert chromium.faults(REPORT.as_uri(), width) == []
+
+
+@pytest.mark.skipif(not SITE.exists(), reason="./run site has not made its pages yet")
+def test_site_is_good(chromium):
+    assert browser.site(chromium, SITE) == []

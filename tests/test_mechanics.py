@@ -309,3 +309,15 @@ def test_equivalent_stress_of_known_strains(state, strain, expected):
     u = fem.Function(body.spaces.trial)
     u.interpolate(lambda x: np.array([strain[0] * x[0], strain[1] * x[1], 0 * x[2]])[: len(u)])
     assert assemble_scalar(body.von_mises(u) * ufl.dx) == pytest.approx(expected)
+
+
+def test_equivalent_stress_of_a_hybrid_body_has_the_pressure():
+    mesh = square()
+    x = ufl.SpatialCoordinate(mesh)
+    u = ufl.as_vector([x[0] * x[1], 0.3 * x[1] ** 2])
+    alone = Body(Spaces.galerkin(mesh), MATERIAL, "plane strain")
+    hybrid = Body(Spaces.hybrid(mesh), MATERIAL, "plane strain")
+    lame = 10.0 * 0.3 / (1.3 * 0.4)
+    both = ufl.as_vector([*u, -lame * ufl.div(u)])
+    difference = hybrid.von_mises(both) - alone.von_mises(u)
+    assert assemble_scalar(difference**2 * ufl.dx) < 1e-20

@@ -129,6 +129,8 @@ def test_things_of_another_kind_are_refused(axes):
     scalar = fem.Function(fem.functionspace(mesh, ("Lagrange", 2)))
     with pytest.raises(ValueError, match="displacement has the shape"):
         draw(mesh, displacement=scalar, axes=axes)
+    with pytest.raises(ValueError, match="another mesh"):
+        draw(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2)), scalar, axes=axes)
 
 
 @pytest.mark.parametrize(

@@ -143,13 +143,13 @@ ITEMS = [
 ]
 
 # What sections of the paper without examples are about; the others have a module with a title
-_TITLES = {"2": "Weak formulation", "4": "Stiffness matrix", "6": "Initial stress matrix"}
+TITLES = {"2": "Weak formulation", "4": "Stiffness matrix", "6": "Initial stress matrix"}
 _ROOT = Path(__file__).parents[2]
 
 
 def readme_table() -> str:
     """Return README's table of what is where: the paper's sections, then the study's own."""
-    sections = sorted({*_TITLES, *SECTIONS}, key=_place)
+    sections = sorted({*TITLES, *SECTIONS}, key=_place)
     rows = ["| section | of the paper | computed in | drawn by |", "|---|---|---|---|"]
     return "\n".join([*rows, *map(_row, sections)])
 
@@ -163,7 +163,7 @@ def _place(section: str) -> tuple[int, float]:
 
 def _row(section: str) -> str:
     mine = [item for item in ITEMS if item.section == section]
-    name = _TITLES.get(section) or title(section)
+    name = TITLES.get(section) or title(section)
     computed = {item.module for item in mine}
     if section in SECTIONS:
         path = source(SECTIONS[section])

@@ -1,0 +1,182 @@
+"""The reference: a page for each public name of the library, from its docstring."""
+
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+from study.site.gallery import Example, short
+
+# The names that pages are grouped by; each group has a module's public names, or some of them
+GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "Spaces and elements": (
+        "pw_elements",
+        (
+            "Spaces",
+            "test_space",
+            "as_function",
+            "split",
+            "macro_element",
+            "quadratic_element",
+            "serendipity_element",
+            "composite_element",
+            "one_cut_element",
+            "cell_measure",
+            "NumberingError",
+        ),
+    ),
+    "Elastic bodies and loads": (
+        "pw_elements",
+        (
+            "Body",
+            "Material",
+            "StressState",
+            "boundary_measure",
+            "prescribe",
+            "nodal_load",
+            "lumped_mass",
+        ),
+    ),
+    "Assembly and solution": (
+        "pw_elements",
+        (
+            "assemble_matrix",
+            "assemble_vector",
+            "assemble_scalar",
+            "Reduction",
+            "solve",
+            "reactions",
+            "symmetric_part",
+            "Direct",
+            "Iterative",
+            "LinearSolver",
+            "SolverReport",
+            "SingularSystem",
+            "SolverNotConverged",
+        ),
+    ),
+    "Any residual": ("pw_elements", ("PetrovGalerkinProblem", "NotConverged")),
+    "Nodal forces as fluxes": ("pw_elements", ("nodal_flux", "NodalFlux")),
+    "Vibration, buckling, dynamics": (
+        "pw_elements",
+        (
+            "vibration_modes",
+            "VibrationModes",
+            "buckling",
+            "BucklingModes",
+            "NoModes",
+            "Sibling",
+            "critical_step",
+        ),
+    ),
+    "Contact: stating it": (
+        "pw_elements.contact",
+        (
+            "ContactPair",
+            "Motion",
+            "Surface",
+            "Plane",
+            "Sphere",
+            "Parabola",
+            "FlatPunch",
+            "Polyline",
+            "SignedDistance",
+            "DeformableSurface",
+            "MatchingNodes",
+        ),
+    ),
+    "Contact: solving it": (
+        "pw_elements.contact",
+        ("solve_contact", "ContactProblem", "Progress", "solve_impact"),
+    ),
+    "Contact: results": (
+        "pw_elements.contact",
+        (
+            "ContactState",
+            "PairState",
+            "Residuals",
+            "Smallness",
+            "ContactFields",
+            "write",
+            "plot",
+            "draw_surface",
+            "ImpactHistory",
+            "PairHistory",
+            "Energies",
+        ),
+    ),
+    "Contact: what can go wrong": (
+        "pw_elements.contact",
+        (
+            "ContactFailed",
+            "NoEquilibrium",
+            "FreeBody",
+            "NotUnique",
+            "NotFound",
+            "SurfacePassed",
+            "MissingForce",
+            "RigidVelocity",
+        ),
+    ),
+    "Meshes": (
+        "pw_elements.meshes",
+        ("from_gmsh", "TaggedMesh", "triangles", "quadrilaterals", "on_lines", "mapped", "curved"),
+    ),
+    "Pressures and forces on a surface": (
+        "pw_elements.recovery",
+        ("SurfaceNodes", "forces_along", "BoundaryForces", "force_transfer", "transposed_transfer"),
+    ),
+    "Pictures and checks": ("pw_elements", ("draw", "DegenerateMesh")),
+}
+CONSTANTS = {"OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState tells
+
+
+def public() -> list[str]:
+    """Return the full names of all that has a page."""
+    return [f"{module}.{name}" for module, names in GROUPS.values() for name in names]
+
+
+def write(pages: Path, used: dict[str, list[Example]]) -> None:
+    """Write the reference's pages.
+
+    Args:
+        pages: Their folder.
+        used: The examples that use each public name.
+    """
+    pages.mkdir(parents=True)
+    parts = ["# Reference", _INTRODUCTION]
+    tree = []
+    for group, (module, names) in GROUPS.items():
+        rows = []
+        for name in names:
+            thing = getattr(import_module(module), name)
+            full = f"{module}.{name}"
+            (pages / f"{full}.rst").write_text(_page(module, name, thing, used), encoding="utf-8")
+            line = (inspect.getdoc(thing) or "").partition("\n\n")[0]
+            rows.append(f"[`{name}`]({full}.rst)\n: {' '.join(line.split())}")
+            tree.append(full)
+        parts += [f"## {group}", f"`{module}`", "\n\n".join(rows)]
+    entries = "\n".join(tree)
+    parts.append(f"```{{toctree}}\n:hidden:\n\n{entries}\n```")
+    (pages / "index.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+_INTRODUCTION = """Every public name has a page, made of its docstring: what it takes and gives,
+with the shapes of arrays, what it refuses, and where it comes from. Units are any consistent ones.
+Equations "Eq. (n)" are those of the paper."""
+
+
+def _page(module: str, name: str, thing: object, used: dict[str, list[Example]]) -> str:
+    kind = "autofunction"
+    if inspect.isclass(thing):
+        kind = "autoexception" if issubclass(thing, BaseException) else "autoclass"
+    elif not callable(thing):
+        kind = "autodata"
+    parts = [
+        f"{name}\n{'=' * len(name)}",
+        f".. currentmodule:: {module}",
+        f".. {kind}:: {name}",
+    ]
+    if one := used.get(f"{module}.{name}"):
+        links = ", ".join(f":doc:`{short(e)} </gallery/{e.name}>`" for e in one)
+        parts.append(f"**Used in:** {links}")
+    return "\n\n".join(parts) + "\n"
