@@ -29,7 +29,7 @@ from dolfinx.fem.petsc import create_matrix
 
 from pw_elements import arguments
 from pw_elements.collective import collective
-from pw_elements.hybrid import SubSpace, is_hybrid, is_split, positions, tied
+from pw_elements.hybrid import SubSpace, equilibration, is_hybrid, is_split, positions, tied
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
@@ -270,20 +270,14 @@ class Reduction:
         return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
 
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
-        """This reduction with pressures of hybrid spaces over a modulus, to be of a strain's size.
+        """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.
 
         In consistent units displacement and pressure may be 15 powers of ten apart: factors and
         Krylov methods would lose one of them. What `expand` gives is the same.
         """
-        if self.space is None or not is_hybrid(self.space):
+        scale = None if self.space is None else equilibration(self.space, K)
+        if scale is None:
             return self
-        fields = SubSpace.displacements(self.space), SubSpace.pressure(self.space)
-        u, p = (field.selection() for field in fields)
-        of_equilibrium, of_volume = (rows.matMult(K).matTransposeMult(u) for rows in (u, p))
-        largest = PETSc.NormType.INFINITY
-        modulus = of_equilibrium.norm(largest) / of_volume.norm(largest)
-        scale = self.offset.duplicate()
-        scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
         right = self.right.copy()
         right.diagonalScale(scale)
         left = right

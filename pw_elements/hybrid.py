@@ -127,6 +127,23 @@ def _sizes(space: fem.FunctionSpace) -> tuple[int, int]:
     return index_map.size_local * block, index_map.size_global * block
 
 
+def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
+    """Vector (n,) that is 1 at displacements and, at pressures, K's stiffness over a facet's area.
+
+    Pressures over it are lengths as displacements are. None where there is no pressure.
+    """
+    if not is_hybrid(space):
+        return None
+    fields = SubSpace.displacements(space), SubSpace.pressure(space)
+    u, p = (field.selection() for field in fields)
+    of_equilibrium, of_volume = (rows.matMult(K).matTransposeMult(u) for rows in (u, p))
+    largest = PETSc.NormType.INFINITY
+    modulus = of_equilibrium.norm(largest) / (of_volume.norm(largest) or 1.0) or 1.0
+    scale = K.createVecRight()
+    scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
+    return scale
+
+
 def positions(space: fem.FunctionSpace) -> Array:
     """Positions (n, 3) of this process' own unknowns, those of mixed spaces too."""
     fields = [SubSpace.displacements(space)]
