@@ -89,19 +89,20 @@ class Spaces:
                 `Reduction.dirichlet(spaces, conditions)` ties it within each of them. A pressure
                 that is continuous where the material is not errs by ten per cent and more.
         """
-        element = _trial_element(mesh)
         weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
-        trial, test = (
-            fem.functionspace(mesh, mixed_element(vector, split=parts is not None))
-            for vector in (element, weights)
-        )
+        trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
         return cls(trial, test, parts)
 
     @classmethod
-    def taylor_hood(cls, mesh: Mesh) -> "Spaces":
-        """The standard hybrid element, quadratic displacements and linear pressure for both."""
-        trial = fem.functionspace(mesh, mixed_element(_trial_element(mesh)))
-        return cls(trial, trial)
+    def taylor_hood(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
+        """The standard hybrid element, quadratic displacements and linear pressure for both.
+
+        Args:
+            mesh: as of `hybrid`.
+            parts: as of `hybrid`.
+        """
+        trial = _mixed(mesh, _trial_element(mesh), parts)
+        return cls(trial, trial, parts)
 
     @classmethod
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
@@ -244,6 +245,12 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
     _assert_one_numbering(space, scalars, blocks=False)
     return scalars
+
+
+def _mixed(
+    mesh: Mesh, displacement: basix.ufl._ElementBase, parts: MeshTags | None
+) -> fem.FunctionSpace:
+    return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))
 
 
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:

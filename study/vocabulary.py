@@ -44,6 +44,10 @@ ELEMENTS = {
     "pw-hybrid-T6": Element("new hybrid T6", "3", "#1B9E9E"),
     "galerkin-hybrid-T10": Element("standard hybrid T10", "1", "#6B4226"),
     "pw-hybrid-T10": Element("new hybrid T10", "2", "#0B6E6E"),
+    "galerkin-hybrid-Q9": Element("standard hybrid Q9", "4", "#9C6BAA"),
+    "pw-hybrid-Q9": Element("new hybrid Q9", "$a$", "#3F2A5E"),
+    "galerkin-hybrid-H27": Element("standard hybrid H27", "$b$", "#A08A3C"),
+    "pw-hybrid-H27": Element("new hybrid H27", "$c$", "#2F7A4F"),
     "exact": Element("exact", "", "#000000"),
 }
 
