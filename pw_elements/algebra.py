@@ -29,7 +29,16 @@ from dolfinx.fem.petsc import create_matrix
 
 from pw_elements import arguments
 from pw_elements.collective import collective
-from pw_elements.hybrid import SubSpace, equilibration, is_hybrid, is_split, positions, tied
+from pw_elements.hybrid import (
+    FREE_PRESSURE,
+    NOTHING,
+    SubSpace,
+    equilibration,
+    is_hybrid,
+    is_split,
+    positions,
+    tied,
+)
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
@@ -169,9 +178,11 @@ class Reduction:
             space, parts = space.trial, space.parts
         free, offset = prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        selection = tied(space, parts, free) if is_split(space) else _selection(free, offset)
-        supports = None if is_hybrid(space) else Supports(space, free)
-        return cls(selection, selection, offset, space=space, supports=supports)
+        if is_split(space):
+            selection = tied(space, parts, free)
+            return cls(selection, selection, offset, space=space)
+        selection = _selection(free, offset)
+        return cls(selection, selection, offset, space=space, supports=Supports(space, free))
 
     @classmethod
     def condensation(
@@ -468,11 +479,8 @@ def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
     matrix.mult(unknown, effect)
     largest = PETSc.NormType.INFINITY
     size = matrix.norm(largest) * unknown.norm(largest)
-    if size > 0 and effect.norm(largest) <= _RESIDUAL * size:
-        raise SingularSystem(
-            "an incompressible body whose whole boundary is held has a pressure that is known up "
-            'to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
-        )
+    if size > 0 and effect.norm(largest) <= NOTHING * size:
+        raise SingularSystem(FREE_PRESSURE)
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -520,6 +528,8 @@ def ready(prepared: PreparedSolver) -> PreparedSolver:
         prepared.set_up()
     except SingularSystem as error:
         prepared.ksp.destroy()
+        if str(error) == FREE_PRESSURE:
+            raise
         raise SingularSystem(
             f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
             "body is far too slender; add Dirichlet conditions"

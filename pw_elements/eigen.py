@@ -17,6 +17,7 @@ from pw_elements._compat import renamed
 from pw_elements.algebra import Reduction, factorise, symmetric_part, unblocked
 from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
+from pw_elements.hybrid import is_hybrid
 from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen, free_motion
 from pw_elements.linear_solver import (
     Direct,
@@ -259,7 +260,13 @@ def _check(
 
 def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSolver:
     why = "a symmetrised pair needs its pivots counted" if symmetrised else ""
-    return chosen(solver, reduction.supports, why, MANY_FOR_MODES)
+    hybrid = reduction.space is not None and is_hybrid(reduction.space)
+    if hybrid:
+        why = "modes of hybrid bodies need factors"
+    taken = chosen(solver, reduction.supports, why, MANY_FOR_MODES)
+    if hybrid and isinstance(taken, Iterative):
+        raise ValueError(f"Iterative(): {why}, take Direct()")
+    return taken
 
 
 def _pair(

@@ -16,6 +16,13 @@ from dolfinx.mesh import MeshTags
 
 from pw_elements.collective import collective
 
+# What a constant pressure does, over the largest stiffness, that is round-off
+NOTHING = 1e-10
+FREE_PRESSURE = (
+    "an incompressible body whose whole boundary is held has a pressure that is known up to a "
+    'constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
+)
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
@@ -136,9 +143,10 @@ def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
         return None
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
     u, p = (field.selection() for field in fields)
-    of_equilibrium, of_volume = (rows.matMult(K).matTransposeMult(u) for rows in (u, p))
     largest = PETSc.NormType.INFINITY
-    modulus = of_equilibrium.norm(largest) / (of_volume.norm(largest) or 1.0) or 1.0
+    of_volume = p.matMult(K).matMult(u.transpose(PETSc.Mat())).norm(largest)
+    of_equilibrium = fields[0].part(K.getDiagonal()).norm(largest)
+    modulus = of_equilibrium / (of_volume or 1.0) or 1.0
     scale = K.createVecRight()
     scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
     return scale

@@ -142,7 +142,9 @@ def test_two_bodies_need_factors():
     solid = Solid()
     K, load, supports, _, U = solid.arguments("rough floor")
     pair = ContactPair(at(2, 0.0), MatchingNodes(at(2, 1.0), Plane((0, 0, 0), (0, 0, 1))))
-    with pytest.raises(ValueError, match=r"knows rigid surfaces alone.*take Direct\(\)"):
+    with pytest.raises(
+        ValueError, match=r"knows rigid surfaces and displacements alone.*take Direct\(\)"
+    ):
         solve_contact(K, load, supports, pair, U, solver=Iterative())
     with pytest.raises(TypeError, match="the solver is 'quick'"):
         solve_contact(K, load, supports, pair, U, solver="quick")

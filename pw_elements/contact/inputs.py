@@ -15,6 +15,7 @@ from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
+from pw_elements.hybrid import is_hybrid
 from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import LinearSolver
 from pw_elements.problem import Problem, check_load, is_finite
@@ -78,13 +79,18 @@ def solver_for(
         ValueError: if an iterative solver does not serve the reduction or the pairs.
     """
     bodies = (MatchingNodes, DeformableSurface)
-    matching = any(isinstance(pair.surface, bodies) for pair in pairs)
-    why = "nodes of two bodies that face each other need factors" if matching else ""
+    why = ""
+    if any(isinstance(pair.surface, bodies) for pair in pairs):
+        why = "nodes of two bodies that face each other need factors"
+    elif reduction.space is not None and is_hybrid(reduction.space):
+        why = "contact of hybrid bodies needs factors"
     taken = chosen(solver, reduction.supports, why)
     if not isinstance(taken, Iterative):
         return taken, reduction
-    if matching:
-        raise ValueError(f"Iterative() knows rigid surfaces alone, {why}: take Direct()")
+    if why:
+        raise ValueError(
+            f"Iterative() knows rigid surfaces and displacements alone, {why}: take Direct()"
+        )
     return taken, reduction.masked()
 
 
