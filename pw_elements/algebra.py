@@ -435,11 +435,7 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
         solution = prepared.solve(load)
     else:
         matrix = reduction.matrix(K)
-        try:
-            prepared = factorise(matrix, solver=taken)
-        except SingularSystem:
-            _refuse_free_pressure(matrix, reduction)
-            raise
+        prepared = factorise(matrix, solver=taken, reduction=reduction)
         solution = load.duplicate()
         prepared.ksp.solve(load, solution)
         _check_residual(matrix, solution, load)
@@ -466,10 +462,18 @@ def _unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     return r
 
 
-def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
-    """Raises SingularSystem if a constant pressure of a hybrid space acts on no displacement."""
+def free_pressure(
+    matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
+) -> bool:
+    """Whether a constant pressure of a hybrid space acts on no displacement.
+
+    Args:
+        matrix: the stiffness under the reduction.
+        reduction: of hybrid or other spaces.
+        beside: this process' own local numbers of reduced equations that do not count.
+    """
     if reduction.space is None or not is_hybrid(reduction.space):
-        return
+        return False
     pressure = SubSpace.pressure(reduction.space)
     constant = reduction.offset.duplicate()
     constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
@@ -477,10 +481,11 @@ def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
     reduction.right.multTranspose(constant, unknown)
     unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
     matrix.mult(unknown, effect)
+    if beside is not None:
+        effect.array[beside] = 0.0
     largest = PETSc.NormType.INFINITY
     size = matrix.norm(largest) * unknown.norm(largest)
-    if size > 0 and effect.norm(largest) <= NOTHING * size:
-        raise SingularSystem(FREE_PRESSURE)
+    return bool(size > 0 and effect.norm(largest) <= NOTHING * size)
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -508,14 +513,28 @@ def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def factorise(
-    matrix: PETSc.Mat, symmetric: bool = False, solver: LinearSolver | None = None
+    matrix: PETSc.Mat,
+    symmetric: bool = False,
+    solver: LinearSolver | None = None,
+    reduction: Reduction | None = None,
 ) -> PreparedSolver:
     """A solver that is ready for a regular matrix (n, n): MUMPS' factors unless another is given.
+
+    Args:
+        matrix: to be factorised.
+        symmetric: whether LDL^T will do.
+        solver: another one.
+        reduction: by which the matrix was made, that of hybrid spaces say, for better words.
 
     Raises:
         SingularSystem: if a known solution does not come back, or a pivot is zero.
     """
-    return ready((solver or Direct()).prepare(matrix, symmetric))
+    try:
+        return ready((solver or Direct()).prepare(matrix, symmetric))
+    except SingularSystem:
+        if reduction is not None and free_pressure(matrix, reduction):
+            raise SingularSystem(FREE_PRESSURE) from None
+        raise
 
 
 def ready(prepared: PreparedSolver) -> PreparedSolver:

@@ -287,3 +287,71 @@ def test_frequencies_are_those_of_displacements_alone_where_nothing_locks():
         K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
         found.append(vibration_modes(K, M, foot, 4).eigenvalues)
     assert np.allclose(*found, rtol=1e-3)
+
+
+def test_shear_vibrations_of_an_incompressible_block_are_exact():
+    """u_x = sin(pi y / 2), u_y = 0 keeps volumes: omega^2 = mu (pi / 2)^2 / rho."""
+    E, rho = 7e9, 2e3
+    mesh = create_unit_square(COMM, 6, 6)
+    found = []
+    for method in (Spaces.hybrid, Spaces.taylor_hood):
+        body = Body(method(mesh), Material(E, 0.5, rho), "plane strain")
+        W = body.spaces.trial
+        base = [prescribe(W, k, side(1, 0.0)) for k in (0, 1)]
+        sides = [prescribe(W, 1, side(0, end)) for end in (0.0, 1.0)]
+        held = Reduction.dirichlet(W, [*base, *sides, prescribe(W, 1, side(1, 1.0))])
+        K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+        values = vibration_modes(K, M, held, 6).eigenvalues
+        found.append(np.abs(values / (E / 3 / rho * (np.pi / 2) ** 2) - 1).min())
+    assert found[1] < 1e-4
+    assert found[0] < 1e-2
+
+
+def test_enclosed_bodies_have_no_modes_without_a_pressure():
+    mesh = create_unit_square(COMM, 3, 3)
+    body = Body(Spaces.hybrid(mesh), Material(1e-3, 0.5), "plane strain")
+    W = body.spaces.trial
+    rim = [
+        prescribe(W, k, lambda x: np.any(np.isclose(np.abs(x[:2] - 0.5), 0.5), axis=0))
+        for k in (0, 1)
+    ]
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    with pytest.raises(SingularSystem, match="prescribe it at a vertex"):
+        vibration_modes(K, M, Reduction.dirichlet(W, rim))
+    with pytest.raises(ValueError, match="no symmetrised twin"):
+        vibration_modes(K, M, Reduction.dirichlet(W, rim[:1]), symmetrised=True)
+
+
+@pytest.mark.parametrize(
+    ("nu", "state", "formulation", "hybrid"),
+    [
+        (0.48, "plane strain", None, False),
+        (0.481, "plane strain", None, True),
+        (0.5, "solid", None, True),
+        (0.5, "plane stress", None, False),
+        (0.481, "plane strain", "displacements", False),
+        (0.3, "axisymmetric", "hybrid", True),
+    ],
+)
+def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, formulation, hybrid):
+    caplog.set_level("INFO", logger="pw_elements")
+    mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
+    body = Body.on(mesh, Material(1.0, nu), state, formulation)
+    assert body.spaces.is_hybrid is hybrid
+    assert (f"hybrid: nu = {nu:g}" in caplog.text) is (hybrid and formulation is None)
+
+
+def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog):
+    mesh = block("triangle", 2)
+    nu = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+    nu.x.array[:] = 0.3
+    assert not Body.on(mesh, Material(1.0, nu), "plane strain").spaces.is_hybrid
+    nu.x.array[-1:] = 0.495
+    Body(Spaces.petrov_galerkin(mesh), Material(1.0, nu), "plane strain")
+    assert "nu = 0.495 in displacements alone" in caplog.text
+    cells = np.arange(len(nu.x.array), dtype=np.int32)
+    parts = meshtags(mesh, 2, cells, (nu.x.array > 0.4).astype(np.int32))
+    body = Body.on(mesh, Material(1.0, nu), "plane strain", parts=parts)
+    assert body.spaces.parts is parts
+    with pytest.raises(ValueError, match="formulation 'mixed': take displacements or hybrid"):
+        Body.on(mesh, Material(1.0, 0.4), "plane strain", "mixed")

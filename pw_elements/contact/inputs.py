@@ -108,6 +108,11 @@ def checked_paths(
     with collective(space.mesh.comm):
         if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
             raise ValueError("impact is one against rigid surfaces, not of two bodies")
+        if is_hybrid(space):
+            raise ValueError(
+                "a pressure has no mass: impact is one of displacements alone, as of "
+                "Spaces.petrov_galerkin(mesh)"
+            )
         each: list[PathInTime | None] = [paths] if callable(paths) else list(paths)
         each = each or [None] * len(pairs)
         if len(each) != len(pairs):
