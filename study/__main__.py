@@ -17,6 +17,8 @@ from study.core.store import Results, StudyError
 from study.judge import claims
 
 ROOT = Path(__file__).resolve().parents[1]
+FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
+"""Where ./run study was called, if not in the project's folder."""
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
 INTERRUPTED = "study: interrupted; the results so far are kept"
@@ -54,7 +56,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("what", nargs="*", help="sections, or one of list, check, report")
     parser.add_argument("--force", action="store_true", help="compute also what is stored")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
-    parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR")
+    results = ROOT / "results" if FROM.is_absolute() else Path("results")
+    parser.add_argument("--out", type=FROM.joinpath, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
         status = _command(options)

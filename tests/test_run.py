@@ -50,8 +50,144 @@ def test_arguments_folder_and_exit_status_pass_through(tmp_path):
     code = f"import os, sys; assert sys.argv[1:] == {arguments}; print(os.getcwd()); sys.exit(7)"
     process = run("python3", "-c", code, *arguments, cwd=tmp_path)
     assert process.stderr == ""
-    assert process.stdout.strip() == str(ROOT)
+    assert process.stdout.strip() == str(tmp_path)
     assert process.returncode == 7
+
+
+def test_a_script_elsewhere_finds_the_library_and_packages_of_its_own(tmp_path):
+    script, mine = tmp_path / "work" / "plate.py", tmp_path / "mine"
+    for path, text in {
+        script: "import own, pw_elements as pw; open('out', 'w').write(own.word + pw.__file__)",
+        mine / "own.py": "word = 'from '",
+    }.items():
+        path.parent.mkdir()
+        path.write_text(text)
+    process = run("python3", "plate.py", cwd=script.parent, PW_ELEMENTS_PATH=str(mine))
+    assert process.stderr == ""
+    assert (script.parent / "out").read_text() == f"from {ROOT}/pw_elements/__init__.py"
+
+
+def test_study_and_tests_start_in_the_project_from_anywhere(tmp_path):
+    process = run("test", "--collect-only", "-q", "tests/test_run.py", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    process = run("study", "check", "--out", "mine", cwd=tmp_path)
+    assert process.stderr == f"study: there are no results in {tmp_path}/mine: run ./run study\n"
+    assert run("study", "check", "--out", "mine").stderr == process.stderr.replace(
+        f"{tmp_path}/", ""
+    )
+
+
+def test_layers_that_are_none_and_options_that_are_none_are_refused():
+    process = run("--with", "study,moon", "true")
+    assert process.stderr == "run: there is no layer moon, but core, study, test and docs\n"
+    assert process.returncode == 1
+    assert "needs layers and a command" in run("--with", "study").stderr
+    assert "no option --fast" in run("--fast").stderr
+
+
+TOOLS = (
+    "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls"
+)
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A function that runs the script on a system with an old DOLFINx and few programs.
+
+    Programs of the names given do what the texts say.
+    """
+    programs, packages = tmp_path / "bin", tmp_path / "packages"
+    old = {"__init__": "__version__ = '0.8.0'", "fem/__init__": "", "fem/petsc": ""}
+    for name, text in old.items():
+        path = packages / "dolfinx" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    programs.mkdir()
+    for tool in TOOLS.split():
+        if found := shutil.which(tool):
+            (programs / tool).symlink_to(found)
+
+    def start(*args, script=RUN, env=None, **stubs):
+        for name, text in stubs.items():
+            path = programs / name.replace("_", "-")
+            path.unlink(missing_ok=True)
+            path.write_text(f"#!/bin/sh\n{text}\n")
+            path.chmod(0o755)
+        given = {
+            "PYTHONPATH": str(packages),
+            "PATH": str(programs),
+            "XDG_CACHE_HOME": str(tmp_path),
+        }
+        # a suite of one's own would be told in place of what Python lacks
+        return run(
+            *args, cwd=tmp_path, script=script, **(given | (env or {})), PW_ELEMENTS_SUITE=None
+        )
+
+    return start
+
+
+def test_what_python_lacks_is_told_first(bare):
+    process = bare("true")
+    assert process.returncode == 1
+    assert process.stderr.startswith(
+        "run: there is no python3; /usr/bin/python3 has DOLFINx 0.8.0, and there is no apt-get"
+    )
+    assert "conda create" in process.stderr
+
+
+FOUND = {
+    "apt_get": "echo $* >>apt.log",
+    "apt_cache": "echo Candidate: 1",
+    "dpkg_deb": "",
+    "flock": "",
+    "unshare": "",
+}
+
+
+def test_without_mount_a_user_is_told_what_to_install(bare):
+    process = bare("true", **FOUND, id="echo 1000")
+    assert process.returncode == 1
+    assert (
+        "there is no mount (apt-get install mount, as root): start this as root" in process.stderr
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "tests"),
+    [(["sh", "-c", "echo went"], False), (["--with", "test", "echo", "went"], True)],
+)
+def test_without_mount_root_goes_on_to_the_systems_own_packages(bare, tmp_path, command, tests):
+    process = bare(*command, **FOUND, id="echo 0", dpkg="")
+    assert process.stdout == "went\n", process.stderr
+    assert (
+        "there is no mount (apt-get install mount, as root): installing DOLFINx 1" in process.stderr
+    )
+    installed = (tmp_path / "apt.log").read_text()
+    assert "python3-dolfinx" in installed
+    assert "weasyprint" not in installed
+    assert ("python3-pytest" in installed) == tests
+
+
+def test_without_mount_and_a_new_dolfinx_root_is_told_what_to_install(bare):
+    process = bare("true", **FOUND, id="echo 0", dpkg="exit 1")
+    assert process.returncode == 1
+    assert (
+        "no mount (apt-get install mount, as root), and apt offers no DOLFINx 0.9" in process.stderr
+    )
+
+
+def test_nowhere_to_keep_the_packages_is_one_sentence(bare, tmp_path):
+    script = tmp_path / "project" / "run"
+    script.parent.mkdir()
+    shutil.copy(RUN, script)
+    (script.parent / ".cache").write_text("no folder")
+    env = {"XDG_CACHE_HOME": None, "HOME": "/proc/none"}
+    process = bare("true", script=script, env=env, **FOUND, id="echo 0")
+    assert process.returncode == 1
+    assert process.stderr.startswith(
+        "run: no folder to keep DOLFINx in: name one by XDG_CACHE_HOME"
+    )
+    assert process.stderr.count("\n") == 1
 
 
 def test_a_signal_passes_through():
