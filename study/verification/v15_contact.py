@@ -30,7 +30,7 @@ from study.discretisation import discretise, displacement_space, held_nodes
 from study.units import dimensionless
 from study.verification.graded_meshes import growing
 from study.verification.half_space import Elastic, HertzLine
-from study.verification.indentation import OUTER, graded_square
+from study.verification.indentation import INNER, OUTER, graded_square
 from study.verification.v10_space import sphere as pressed_sphere
 
 Array = npt.NDArray[np.float64]
@@ -55,7 +55,8 @@ def sphere(element: str, n: int) -> Result:
 def presses(element: str, n: int) -> Result:
     """A rough parabola pressed in four steps, n elements over the contact's half width.
 
-    `shear_spurious` is the largest tangential traction over the nodes' own weights, over mu p0.
+    `shear_spurious` is the largest tangential traction over the nodes' own weights, over mu p0;
+    `shear_spurious_inner` that for x < 0.8 a, away from the edge of the contact.
     """
     body = Elastic(YOUNGS_MODULUS, NU)
     force = np.pi * body.plane_modulus / (4 * RADIUS)
@@ -96,6 +97,7 @@ def presses(element: str, n: int) -> Result:
     inside = at < 1
     scalars = {
         "shear_spurious": float(np.nanmax(np.abs(shear))),
+        "shear_spurious_inner": float(np.nanmax(np.abs(shear[at < INNER]))),
         "pressure_rms_all": _rms(pressure - exact / known.peak, inside),
         **_effort(states),
     }

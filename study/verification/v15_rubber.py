@@ -2,7 +2,8 @@
 
 One-field elements lock as Poisson's ratio goes to 1/2. With the pair of Taylor and Hood, weighted
 by that of Bercovier and Pironneau, nothing does: manufactured solutions in the plane and in space,
-Cook's membrane, and Hertz's line contact, standard weights and new ones side by side.
+Cook's membrane, and Hertz's line contact, standard weights and new ones side by side. Stability,
+layers, friction, spheres and a seal have modules of their own.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +44,8 @@ from study.verification.indentation import INNER, Indenter, indented
 from study.verification.v15_contact import PLACE, RADIUS, ZONE, presses, pushed, sphere
 from study.verification.v15_layers import layers
 from study.verification.v15_meshes import unit_mesh
-from study.verification.v15_stability import infsup
+from study.verification.v15_seal import seal
+from study.verification.v15_stability import identity, infsup
 
 TITLE = "Nearly incompressible bodies"
 
@@ -246,6 +248,7 @@ CASES = [
     *_known(square, (*ONE_FIELD, *HYBRID, *HYBRID_Q9), (8, 16, 32)),
     *_known(cube, (*T10, *HYBRID_T10), (3, 6)),
     *_known(cube, HYBRID_H27, (2, 4)),
+    Case("V15", "identity-pw-hybrid-T6", identity, {"element": "pw-hybrid-T6"}),
     *_on_levels(infsup, (*HYBRID, *HYBRID_Q9), (4, 8, 16, 32)),
     *_on_levels(infsup, (*HYBRID_T10, *HYBRID_H27), (2, 4, 6)),
     *(
@@ -254,9 +257,12 @@ CASES = [
     ),
     *_on_levels(cook, (*ONE_FIELD, *HYBRID), (4, 8, 16, 32)),
     *_on_levels(hertz, (*ONE_FIELD, *HYBRID), (8, 16, 32)),
-    *_on_levels(presses, (*ONE_FIELD, *HYBRID), (8, 16, 32, 64)),
-    *_on_levels(pushed, (*ONE_FIELD, *HYBRID), (30,)),
+    *_on_levels(presses, ONE_FIELD, (8, 16, 32)),
+    *_on_levels(presses, HYBRID, (8, 16, 32, 64)),
+    *_on_levels(pushed, ("pw-T6", *HYBRID), (30,)),
     *_on_levels(sphere, T10, (3,)),
     *_on_levels(sphere, (*HYBRID_T10, *HYBRID_H27), (3,)),
     *_on_levels(sphere, HYBRID_T10, (6,)),
+    *_on_levels(seal, HYBRID, (8,)),
+    *_on_levels(seal, HYBRID[1:], (12,)),
 ]

@@ -1,5 +1,8 @@
 """Stability of the hybrid elements: the inf-sup constant of the whole operator, over meshes.
 
+And, in the plane, what makes one of the other: K = T K_standard, T sharing out the equations of
+equilibrium and leaving those of volume.
+
 Each pair of spaces may be stable for itself, trial and weights, and the two together not be. What
 counts is the least of sup over (w, q) of b((u, p), (w, q)) / |(w, q)| over all (u, p) of norm one,
 
@@ -11,6 +14,7 @@ at nu = 1/2, which is the smallest singular value of the matrix between the two 
 
 from collections.abc import Callable
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -21,9 +25,13 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from pw_elements import Body, Material, Reduction, StressState, assemble_matrix, prescribe
 from pw_elements.algebra import factorise
+from pw_elements.hybrid import SubSpace
+from pw_elements.meshes import mapped, triangles
+from pw_elements.recovery import force_transfer
 from study.core.store import Result
 from study.discretisation import spaces
 from study.units import dimensionless
+from study.verification.t_identity import distorted
 from study.verification.v15_meshes import unit_mesh
 
 Array = npt.NDArray[np.float64]
@@ -45,6 +53,30 @@ def infsup(element: str, n: int) -> Result:
     )
     scalars = {"inf_sup": _least_singular_value(b, of_trial, of_weights)}
     return Result(scalars, dimensionless(scalars), {}, dofs=b.getSize()[0])
+
+
+def identity(element: str) -> Result:
+    """Largest difference of both sides of K = T K_standard, over K, on a distorted square."""
+    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (6, 5)), distorted)
+    bodies = [
+        Body(spaces(name, mesh), Material(2.0, 0.4999), StressState.PLANE_STRAIN)
+        for name in (element, "galerkin-hybrid-T6")
+    ]
+    K, standard = (assemble_matrix(body.stiffness()) for body in bodies)
+    W = bodies[1].spaces.trial
+    moved = SubSpace.displacements(W)
+    u, p = moved.selection(), SubSpace.pressure(W).selection()
+    T = force_transfer(moved.space)
+    equilibrium = T.matMult(u.matMult(standard))
+    scalars = {}
+    for name, rows, expected in (
+        ("equilibrium", u, equilibrium),
+        ("volume", p, p.matMult(standard)),
+    ):
+        mine = rows.matMult(K)
+        expected.axpy(-1.0, mine, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        scalars[f"{name}_difference"] = float(expected.norm() / mine.norm())
+    return Result(scalars, dimensionless(scalars), {})
 
 
 def _inner_product(body: Body, space: fem.FunctionSpace) -> ufl.Form:
