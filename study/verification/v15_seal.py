@@ -75,6 +75,7 @@ def seal(element: str, n: int) -> Result:
         "lindley": lindley,
         "x": x,
         "pressure": pressure,
+        "nodal_force": each / each.mean(),
         "deformed": ring.x + ring.displacement,
         "body_pressure": ring.body_pressure,
         **mesh_curves(ring.space),
