@@ -8,8 +8,15 @@ from study.core.store import Results
 
 SECTION = "V15"
 ONE_FIELD, HYBRID = ("galerkin-T6", "pw-T6"), ("galerkin-hybrid-T6", "pw-hybrid-T6")
-SIDES = dict.fromkeys(ONE_FIELD, (8, 16, 32)) | dict.fromkeys(HYBRID, (8, 16, 32, 64))
-STABLE = {"T6": (4, 8, 16, 32), "Q9": (4, 8, 16, 32), "T10": (2, 4, 6), "H27": (2, 4, 6)}
+SIDES: dict[str, tuple[int, ...]] = dict.fromkeys(ONE_FIELD, (8, 16, 32)) | dict.fromkeys(
+    HYBRID, (8, 16, 32, 64)
+)
+STABLE: dict[str, tuple[int, ...]] = {
+    "T6": (4, 8, 16, 32),
+    "Q9": (4, 8, 16, 32),
+    "T10": (2, 4, 6),
+    "H27": (2, 4, 6),
+}
 ALONG = "V15/presses-{}-16"
 NEEDS = [f"V15/presses-{element}-{n}" for element, sides in SIDES.items() for n in sides]
 NEEDS += [

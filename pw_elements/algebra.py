@@ -34,6 +34,7 @@ from pw_elements.hybrid import (
     NOTHING,
     SubSpace,
     equilibration,
+    fields_of,
     is_hybrid,
     is_split,
     positions,
@@ -626,7 +627,10 @@ def prescribed(
             values[dofs] = own[dofs]
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
-    size = comm.allreduce(np.abs(values).max(initial=0.0), MPI.MAX)
+    size = np.zeros(owned)
+    for field in fields_of(space):
+        largest = np.abs(values[field.owned]).max(initial=0.0)
+        size[field.owned] = comm.allreduce(largest, MPI.MAX)
     twice = np.flatnonzero(difference > _SAME_VALUE * size)
     x = positions(space)[twice, : space.mesh.geometry.dim]
     places = np.unique(np.concatenate(comm.allgather(x)), axis=0)

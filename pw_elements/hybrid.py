@@ -152,11 +152,15 @@ def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
     return scale
 
 
+def fields_of(space: fem.FunctionSpace) -> list[SubSpace]:
+    """The displacements (or whatever a space that is not hybrid has), and the pressure."""
+    fields = [SubSpace.displacements(space)]
+    return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
+
+
 def positions(space: fem.FunctionSpace) -> Array:
     """Positions (n, 3) of this process' own unknowns, those of mixed spaces too."""
-    fields = [SubSpace.displacements(space)]
-    if is_hybrid(space):
-        fields.append(SubSpace.pressure(space))
+    fields = fields_of(space)
     x = np.zeros((fields[0].rows[0], 3))
     for field in fields:
         places = field.space.tabulate_dof_coordinates()

@@ -97,7 +97,8 @@ class _Ring:
         apart = np.abs(self.x[:, None] - corners).max(axis=2).min(axis=1)
         self.is_middle: Mask = apart > 1e-9
         self.penetration = 0.0
-        self.upper = self.lower = np.zeros(len(self.x), dtype=bool)
+        self.upper: Mask = np.zeros(len(self.x), dtype=bool)
+        self.lower: Mask = self.upper
         r = ufl.SpatialCoordinate(mesh)[0]
         u, p = ufl.split(self.w)
         self._v, q = ufl.split(ufl.TestFunction(pair.test))
