@@ -73,7 +73,7 @@ def alt(results: Results) -> str:
     """The figure in words."""
     return (
         "Shear of the elements of displacements alone scatters between minus and plus 0.8; that of "
-        "the hybrid elements is small and falls with the mesh. Inf-sup constants lie between 0.26 "
+        "the hybrid elements is small and falls with the mesh. Inf-sup constants lie between 0.30 "
         "and 0.44 and do not fall with the mesh; the new weights' lie a few per cent below the "
         "standard ones'."
     )

@@ -37,15 +37,10 @@ from pw_elements import (
 from pw_elements.meshes import mapped
 from study.core.store import Result
 from study.units import dimensionless
+from study.verification.v15_meshes import CELLS
 
 Array = npt.NDArray[np.float64]
 
-CELLS = {
-    "T6": CellType.triangle,
-    "Q9": CellType.quadrilateral,
-    "T10": CellType.tetrahedron,
-    "H27": CellType.hexahedron,
-}
 N = 4  # cells a side
 # Of the lower and the upper layer
 MODULI, RATIOS = np.array([2.0, 20.0]), np.array([0.4999, 0.3])

@@ -32,7 +32,7 @@ from study.core.store import Result
 from study.discretisation import spaces
 from study.units import dimensionless
 from study.verification.t_identity import distorted
-from study.verification.v15_meshes import unit_mesh
+from study.verification.v15_meshes import moved_mesh
 
 Array = npt.NDArray[np.float64]
 
@@ -41,7 +41,7 @@ SHEAR = 1.0
 
 def infsup(element: str, n: int) -> Result:
     """A unit square or cube of cells with sides of 1/n, held below."""
-    mesh = unit_mesh(element, 1 / n)
+    mesh = moved_mesh(element, n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(3 * SHEAR, 0.5), state)
     W, dim = body.spaces.trial, mesh.geometry.dim
