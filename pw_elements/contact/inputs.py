@@ -70,27 +70,20 @@ def checked_problem(
     return stated
 
 
-def solver_for(
-    solver: Solver, reduction: Reduction, pairs: Sequence[ContactPair]
-) -> tuple[LinearSolver, Reduction]:
+def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Reduction]:
     """The solver that is meant, and the reduction in the form in which it takes it.
 
     Raises:
-        ValueError: if an iterative solver does not serve the reduction or the pairs.
+        ValueError: if an iterative solver does not serve the reduction.
     """
-    bodies = (MatchingNodes, DeformableSurface)
     why = ""
-    if any(isinstance(pair.surface, bodies) for pair in pairs):
-        why = "nodes of two bodies that face each other need factors"
-    elif reduction.space is not None and is_hybrid(reduction.space):
+    if reduction.space is not None and is_hybrid(reduction.space):
         why = "contact of hybrid bodies needs factors"
     taken = chosen(solver, reduction.supports, why)
     if not isinstance(taken, Iterative):
         return taken, reduction
     if why:
-        raise ValueError(
-            f"Iterative() knows rigid surfaces and displacements alone, {why}: take Direct()"
-        )
+        raise ValueError(f"Iterative() knows contact of displacements alone, {why}: take Direct()")
     return taken, reduction.masked()
 
 
