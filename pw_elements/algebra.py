@@ -29,7 +29,17 @@ from dolfinx.fem.petsc import create_matrix
 
 from pw_elements import arguments
 from pw_elements.collective import collective
-from pw_elements.hybrid import SubSpace, is_hybrid, is_split, positions, tied
+from pw_elements.hybrid import (
+    FREE_PRESSURE,
+    NOTHING,
+    SubSpace,
+    equilibration,
+    fields_of,
+    is_hybrid,
+    is_split,
+    positions,
+    tied,
+)
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.mesh_checks import listed
@@ -177,9 +187,11 @@ class Reduction:
             space, parts = space.trial, space.parts
         free, offset = prescribed(space, conditions)
         _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
-        selection = tied(space, parts, free) if is_split(space) else _selection(free, offset)
-        supports = None if is_hybrid(space) else Supports(space, free)
-        return cls(selection, selection, offset, space=space, supports=supports)
+        if is_split(space):
+            selection = tied(space, parts, free)
+            return cls(selection, selection, offset, space=space)
+        selection = _selection(free, offset)
+        return cls(selection, selection, offset, space=space, supports=Supports(space, free))
 
     @classmethod
     def condensation(
@@ -278,20 +290,14 @@ class Reduction:
         return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
 
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
-        """This reduction with pressures of hybrid spaces over a modulus, to be of a strain's size.
+        """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.
 
         In consistent units displacement and pressure may be 15 powers of ten apart: factors and
         Krylov methods would lose one of them. What `expand` gives is the same.
         """
-        if self.space is None or not is_hybrid(self.space):
+        scale = None if self.space is None else equilibration(self.space, K)
+        if scale is None:
             return self
-        fields = SubSpace.displacements(self.space), SubSpace.pressure(self.space)
-        u, p = (field.selection() for field in fields)
-        of_equilibrium, of_volume = (rows.matMult(K).matTransposeMult(u) for rows in (u, p))
-        largest = PETSc.NormType.INFINITY
-        modulus = of_equilibrium.norm(largest) / of_volume.norm(largest)
-        scale = self.offset.duplicate()
-        scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
         right = self.right.copy()
         right.diagonalScale(scale)
         left = right
@@ -438,11 +444,7 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
         solution = prepared.solve(load)
     else:
         matrix = reduction.matrix(K)
-        try:
-            prepared = factorise(matrix, solver=taken)
-        except SingularSystem:
-            _refuse_free_pressure(matrix, reduction)
-            raise
+        prepared = factorise(matrix, solver=taken, reduction=reduction)
         solution = load.duplicate()
         prepared.ksp.solve(load, solution)
         _check_residual(matrix, solution, load)
@@ -474,10 +476,18 @@ def _unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     return r
 
 
-def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
-    """Raises SingularSystem if a constant pressure of a hybrid space acts on no displacement."""
+def free_pressure(
+    matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
+) -> bool:
+    """Whether a constant pressure of a hybrid space acts on no displacement.
+
+    Args:
+        matrix: the stiffness under the reduction.
+        reduction: of hybrid or other spaces.
+        beside: this process' own local numbers of reduced equations that do not count.
+    """
     if reduction.space is None or not is_hybrid(reduction.space):
-        return
+        return False
     pressure = SubSpace.pressure(reduction.space)
     constant = reduction.offset.duplicate()
     constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
@@ -485,13 +495,11 @@ def _refuse_free_pressure(matrix: PETSc.Mat, reduction: Reduction) -> None:
     reduction.right.multTranspose(constant, unknown)
     unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
     matrix.mult(unknown, effect)
+    if beside is not None:
+        effect.array[beside] = 0.0
     largest = PETSc.NormType.INFINITY
     size = matrix.norm(largest) * unknown.norm(largest)
-    if size > 0 and effect.norm(largest) <= _RESIDUAL * size:
-        raise SingularSystem(
-            "an incompressible body whose whole boundary is held has a pressure that is known up "
-            'to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
-        )
+    return bool(size > 0 and effect.norm(largest) <= NOTHING * size)
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
@@ -522,14 +530,28 @@ def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def factorise(
-    matrix: PETSc.Mat, symmetric: bool = False, solver: LinearSolver | None = None
+    matrix: PETSc.Mat,
+    symmetric: bool = False,
+    solver: LinearSolver | None = None,
+    reduction: Reduction | None = None,
 ) -> PreparedSolver:
     """A solver that is ready for a regular matrix (n, n): MUMPS' factors unless another is given.
+
+    Args:
+        matrix: to be factorised.
+        symmetric: whether LDL^T will do.
+        solver: another one.
+        reduction: by which the matrix was made, that of hybrid spaces say, for better words.
 
     Raises:
         SingularSystem: if a known solution does not come back, or a pivot is zero.
     """
-    return ready((solver or Direct()).prepare(matrix, symmetric))
+    try:
+        return ready((solver or Direct()).prepare(matrix, symmetric))
+    except SingularSystem:
+        if reduction is not None and free_pressure(matrix, reduction):
+            raise SingularSystem(FREE_PRESSURE) from None
+        raise
 
 
 def ready(prepared: PreparedSolver) -> PreparedSolver:
@@ -542,6 +564,8 @@ def ready(prepared: PreparedSolver) -> PreparedSolver:
         prepared.set_up()
     except SingularSystem as error:
         prepared.ksp.destroy()
+        if str(error) == FREE_PRESSURE:
+            raise
         raise SingularSystem(
             f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
             "body is far too slender; add Dirichlet conditions"
@@ -620,7 +644,10 @@ def prescribed(
             values[dofs] = own[dofs]
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
-    size = comm.allreduce(np.abs(values).max(initial=0.0), MPI.MAX)
+    size = np.zeros(owned)
+    for field in fields_of(space):
+        largest = np.abs(values[field.owned]).max(initial=0.0)
+        size[field.owned] = comm.allreduce(largest, MPI.MAX)
     twice = np.flatnonzero(difference > _SAME_VALUE * size)
     x = positions(space)[twice, : space.mesh.geometry.dim]
     places = np.unique(np.concatenate(comm.allgather(x)), axis=0)

@@ -101,14 +101,14 @@ def coefficient(
             value = number(name, value)
         elif value.ufl_shape != ():
             raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
-        values = _known(value)
+        values = known_values(value)
         wrong = ~(np.isfinite(values) & holds(values))
         if wrong.any():
             raise ValueError(f"{name} = {values[wrong][0]}: {what}")
     return value
 
 
-def _known(value: float | Expr) -> npt.NDArray[np.float64]:
+def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
     """Values of a coefficient as far as they are known, on this process."""
     if isinstance(value, fem.Function):
         lagrange = value.function_space.element.basix_element.family is ElementFamily.P

@@ -17,6 +17,7 @@ from pw_elements._compat import renamed
 from pw_elements.algebra import Reduction, factorise, symmetric_part, unblocked
 from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
+from pw_elements.hybrid import is_hybrid
 from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen, free_motion
 from pw_elements.linear_solver import (
     Direct,
@@ -143,7 +144,7 @@ def vibration_modes(
             of a symmetrised pair, if one lies below the shift.
     """
     _check(K, (_MASS, M), reduction, count, symmetrised, solver)
-    refuse_negative(_MASS, M)
+    refuse_negative(_MASS, M, reduction.space)
     if shift is not None:
         shift = number("shift", shift)
     taken = _chosen(solver, reduction, symmetrised)
@@ -163,7 +164,9 @@ def vibration_modes(
     B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
-    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, indefinite, taken, supports)
+    mu, reduced, residuals, report = _largest(
+        A, B, count, symmetrised, indefinite, taken, reduced_by, supports
+    )
     if mu.real.min() <= 0:
         raise NoModes(
             f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
@@ -227,7 +230,9 @@ def buckling(
     # positive factor, and the scale brings mu to order one whatever the units of the load
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
-    mu, reduced, residuals, report = _largest(A, B, count, symmetrised, _UNSTABLE, taken, supports)
+    mu, reduced, residuals, report = _largest(
+        A, B, count, symmetrised, _UNSTABLE, taken, reduced_by, supports
+    )
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
             f"only {np.sum(mu.real > _UNSTRESSED)} of {count} factors are positive: "
@@ -254,12 +259,20 @@ def _check(
     with collective(processes(reduction)):
         whole("count", count, 1)
         flag("symmetrised", symmetrised)
-    refuse_negative(_STIFFNESS, K)
+    refuse_negative(_STIFFNESS, K, reduction.space)
 
 
 def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSolver:
     why = "a symmetrised pair needs its pivots counted" if symmetrised else ""
-    return chosen(solver, reduction.supports, why, MANY_FOR_MODES)
+    hybrid = reduction.space is not None and is_hybrid(reduction.space)
+    if hybrid and symmetrised:
+        raise ValueError("a pair of hybrid spaces has no symmetrised twin: it is never definite")
+    if hybrid:
+        why = "modes of hybrid bodies need factors"
+    taken = chosen(solver, reduction.supports, why, MANY_FOR_MODES)
+    if hybrid and isinstance(taken, Iterative):
+        raise ValueError(f"Iterative(): {why}, take Direct()")
+    return taken
 
 
 def _pair(
@@ -279,6 +292,7 @@ def _largest(
     symmetric: bool,
     indefinite: str,
     solver: LinearSolver,
+    reduction: Reduction,
     supports: Supports | None,
 ) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
     """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
@@ -301,7 +315,7 @@ def _largest(
         B = krylov.operator
     else:
         ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
-        inverse = factorise(B, ldl, solver)
+        inverse = factorise(B, ldl, solver, reduction)
     if symmetric:
         _refuse_indefinite(inverse, indefinite)
     eigensolver = SLEPc.EPS().create(A.comm)

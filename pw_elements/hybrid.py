@@ -16,6 +16,13 @@ from dolfinx.mesh import MeshTags
 
 from pw_elements.collective import collective
 
+# What a constant pressure does, over the largest stiffness, that is round-off
+NOTHING = 1e-10
+FREE_PRESSURE = (
+    "an incompressible body whose whole boundary is held has a pressure that is known up to a "
+    'constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
+)
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
@@ -127,11 +134,33 @@ def _sizes(space: fem.FunctionSpace) -> tuple[int, int]:
     return index_map.size_local * block, index_map.size_global * block
 
 
+def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
+    """Vector (n,) that is 1 at displacements and, at pressures, K's stiffness over a facet's area.
+
+    Pressures over it are lengths as displacements are. None where there is no pressure.
+    """
+    if not is_hybrid(space):
+        return None
+    fields = SubSpace.displacements(space), SubSpace.pressure(space)
+    u, p = (field.selection() for field in fields)
+    largest = PETSc.NormType.INFINITY
+    of_volume = p.matMult(K).matMult(u.transpose(PETSc.Mat())).norm(largest)
+    of_equilibrium = fields[0].part(K.getDiagonal()).norm(largest)
+    modulus = of_equilibrium / (of_volume or 1.0) or 1.0
+    scale = K.createVecRight()
+    scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
+    return scale
+
+
+def fields_of(space: fem.FunctionSpace) -> list[SubSpace]:
+    """The displacements (or whatever a space that is not hybrid has), and the pressure."""
+    fields = [SubSpace.displacements(space)]
+    return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
+
+
 def positions(space: fem.FunctionSpace) -> Array:
     """Positions (n, 3) of this process' own unknowns, those of mixed spaces too."""
-    fields = [SubSpace.displacements(space)]
-    if is_hybrid(space):
-        fields.append(SubSpace.pressure(space))
+    fields = fields_of(space)
     x = np.zeros((fields[0].rows[0], 3))
     for field in fields:
         places = field.space.tabulate_dof_coordinates()

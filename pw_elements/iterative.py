@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.hybrid import is_hybrid
 from pw_elements.linear_solver import (
     Direct,
     LinearSolver,
@@ -25,13 +26,14 @@ from pw_elements.linear_solver import (
     set_options,
 )
 from pw_elements.multigrid import Multigrid, Supports, connected_pieces
+from pw_elements.saddle import SaddlePoint
 
 Array = npt.NDArray[np.float64]
 Solver: TypeAlias = LinearSolver | Literal["auto"] | None
 
 NO_SUPPORTS = (
     "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
-    "other reductions, and hybrid spaces, need Direct()"
+    "other reductions, and a pressure that is split, need Direct()"
 )
 log = logging.getLogger("pw_elements")
 
@@ -57,7 +59,8 @@ class Iterative:
     The coarse level is the stiffness of linear elements, P^T K P, under one cycle of algebraic
     multigrid that knows the rigid motions; the smoother treats nodes as blocks. Some 25 iterations
     per ten digits whatever the size of the mesh, at Poisson's ratio 0.3; near 1/2 several times as
-    many. It serves supports of `Reduction.dirichlet`, no condensation, and knows no determinants.
+    many, but for hybrid spaces, see `saddle`, whose `solve` it serves at any ratio. It takes
+    supports of `Reduction.dirichlet`, no condensation, and knows no determinants.
 
     Args:
         tolerance: residual over load, both in the Euclidean norm, at which a solution is done.
@@ -113,13 +116,16 @@ class Krylov:
         self._how, self._supports = how, supports
         self._matrix = matrix
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
-        self.multigrid = Multigrid(matrix, supports)
+        hybrid = is_hybrid(supports.space)
+        levels = SaddlePoint if hybrid else Multigrid
+        self.multigrid: Multigrid | SaddlePoint = levels(matrix, supports)
         self.operator = self.multigrid.operator
         self.ksp = self._method_for(self.operator)
         # the levels take over the prefix
         self.multigrid.set_up(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
-        self._method = f"{self.ksp.getType().upper()} with p-multigrid"
+        how_inside = " in a block triangle" if hybrid else ""
+        self._method = f"{self.ksp.getType().upper()} with p-multigrid{how_inside}"
 
     def preconditioned(self, operator: PETSc.Mat, preconditioner: object) -> PETSc.KSP:
         """The same method with another matrix, and a preconditioner in Python."""
@@ -163,7 +169,10 @@ class Krylov:
         Raises:
             SingularSystem: if a rigid motion is free.
         """
-        if free_motion(self._matrix, self._supports):
+        elastic = self._matrix, self._supports
+        if isinstance(self.multigrid, SaddlePoint):
+            elastic = self.multigrid.elastic
+        if free_motion(*elastic):
             raise SingularSystem("the system matrix is singular")
         self.multigrid.ready()
 

@@ -40,8 +40,8 @@ Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
 _RATIONAL_DEGREE = 8
-# Poisson's ratio above which displacements alone lock
-_LOCKED = 0.49
+# Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
+_HYBRID, _LOCKED = 0.48, 0.49
 _LOCKS = (
     "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
     "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
@@ -216,14 +216,61 @@ class Body:
             arguments.coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
-            if is_number(nu) and nu > _LOCKED and mesh.comm.rank == 0:
-                _logger.warning(_LOCKS, nu)
+            largest = _largest(nu, mesh.comm)
+            if largest > _LOCKED and mesh.comm.rank == 0:
+                _logger.warning(_LOCKS, largest)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
             with collective(mesh.comm):
                 whole("quadrature_degree", self.quadrature_degree, 0)
         plain = {name: value for name, value in vars(self).items() if name != "spaces"}
         agree(mesh.comm, plain)
+
+    @classmethod
+    def on(
+        cls,
+        mesh: Mesh,
+        material: Material,
+        state: StressState | str,
+        formulation: Literal["displacements", "hybrid"] | None = None,
+        parts: MeshTags | None = None,
+        thickness: Scalar = 1.0,
+    ) -> "Body":
+        """A body with the element that its material needs.
+
+            body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
+            U = body.spaces.trial
+
+        Args:
+            mesh: of the body.
+            material: constants and density.
+            state: as of `Body`.
+            formulation: "displacements" for `Spaces.petrov_galerkin`, "hybrid" for
+                `Spaces.hybrid`, which is taken (and the log says so) where Poisson's ratio is
+                above 0.48 somewhere and none is given, but in plane stress.
+            parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
+            thickness: of a plane body.
+
+        Raises:
+            TypeError: for things of another kind.
+            ValueError: for another name, and as `Body`.
+        """
+        arguments.mesh(mesh)
+        arguments.of_type("material", material, Material, "Material(E, nu) makes one")
+        names = ("displacements", "hybrid")
+        with collective(mesh.comm):
+            if formulation not in (None, *names):
+                raise ValueError(f"formulation {formulation!r}: take {' or '.join(names)}")
+        agree(mesh.comm, {"the formulation": formulation})
+        if formulation is None:
+            largest = _largest(material.poissons_ratio, mesh.comm)
+            plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
+            formulation = "hybrid" if largest > _HYBRID and not plane_stress else "displacements"
+            if formulation == "hybrid" and mesh.comm.rank == 0:
+                _logger.info("hybrid: nu = %g, displacements alone would lock", largest)
+        hybrid = formulation == "hybrid"
+        spaces = Spaces.hybrid(mesh, parts) if hybrid else Spaces.petrov_galerkin(mesh)
+        return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
 
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
@@ -560,6 +607,12 @@ def _constant(value: Scalar) -> bool:
 
 def _positive(name: str, value: Scalar, comm: MPI.Comm = MPI.COMM_SELF) -> Scalar:
     return arguments.coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
+
+
+def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
+    """The largest value of a coefficient, as far as its values are known."""
+    values = arguments.known_values(ratio)
+    return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 
 
 def _set(instance: object, name: str, value: object) -> None:

@@ -6,7 +6,7 @@ what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (
 with other nodes, see `ties`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -106,32 +106,38 @@ class Projection:
 
 
 class Masked:
-    """Pi W^T K W Pi + (1 - Pi), for `PETSc.Mat.createPython`; W is one without ties."""
+    """Pi s W^T K W s Pi + (1 - Pi), for `PETSc.Mat.createPython`.
 
-    def __init__(self, K: PETSc.Mat, projection: Projection) -> None:
+    W is one without ties, and so are the scales s where none are given.
+    """
+
+    def __init__(
+        self, K: PETSc.Mat, projection: Projection, scale: PETSc.Vec | None = None
+    ) -> None:
         self._K, self._projection = K, projection
+        self._scale: Array | float = 1.0 if scale is None else np.array(scale.array_r)
         self._kept = K.createVecRight()
         self.ties: Ties | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
-        self._kept.array[:] = self._projection(x.array_r)
-        if self.ties:
-            self.ties.follow(self._kept)
-        self._K.mult(self._kept, y)
-        if self.ties:
-            self.ties.hand_on(y)
-        y.array[:] = self._projection(y.array_r) + self._projection.rest(x.array_r)
+        self._apply(self._K.mult, x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x under the transposed matrix."""
-        self._kept.array[:] = self._projection(x.array_r)
+        self._apply(self._K.multTranspose, x, y)
+
+    def _apply(
+        self, product: Callable[[PETSc.Vec, PETSc.Vec], None], x: PETSc.Vec, y: PETSc.Vec
+    ) -> None:
+        self._kept.array[:] = self._scale * self._projection(x.array_r)
         if self.ties:
             self.ties.follow(self._kept)
-        self._K.multTranspose(self._kept, y)
+        product(self._kept, y)
         if self.ties:
             self.ties.hand_on(y)
-        y.array[:] = self._projection(y.array_r) + self._projection.rest(x.array_r)
+        kept = self._scale * self._projection(y.array_r)
+        y.array[:] = kept + self._projection.rest(x.array_r)
 
 
 class _NodeBlocks:
@@ -371,14 +377,14 @@ class Multigrid:
         """
         near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
         if self._fixed is None:
-            self._fixed = _projected(self._K, self._P)
+            self._fixed = projected(self._K, self._P)
             if near is not None:
-                _add(self._fixed, -1.0, _projected(near.K, near.P))
+                _add(self._fixed, -1.0, projected(near.K, near.P))
         made = self._fixed.copy()
         coarse = self._at_vertices.all_blocks()
         if near is not None:
             P = self._moved_near(near, coarse)
-            _add(made, 1.0, _projected(near.K, P))
+            _add(made, 1.0, projected(near.K, P))
             _destroy(P)
         size = made.getDiagonal().sum() / columns[1]
         _add(made, 1.0, block_diagonal(size * (np.eye(self._block) - coarse), columns, comm, "aij"))
@@ -493,6 +499,15 @@ def _linear_space(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices]
     return linear, node[:owned]
 
 
+def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, PETSc.Mat]:
+    """Linear functions on a space's mesh, and the matrix of their values at its nodes."""
+    linear, _ = _linear_space(space)
+    sizes = (
+        each.dofmap.index_map.size_local * each.dofmap.index_map_bs for each in (space, linear)
+    )
+    return linear, _interpolation_matrix(linear, space, *(np.ones(n, dtype=bool) for n in sizes))
+
+
 def _interpolation_matrix(
     linear: fem.FunctionSpace,
     space: fem.FunctionSpace,
@@ -550,7 +565,7 @@ def is_blocked(matrix: PETSc.Mat) -> bool:
     return "baij" in matrix.getType()
 
 
-def _projected(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
+def projected(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
     """P^T K P; PETSc has no such product of matrices in blocks: parts of them are converted."""
     if not is_blocked(K):
         product = K.ptap(P)

@@ -17,6 +17,7 @@ from dolfinx import fem
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.hybrid import SubSpace
 from pw_elements.linear_solver import LinearSolver
 
 
@@ -214,9 +215,15 @@ def is_finite(vector: PETSc.Vec) -> bool:
     return bool(vector.comm.tompi4py().allreduce(own, MPI.LAND))
 
 
-def refuse_negative(name: str, matrix: PETSc.Mat) -> None:
-    """Raises ValueError if the sum of a matrix's diagonal, that of its eigenvalues, is negative."""
-    trace = matrix.getDiagonal().sum()
+def refuse_negative(name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None) -> None:
+    """Raises ValueError if the sum of a matrix's diagonal, that of its eigenvalues, is negative.
+
+    Displacements alone count where the space has a pressure, too.
+    """
+    diagonal = matrix.getDiagonal()
+    if space is not None:
+        diagonal = SubSpace.displacements(space).part(diagonal)
+    trace = diagonal.sum()
     if trace < 0:
         raise ValueError(
             f"the diagonal of {name} adds up to {trace:.3g}: a body's is positive; look at the "

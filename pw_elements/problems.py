@@ -21,6 +21,7 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements import arguments
 from pw_elements.algebra import compiled_form, prescribed
 from pw_elements.collective import agree, answer, collective
+from pw_elements.hybrid import is_hybrid, is_split
 from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
 from pw_elements.problem import check_solver
@@ -72,7 +73,7 @@ class PetrovGalerkinProblem:
     Raises:
         TypeError: for things of another kind.
         ValueError: for a form without a test function or without u, not linear in its weights, of
-            several meshes, or that cannot be compiled; for an iterative solver.
+            several meshes, or that cannot be compiled; for an iterative solver or a split pressure.
         NumberingError: if trial and test space number their nodes differently.
     """
 
@@ -95,6 +96,11 @@ class PetrovGalerkinProblem:
         self.u, self.increments = u, tuple[Increment, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm
+        if is_split(self._space):
+            raise ValueError(
+                "the pressure of this space is split, and no residual ties it: take "
+                "Spaces.hybrid(mesh) without parts"
+            )
         form = _residual(residual, u)
         try:
             form = with_degrees(with_cell_rules(form))
@@ -161,7 +167,8 @@ class PetrovGalerkinProblem:
                 self._apply(path, done / total)
                 if load is None or size == 1:
                     self._keep(load)
-                    raise type(failed)(_advice(failed, load, done / total, share)) from None
+                    words = _advice(failed, load, done / total, share, is_hybrid(self._space))
+                    raise type(failed)(words) from None
                 size //= 2
                 continue
             done += size
@@ -240,10 +247,15 @@ def _constants(load: Load | None) -> Sequence[fem.Constant]:
     return load
 
 
-def _advice(failed: Exception, load: Load | None, done: float, share: float) -> str:
+def _advice(failed: Exception, load: Load | None, done: float, share: float, hybrid: bool) -> str:
     words = str(failed)
     if isinstance(failed, SingularSystem):
         words += ": conditions leave a motion free, or the solution branches here"
+        if hybrid:
+            words += (
+                ", or a body that they enclose has a pressure that is known up to a constant: "
+                'prescribe(space, "pressure", where)'
+            )
     if load is None:
         return (
             f"{words}; u is as before: start nearer to the solution, or give what makes the load "

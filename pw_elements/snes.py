@@ -2,6 +2,7 @@
 
 Conditions are equations as all others, u_i - g_i times a stiffness: so the first step of an
 increment moves the whole body along, not the prescribed nodes alone, which would turn cells over.
+A pressure beside displacements is scaled to be a length, and so are the equations of volume.
 """
 
 import logging
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc
 
+from pw_elements.hybrid import equilibration
 from pw_elements.linear_solver import LinearSolver, SingularSystem
 from pw_elements.problem import is_finite
 
@@ -50,7 +52,8 @@ class Increment:
 
     Args:
         share: of the load, at its end.
-        residuals: Euclidean norms, the one at the start first.
+        residuals: Euclidean norms, the one at the start first; with a pressure beside
+            displacements, of what `hybrid.equilibration` makes of them.
         corrections: largest change of a nodal value in each iteration, over the largest value.
     """
 
@@ -124,11 +127,17 @@ class Newton:
         self._rows = (prescribed.getOwnershipRange()[0] + fixed).astype(PETSc.IntType)
         self._x = prescribed.duplicate()
         self._x.setArray(system.u.x.array[: self._x.getLocalSize()])
-        self._before = self._x.copy()
         self.residuals: list[float] = []
         self.corrections: list[float] = []
         self._singular: SingularSystem | None = None
         system.assemble()
+        self._scale = equilibration(system.u.function_space, system.matrix)
+        if self._scale is not None:
+            system.matrix.diagonalScale(self._scale, self._scale)
+            self._x.pointwiseDivide(self._x, self._scale)
+            self._prescribed = prescribed.copy()
+            self._prescribed.pointwiseDivide(prescribed, self._scale)
+        self._before = self._x.copy()
         diagonal = system.matrix.getDiagonal()
         # what makes equations of conditions
         self._stiffness = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.getSize() or 1.0
@@ -150,7 +159,7 @@ class Newton:
         snes.setConvergenceTest(self._converged)
         try:
             snes.solve(None, self._x)
-            self._system.take(self._x)
+            self._take(self._x)
             self._judge(snes)
         except PETSc.Error:
             if self._singular:
@@ -160,16 +169,27 @@ class Newton:
             snes.destroy()  # and with it resets the KSP
             self._prepared.ksp.destroy()
 
-    def _equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
+    def _take(self, x: PETSc.Vec) -> None:
+        """Sets u to what the scaled unknowns stand for."""
+        if self._scale is not None:
+            scaled, x = x, x.duplicate()
+            x.pointwiseMult(scaled, self._scale)
         self._system.take(x)
+
+    def _equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        self._take(x)
         forces = self._system.forces().array_r.copy()
+        if self._scale is not None:
+            forces *= self._scale.array_r
         off = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
         forces[self._fixed] = self._stiffness * off
         out.setArray(forces)
 
     def _linearised(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
-        self._system.take(x)
+        self._take(x)
         self._system.assemble()
+        if self._scale is not None:
+            self._system.matrix.diagonalScale(self._scale, self._scale)
         self._system.matrix.zeroRows(self._rows, diag=self._stiffness)
         self._norm = self._system.matrix.norm(PETSc.NormType.INFINITY)
         try:

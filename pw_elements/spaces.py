@@ -22,7 +22,7 @@ from pw_elements.elements import (
     quadratic_element,
     serendipity_element,
 )
-from pw_elements.hybrid import SubSpace, is_hybrid, mixed_element
+from pw_elements.hybrid import SubSpace, is_hybrid, is_split, mixed_element
 from pw_elements.values import whole
 
 
@@ -92,19 +92,20 @@ class Spaces:
                 `Reduction.dirichlet(spaces, conditions)` ties it within each of them. A pressure
                 that is continuous where the material is not errs by ten per cent and more.
         """
-        element = _trial_element(mesh)
         weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
-        trial, test = (
-            fem.functionspace(mesh, mixed_element(vector, split=parts is not None))
-            for vector in (element, weights)
-        )
+        trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
         return cls(trial, test, parts)
 
     @classmethod
-    def taylor_hood(cls, mesh: Mesh) -> "Spaces":
-        """The standard hybrid element, quadratic displacements and linear pressure for both."""
-        trial = fem.functionspace(mesh, mixed_element(_trial_element(mesh)))
-        return cls(trial, trial)
+    def taylor_hood(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
+        """The standard hybrid element, quadratic displacements and linear pressure for both.
+
+        Args:
+            mesh: as of `hybrid`.
+            parts: as of `hybrid`.
+        """
+        trial = _mixed(mesh, _trial_element(mesh), parts)
+        return cls(trial, trial, parts)
 
     @classmethod
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
@@ -157,24 +158,32 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 
     Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
     assembled row i then belongs to the node of column i. On tetrahedra see `macro_element`.
+    Beside Taylor and Hood's own mixed space, the pressure is weighted as it is.
 
     Args:
         trial: quadratic Lagrange space, scalar or with components, of any cell.
 
     Raises:
-        ValueError: if `trial` is not a (blocked) Lagrange space of degree 2.
+        ValueError: if `trial` is not a (blocked) Lagrange space of degree 2, nor one of these and
+            a pressure of degree 1.
         NumberingError: if DOLFINx numbers the two spaces differently.
     """
     arguments.space(trial, "the trial space")
     mesh = trial.mesh
     cell = mesh.topology.cell_name()
-    shape = tuple(trial.ufl_element().reference_value_shape)
-    if trial.ufl_element() != quadratic_element(cell, shape):
+    whole = trial.ufl_element()
+    hybrid = is_hybrid(trial)
+    shape = tuple((whole.sub_elements[0] if hybrid else whole).reference_value_shape)
+    quadratic, weights = quadratic_element(cell, shape), macro_element(cell, shape)
+    if hybrid:
+        split = is_split(trial)
+        quadratic, weights = (mixed_element(vector, split) for vector in (quadratic, weights))
+    if whole != quadratic:
         raise ValueError(
-            f"the trial space has the element {trial.ufl_element()}; piecewise-linear test "
-            f'functions go with ("Lagrange", 2) on a {cell}'
+            f"the trial space has the element {whole}; piecewise-linear test functions go with "
+            f'("Lagrange", 2) on a {cell}, alone or beside a pressure of degree 1'
         )
-    test = fem.functionspace(mesh, macro_element(cell, shape))
+    test = fem.functionspace(mesh, weights)
     _assert_one_numbering(trial, test)
     return test
 
@@ -254,6 +263,12 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
     _assert_one_numbering(space, scalars, blocks=False)
     return scalars
+
+
+def _mixed(
+    mesh: Mesh, displacement: basix.ufl._ElementBase, parts: MeshTags | None
+) -> fem.FunctionSpace:
+    return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))
 
 
 def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:

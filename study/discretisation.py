@@ -55,6 +55,10 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pw-hybrid-T6": Spaces.hybrid,
     "galerkin-hybrid-T10": Spaces.taylor_hood,
     "pw-hybrid-T10": Spaces.hybrid,
+    "galerkin-hybrid-Q9": Spaces.taylor_hood,
+    "pw-hybrid-Q9": Spaces.hybrid,
+    "galerkin-hybrid-H27": Spaces.taylor_hood,
+    "pw-hybrid-H27": Spaces.hybrid,
     "galerkin-H27": Spaces.galerkin,
     "pw-H27": Spaces.petrov_galerkin,
 }
@@ -149,7 +153,7 @@ def held_nodes(
 
 def is_quadrilateral(element: str) -> bool:
     """Whether the element's mesh is one of quadrilaterals; pw-Q8 has pairs of triangles."""
-    return element in ("galerkin-Q8", "pw-Q9")
+    return element in ("galerkin-Q8", "pw-Q9") or element.endswith("hybrid-Q9")
 
 
 def is_symmetrised(element: str) -> bool:

@@ -41,9 +41,13 @@ ELEMENTS = {
     "galerkin-H27": Element("standard H27", "8", "#806000"),
     "pw-H27": Element("new H27", "*", "#00543D"),
     "galerkin-hybrid-T6": Element("standard hybrid T6", "+", "#A65E2E"),
-    "pw-hybrid-T6": Element("new hybrid T6", "3", "#1B9E9E"),
+    "pw-hybrid-T6": Element("new hybrid T6", ".", "#1B9E9E"),
     "galerkin-hybrid-T10": Element("standard hybrid T10", "1", "#6B4226"),
     "pw-hybrid-T10": Element("new hybrid T10", "2", "#0B6E6E"),
+    "galerkin-hybrid-Q9": Element("standard hybrid Q9", r"$\ominus$", "#9C6BAA"),
+    "pw-hybrid-Q9": Element("new hybrid Q9", r"$\oplus$", "#3F2A5E"),
+    "galerkin-hybrid-H27": Element("standard hybrid H27", r"$\otimes$", "#A08A3C"),
+    "pw-hybrid-H27": Element("new hybrid H27", r"$\odot$", "#2F7A4F"),
     "exact": Element("exact", "", "#000000"),
 }
 

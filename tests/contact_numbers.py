@@ -78,9 +78,10 @@ def stacked():
     return [pressed, problem.step(pressed, blocks.load((0.4, -3.0)))]
 
 
-def mortar():
+def mortar(element="petrov_galerkin", nu=0.3):
     """A body in space on another, which it covers in part, pressed and drawn askew."""
-    stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), comm=comm)
+    options = {"element": element, "nu": nu, "comm": comm}
+    stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), **options)
     held = [prescribe(stack.space, i, at(2, 0.0)) for i in range(3)]
     held += [prescribe(stack.space, i, at(2, 2.0), by) for i, by in enumerate((0.01, 0.0, -0.02))]
     supports = Reduction.dirichlet(stack.space, held)
@@ -99,6 +100,7 @@ noted("drag", drag())
 noted("rubber", drag(Spaces.hybrid, 0.5))
 noted("stacked", stacked())
 noted("mortar", mortar())
+noted("rubber mortar", mortar("hybrid", 0.5))
 numbers["ball refused"] = refused(Sphere((0, 6), 2.0), 5.0)
 numbers["plate refused"] = refused(Plane((0, 4), (0, -1)), 6.0)
 for seed in (158, 316):  # solved without active sets

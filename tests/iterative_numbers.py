@@ -18,6 +18,7 @@ from pw_elements import (
     assemble_vector,
     prescribe,
     solve,
+    split,
     vibration_modes,
 )
 from pw_elements.contact import solve_contact
@@ -43,6 +44,18 @@ def supported(cell):
         solve(K, f, Reduction.dirichlet(U, foot[:2]), Iterative())
     except SingularSystem:
         numbers[f"{cell}_free"] = 1.0
+
+
+def hybrid(cell):
+    mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (6, 3, 3), CellType[cell])
+    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), "solid")
+    W = body.spaces.trial
+    f = assemble_vector(body.body_load((0.0, 3e8, -1e9)))
+    foot = [prescribe(W, i, lambda x: np.isclose(x[0], 0.0), 0.1 * i) for i in range(3)]
+    held = Reduction.dirichlet(W, foot)
+    a = solve(assemble_matrix(body.stiffness()), f, held, Iterative())
+    for field, function in zip(("displacement", "pressure"), split(W, a), strict=True):
+        numbers[f"{cell} hybrid {field}"] = function.x.petsc_vec.norm()
 
 
 def contact(case):
@@ -78,6 +91,8 @@ def two_bodies(case):
 
 supported("tetrahedron")
 supported("hexahedron")
+hybrid("tetrahedron")
+hybrid("hexahedron")
 for case in CASES:
     contact(case)
 nested()

@@ -28,6 +28,7 @@ from pw_elements.contact import (
     Parabola,
     Plane,
     solve_contact,
+    write,
 )
 from pw_elements.hybrid import SubSpace
 from pw_elements.meshes import triangles
@@ -108,7 +109,32 @@ def test_histories_go_on_from_files_and_pickles(tmp_path):
         assert (again.displacement - pushed.displacement).norm() < 1e-12
     known = pickle.loads(pickle.dumps(pressed)).unknowns
     assert (known - pressed.unknowns).norm() == 0
-    assert problem.load(tmp_path / "pressed.npz").unknowns is None
+    assert (problem.load(tmp_path / "pressed.npz").unknowns - known).norm() == 0
+    plain = Rubber(Spaces.petrov_galerkin, 0.3).problem(0.3)
+    plain.save(plain.undeformed, tmp_path / "plain.npz")
+    with pytest.raises(ValueError, match="has the state of a body without pressure"):
+        problem.load(tmp_path / "plain.npz")
+
+
+def test_pictures_have_the_pressure_of_the_body(tmp_path):
+    case = Rubber(nu=0.4999)
+    problem = case.problem(0.3)
+    pressed = problem.step(problem.undeformed, case.nothing, Motion((0.0, -0.04)))
+    fields = ContactFields.of(pressed, case.body)
+    _, p = split(case.space, pressed.unknowns)
+    x = p.function_space.tabulate_dof_coordinates()
+    of = fields.body_pressure.function_space.tabulate_dof_coordinates()
+    values = fields.body_pressure.x.array
+    for place, value in zip(x, p.x.array, strict=True):
+        assert values[np.linalg.norm(of - place, axis=1).argmin()] == pytest.approx(value)
+    # below the parabola the body is pressed as hard as the contact
+    middle = np.linalg.norm(of - [0, 2, 0], axis=1).argmin()
+    assert values[middle] == pytest.approx(fields.pressure.x.array[middle], rel=0.05)
+    write(tmp_path / "rubber.bp", [problem.undeformed, pressed], case.body)
+    assert ContactFields.of(pressed, case.space).body_pressure is not None
+    plain = Rubber(Spaces.petrov_galerkin, 0.3)
+    problem = plain.problem(0.3)
+    assert ContactFields.of(problem.undeformed, plain.body).body_pressure is None
 
 
 def test_without_active_sets_the_same_state_is_found():

@@ -19,6 +19,7 @@ from pw_elements import (
     boundary_measure,
     prescribe,
     reactions,
+    split,
 )
 from pw_elements.contact import (
     ContactFields,
@@ -36,6 +37,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.segments import segments
 from pw_elements.contact.trace import gathered_trace
+from pw_elements.hybrid import SubSpace
 from pw_elements.mechanics import exterior_facets
 from pw_elements.recovery import SurfaceNodes
 from tests.contact_cases import at
@@ -79,6 +81,21 @@ def test_patch(cell, slave, friction):
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("nu", [0.3, 0.5])
+def test_patch_of_hybrid_bodies(nu, cell, slave):
+    stack = Stack((2, 3) if cell == "tetrahedron" else (4, 7), cell, element="hybrid", nu=nu)
+    state, load = pressed(stack, slave, 0.3)
+    exact = uniaxial(stack, nu)
+    moved = state.displacement.array.reshape(exact.shape)
+    assert moved == pytest.approx(exact, abs=1e-11 * np.abs(exact).max())
+    _, pressure = split(stack.space, state.unknowns)
+    share = nu if stack.dim == 2 else nu / (1 + nu)
+    assert pressure.x.array == pytest.approx(PRESSURE * share, rel=1e-9)
+    assert balance(stack, state, load) < 1e-12
+
+
+@pytest.mark.parametrize("slave", ["upper", "lower"])
 @pytest.mark.parametrize("bend", [0.05, 0.15])
 def test_patch_on_quadrilaterals_of_any_shape(slave, bend):
     """Flat faces that are no parallelograms, on which weights are no polynomials."""
@@ -115,7 +132,8 @@ def test_slave_whose_facets_stick_out(cell):
 
 def balance(stack, state, load):
     """Total force and moment of the contact forces on both bodies, over the force."""
-    r = reactions(stack.K, state.displacement, load).array.reshape(-1, stack.dim)
+    field = SubSpace.displacements(stack.space)
+    r = field.part(reactions(stack.K, state.unknowns, load)).array.reshape(-1, stack.dim)
     face = stack.nodes("upper") | stack.nodes("lower")
     force, x = r[face], stack.x[face]
     moment = np.cross(x, force) if stack.dim == 3 else x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
@@ -125,9 +143,11 @@ def balance(stack, state, load):
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("slave", ["upper", "lower"])
-def test_forces_and_moments_balance(cell, slave):
+@pytest.mark.parametrize(("element", "nu"), [("petrov_galerkin", 0.3), ("hybrid", 0.5)])
+def test_forces_and_moments_balance(cell, slave, element, nu):
     """Of an uneven contact with friction, on parts of facets."""
-    stack = Stack((5, 4) if cell in PLANE else (3, 2), cell, upper=(0.13, 0.83))
+    divisions = (5, 4) if cell in PLANE else (3, 2)
+    stack = Stack(divisions, cell, upper=(0.13, 0.83), element=element, nu=nu)
     supports = moved_top(stack, ([0.01, -0.02] if stack.dim == 2 else [0.01, -0.02, -0.02]))
     load = stack.K.createVecLeft()
     (state,) = solve_contact(stack.K, load, supports, stack.pair(slave, 0.2), stack.space)
@@ -357,8 +377,10 @@ def test_ring_in_a_ring():
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-def test_fields_have_the_forces_on_both_bodies(cell):
-    stack = Stack((3, 2) if cell == "tetrahedron" else (5, 4), cell, upper=(0.13, 0.83))
+@pytest.mark.parametrize("element", ["petrov_galerkin", "hybrid"])
+def test_fields_have_the_forces_on_both_bodies(cell, element):
+    divisions = (3, 2) if cell == "tetrahedron" else (5, 4)
+    stack = Stack(divisions, cell, upper=(0.13, 0.83), element=element)
     supports = moved_top(stack, ([0.01, -0.02] if stack.dim == 2 else [0.01, -0.02, -0.02]))
     load = stack.K.createVecLeft()
     problem = ContactProblem(stack.K, supports, stack.pair("upper", 0.2), stack.space)
@@ -366,7 +388,8 @@ def test_fields_have_the_forces_on_both_bodies(cell):
     fields = ContactFields.of(state, stack.body)
     force = fields.force.x.array.reshape(-1, stack.dim)
     face = stack.nodes("upper") | stack.nodes("lower")
-    left = reactions(stack.K, state.displacement, load).array.reshape(force.shape)
+    left = reactions(stack.K, state.unknowns, load)
+    left = SubSpace.displacements(stack.space).part(left).array.reshape(force.shape)
     assert force[face] == pytest.approx(left[face], abs=1e-11 * np.abs(left[face]).max())
     assert not force[~face].any()
     (pair,) = state.pairs
@@ -459,8 +482,9 @@ def test_interference_is_pressed_out(cell):
     assert state.pairs[0].force[up] == pytest.approx(exact, rel=1e-9)
 
 
-def test_pictures_and_files_take_two_bodies(tmp_path):
-    stack = Stack((5, 4))
+@pytest.mark.parametrize("element", ["petrov_galerkin", "hybrid"])
+def test_pictures_and_files_take_two_bodies(tmp_path, element):
+    stack = Stack((5, 4), element=element)
     supports, load = moved_top(stack, [0.001, -0.02]), stack.K.createVecLeft()
     states = solve_contact(stack.K, load, supports, stack.pair("upper", 0.2), stack.space)
     write(tmp_path / "two.bp", states, stack.body)

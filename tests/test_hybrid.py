@@ -5,10 +5,10 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 import ufl
+from basix.ufl import element
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
-    compute_midpoints,
     create_unit_cube,
     create_unit_square,
     meshtags,
@@ -20,20 +20,24 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
+    as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    buckling,
     nodal_load,
     prescribe,
     reactions,
     solve,
     split,
+    test_space,
     vibration_modes,
 )
-from pw_elements.hybrid import SubSpace
+from pw_elements.hybrid import SubSpace, mixed_element
 from pw_elements.meshes import mapped, triangles
 from pw_elements.recovery import force_transfer
 from study.verification.t_identity import distorted
+from study.verification.v15_layers import error, layered
 
 COMM = MPI.COMM_WORLD
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -224,40 +228,11 @@ def test_displacements_alone_warn_near_incompressibility(caplog, method, nu, sta
     assert ("in displacements alone: they lock" in caplog.text) is warned
 
 
-def layers(split_pressure, comm=COMM):
-    """Two layers, the upper ten times as stiff and compressible, pressed between smooth plates."""
-    mesh = triangles(comm, (0.0, 0.0), (1.0, 2.0), (4, 6))
-    x = mesh.geometry.x
-    inner = (x[:, 0] > 1e-9) & (x[:, 0] < 1 - 1e-9)
-    x[inner, 0] += 0.05 * np.sin(7 * x[inner, 1])
-    count = mesh.topology.index_map(2)
-    cells = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
-    upper = compute_midpoints(mesh, 2, cells)[:, 1] > 1
-    parts = meshtags(mesh, 2, cells, upper.astype(np.int32))
-    E, nu = (fem.Function(fem.functionspace(mesh, ("DG", 0))) for _ in range(2))
-    E.x.array[:], nu.x.array[:] = np.where(upper, 20.0, 2.0), np.where(upper, 0.3, 0.4999)
-    spaces = Spaces.hybrid(mesh, parts if split_pressure else None)
-    body = Body(spaces, Material(E, nu), "plane strain")
-    W = body.spaces.trial
-    held = [
-        prescribe(W, 1, side(1, 0.0)),
-        prescribe(W, 0, side(0, 0.0)),
-        prescribe(W, 0, side(0, 1.0)),
-    ]
-    top = boundary_measure(mesh, side(1, 2.0))
-    f = assemble_vector(body.surface_load((0.0, -1.0), top))
-    u, _ = split(W, solve(assemble_matrix(body.stiffness()), f, Reduction.dirichlet(spaces, held)))
-    stiffness = [e * (1 - n) / ((1 + n) * (1 - 2 * n)) for e, n in ((2.0, 0.4999), (20.0, 0.3))]
-    y = u.function_space.tabulate_dof_coordinates()[:, 1]
-    exact = -np.minimum(y, 1) / stiffness[0] - np.maximum(y - 1, 0) / stiffness[1]
-    moved = u.x.array.reshape(-1, 2)
-    return max(np.abs(moved[:, 0]).max(), np.abs(moved[:, 1] - exact).max()) / np.abs(exact).max()
-
-
 def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
-    assert layers(split_pressure=True) < 1e-12
+    mesh = layered(COMM, CellType.triangle)
+    assert error(Spaces.hybrid, mesh, split_pressure=True) < 1e-12
     assert "the pressure is continuous" not in caplog.text
-    assert layers(split_pressure=False) > 1e-3
+    assert error(Spaces.hybrid, mesh, split_pressure=False) > 1e-3
     assert "the pressure is continuous" in caplog.text
 
 
@@ -287,3 +262,110 @@ def test_frequencies_are_those_of_displacements_alone_where_nothing_locks():
         K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
         found.append(vibration_modes(K, M, foot, 4).eigenvalues)
     assert np.allclose(*found, rtol=1e-3)
+
+
+def test_shear_vibrations_of_an_incompressible_block_are_exact():
+    """u_x = sin(pi y / 2), u_y = 0 keeps volumes: omega^2 = mu (pi / 2)^2 / rho."""
+    E, rho = 7e9, 2e3
+    mesh = create_unit_square(COMM, 6, 6)
+    found = []
+    for method in (Spaces.hybrid, Spaces.taylor_hood):
+        body = Body(method(mesh), Material(E, 0.5, rho), "plane strain")
+        W = body.spaces.trial
+        base = [prescribe(W, k, side(1, 0.0)) for k in (0, 1)]
+        sides = [prescribe(W, 1, side(0, end)) for end in (0.0, 1.0)]
+        held = Reduction.dirichlet(W, [*base, *sides, prescribe(W, 1, side(1, 1.0))])
+        K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+        values = vibration_modes(K, M, held, 6).eigenvalues
+        found.append(np.abs(values / (E / 3 / rho * (np.pi / 2) ** 2) - 1).min())
+    assert found[1] < 1e-4
+    assert found[0] < 1e-2
+
+
+def test_enclosed_bodies_have_no_modes_without_a_pressure():
+    mesh = create_unit_square(COMM, 3, 3)
+    body = Body(Spaces.hybrid(mesh), Material(1e-3, 0.5), "plane strain")
+    W = body.spaces.trial
+    rim = [
+        prescribe(W, k, lambda x: np.any(np.isclose(np.abs(x[:2] - 0.5), 0.5), axis=0))
+        for k in (0, 1)
+    ]
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    with pytest.raises(SingularSystem, match="prescribe it at a vertex"):
+        vibration_modes(K, M, Reduction.dirichlet(W, rim))
+    with pytest.raises(ValueError, match="no symmetrised twin"):
+        vibration_modes(K, M, Reduction.dirichlet(W, rim[:1]), symmetrised=True)
+
+
+@pytest.mark.parametrize(
+    ("nu", "state", "formulation", "hybrid"),
+    [
+        (0.48, "plane strain", None, False),
+        (0.481, "plane strain", None, True),
+        (0.5, "solid", None, True),
+        (0.5, "plane stress", None, False),
+        (0.481, "plane strain", "displacements", False),
+        (0.3, "axisymmetric", "hybrid", True),
+    ],
+)
+def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, formulation, hybrid):
+    caplog.set_level("INFO", logger="pw_elements")
+    mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
+    body = Body.on(mesh, Material(1.0, nu), state, formulation)
+    assert body.spaces.is_hybrid is hybrid
+    assert (f"hybrid: nu = {nu:g}" in caplog.text) is (hybrid and formulation is None)
+
+
+def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog):
+    mesh = block("triangle", 2)
+    nu = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+    nu.x.array[:] = 0.3
+    assert not Body.on(mesh, Material(1.0, nu), "plane strain").spaces.is_hybrid
+    nu.x.array[-1:] = 0.495
+    Body(Spaces.petrov_galerkin(mesh), Material(1.0, nu), "plane strain")
+    assert "nu = 0.495 in displacements alone" in caplog.text
+    cells = np.arange(len(nu.x.array), dtype=np.int32)
+    parts = meshtags(mesh, 2, cells, (nu.x.array > 0.4).astype(np.int32))
+    body = Body.on(mesh, Material(1.0, nu), "plane strain", parts=parts)
+    assert body.spaces.parts is parts
+    with pytest.raises(ValueError, match="formulation 'mixed': take displacements or hybrid"):
+        Body.on(mesh, Material(1.0, 0.4), "plane strain", "mixed")
+
+
+def test_an_incompressible_column_buckles_as_euler_says():
+    E, length, height = 2e11, 10.0, 1.0
+    mesh = triangles(COMM, (0.0, 0.0), (length, height), (40, 4))
+    body = Body(Spaces.hybrid(mesh), Material(E, 0.5), "plane strain")
+    W = body.spaces.trial
+    foot = Reduction.dirichlet(W, [prescribe(W, k, side(0, 0.0)) for k in (0, 1)])
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, side(0, length))))
+    pressed = as_function(W, solve(K, f, foot))
+    K_sigma = assemble_matrix(body.initial_stress(body.stress(pressed)))
+    euler = np.pi**2 / 4 * E / (1 - 0.5**2) * height**3 / 12 / length**2
+    assert buckling(K, K_sigma, foot).factors[0] == pytest.approx(euler, rel=0.01)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_mixed_space_of_ones_own_has_the_same_weights(cell):
+    mesh = block(cell, 2)
+    own, pair = Spaces.taylor_hood(mesh).trial, Spaces.hybrid(mesh)
+    dx = ufl.dx(metadata={"quadrature_degree": 4})
+    mine, theirs = (
+        assemble_matrix(ufl.inner(ufl.TrialFunction(trial), ufl.TestFunction(test)) * dx)
+        for trial, test in ((own, test_space(own)), (pair.trial, pair.test))
+    )
+    assert (mine - theirs).norm() < 1e-14 * mine.norm()
+    straight = element("Lagrange", cell, 1, shape=(mesh.geometry.dim,))
+    linear = fem.functionspace(mesh, mixed_element(straight))
+    with pytest.raises(ValueError, match="alone or beside a pressure of degree 1"):
+        test_space(linear)
+
+
+def test_conditions_contradict_each_other_field_by_field():
+    W = Spaces.hybrid(block("triangle", 2)).trial
+    corner = lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0)  # noqa: E731
+    held = [prescribe(W, "pressure", corner, 1e12), prescribe(W, 0, side(0, 0.0), 1e-3)]
+    Reduction.dirichlet(W, held)
+    with pytest.raises(ValueError, match="contradict each other"):
+        Reduction.dirichlet(W, [*held, prescribe(W, 0, side(1, 0.0), 2e-3)])

@@ -91,6 +91,13 @@ QUICK = [
     "V15/cube-pw-hybrid-T10-0.4999-3",
     "V15/cook-galerkin-hybrid-T6-4",
     "V15/hertz-pw-T6-8",
+    "V15/identity-pw-hybrid-T6",
+    "V15/infsup-pw-hybrid-T10-2",
+    "V15/layers-pw-hybrid-Q9",
+    "V15/presses-pw-hybrid-T6-8",
+    "V15/pushed-pw-hybrid-T6-30",
+    "V15/sphere-pw-hybrid-H27-3",
+    "V15/seal-pw-hybrid-T6-8",
 ]
 SLOW = {("7.6", "mesh_scan")}
 

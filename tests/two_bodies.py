@@ -16,6 +16,7 @@ from dolfinx.mesh import (
 from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
+from pw_elements.hybrid import SubSpace
 from pw_elements.mechanics import exterior_facets
 
 
@@ -81,8 +82,9 @@ class Stack:
         self.body = Body(getattr(Spaces, element)(mesh), material, state)
         self.mesh, self.space = mesh, self.body.spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
-        self.x = self.space.tabulate_dof_coordinates()[:, : self.dim]
-        of_upper = self.x[self.space.dofmap.list].mean(axis=1)[:, self.up] > 1.0
+        self.displacements = SubSpace.displacements(self.space).space
+        self.x = self.displacements.tabulate_dof_coordinates()[:, : self.dim]
+        of_upper = self.x[self.displacements.dofmap.list].mean(axis=1)[:, self.up] > 1.0
         facets = exterior_facets(mesh, lambda x: np.abs(x[self.up] - 1.0) < 0.1)
         cells = mesh.topology.connectivity(self.up, self.dim)
         above = np.array([of_upper[cells.links(f)[0]] for f in facets], dtype=bool)
@@ -92,7 +94,7 @@ class Stack:
         """Mask of the nodes of one body's part."""
         mask = np.zeros(len(self.x), dtype=bool)
         facets = self.sides[side]
-        mask[fem.locate_dofs_topological(self.space, self.up, facets)] = True
+        mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
         return mask
 
     def load(self, traction):

@@ -21,10 +21,10 @@ from pw_elements.collective import collective
 from pw_elements.contact.errors import listed
 from pw_elements.contact.state import ContactState, PairState
 from pw_elements.elements import quadratic_element
-from pw_elements.hybrid import SubSpace
+from pw_elements.hybrid import SubSpace, is_hybrid
 from pw_elements.mechanics import Body
 from pw_elements.recovery import SurfaceNodes, facets_between
-from pw_elements.spaces import as_function, scalar_space
+from pw_elements.spaces import as_function, scalar_space, split
 
 Array = npt.NDArray[np.float64]
 
@@ -60,6 +60,9 @@ class ContactFields:
         traction: vector, the tangential force of the surface on the body over the area that
             `pressure` has.
         surfaces: of each pair; none without the body.
+        body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
+            of others. Where materials meet it is that of either side.
+        hybrid: trial space of hybrid bodies.
     """
 
     displacement: fem.Function
@@ -71,6 +74,8 @@ class ContactFields:
     tributary_pressure: fem.Function | None
     traction: fem.Function | None
     surfaces: tuple[SurfaceNodes, ...]
+    body_pressure: fem.Function | None = None
+    hybrid: fem.FunctionSpace | None = None
 
     @classmethod
     def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
@@ -97,11 +102,13 @@ class ContactFields:
             for name in ("gap", "status", "pressure", "tributary_pressure")
         )
         always = displacement, force, gap, slip, status
+        whole = body.spaces.trial if isinstance(body, Body) else body
+        own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
         if isinstance(body, Body):
             surfaces = tuple(surface_of(k, pair, body) for k, pair in enumerate(state.pairs))
-            fields = cls(*always, pressure, tributary, traction, surfaces)
+            fields = cls(*always, pressure, tributary, traction, surfaces, *own)
         else:
-            fields = cls(*always, None, None, None, ())
+            fields = cls(*always, None, None, None, (), *own)
         fields.fill(state)
         return fields
 
@@ -132,6 +139,8 @@ class ContactFields:
         values = [s.tributary_pressure(p.force_normal) for s, p in each]
         _spread(self.tributary_pressure, pairs, values)
         _spread(self.traction, pairs, [s.pressure(p.force_tangential) for s, p in each])
+        if self.body_pressure is not None and self.hybrid is not None:
+            self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
     def functions(self) -> list[fem.Function]:
         """All of them."""

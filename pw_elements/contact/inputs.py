@@ -15,6 +15,7 @@ from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
+from pw_elements.hybrid import is_hybrid
 from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import LinearSolver
 from pw_elements.problem import Problem, check_load, is_finite
@@ -75,8 +76,15 @@ def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Redu
     Raises:
         ValueError: if an iterative solver does not serve the reduction.
     """
-    taken = chosen(solver, reduction.supports)
-    return taken, reduction.masked() if isinstance(taken, Iterative) else reduction
+    why = ""
+    if reduction.space is not None and is_hybrid(reduction.space):
+        why = "contact of hybrid bodies needs factors"
+    taken = chosen(solver, reduction.supports, why)
+    if not isinstance(taken, Iterative):
+        return taken, reduction
+    if why:
+        raise ValueError(f"Iterative() knows contact of displacements alone, {why}: take Direct()")
+    return taken, reduction.masked()
 
 
 def checked_paths(
@@ -93,6 +101,11 @@ def checked_paths(
     with collective(space.mesh.comm):
         if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
             raise ValueError("impact is one against rigid surfaces, not of two bodies")
+        if is_hybrid(space):
+            raise ValueError(
+                "a pressure has no mass: impact is one of displacements alone, as of "
+                "Spaces.petrov_galerkin(mesh)"
+            )
         each: list[PathInTime | None] = [paths] if callable(paths) else list(paths)
         each = each or [None] * len(pairs)
         if len(each) != len(pairs):

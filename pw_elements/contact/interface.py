@@ -254,8 +254,8 @@ class Interface:
         if len(nodes):
             points = self.force.createVecRight()
             points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
-            nodal = (self.force * points).array_r.reshape(-1, dim)
-            own = nodes - self.force.getOwnershipRange()[0] // dim
+            nodal = self.field.part(self.force * points).array_r.reshape(-1, dim)
+            own = nodes - self.field.space.dofmap.index_map.local_range[0]
             mine = (own >= 0) & (own < len(nodal))
             total[mine] = nodal[own[mine]]
             self.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)

@@ -61,7 +61,9 @@ class KrylovTangent:
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: Krylov = how.prepare(K, supports=supports)
-        self._multigrid: Multigrid = self.solver.multigrid
+        levels = self.solver.multigrid
+        assert isinstance(levels, Multigrid), "hybrid bodies are refused before"
+        self._multigrid = levels
         blocked = self._multigrid.blocked
         self._context = Unassembled(blocked, supports.free, points)
         local, whole = K.getSizes()[0]

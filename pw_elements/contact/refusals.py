@@ -26,6 +26,11 @@ from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
 
+_ENCLOSED = (
+    "Supports and contact enclose an incompressible body, whose volume has no room and whose "
+    "pressure no scale: leave a part of its surface free, or take nu below 1/2"
+)
+
 
 def no_equilibrium(
     increment: Increment, place: Kinematics, rigid: RigidMotions
@@ -80,9 +85,12 @@ def refusal(
         share = f"{violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
+        enclosed = ""
+        if increment.system.encloses():
+            enclosed = f" {_ENCLOSED}."
         failure = NotFound(
-            f"{failure}. {doubt}.{near} Smaller increments, pressing before pushing, or a start "
-            "from states of a smaller friction or a coarser mesh may find one"
+            f"{failure}. {doubt}.{enclosed}{near} Smaller increments, pressing before pushing, or "
+            "a start from states of a smaller friction or a coarser mesh may find one"
         )
     failure.state = state
     return failure

@@ -175,7 +175,7 @@ class ContactState:
             increment needs.
         converged: False in the `state` of an error, which is no solution: nothing goes on from it.
         unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
-            pressure of a hybrid one. None in a hybrid body's state that was read from a file.
+            pressure of a hybrid one. The displacement unless given.
     """
 
     displacement: PETSc.Vec
@@ -192,7 +192,11 @@ class ContactState:
 
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()
-    unknowns: PETSc.Vec | None = None
+    unknowns: PETSc.Vec = None
+
+    def __post_init__(self) -> None:
+        if self.unknowns is None:
+            object.__setattr__(self, "unknowns", self.displacement)
 
     @property
     def translations(self) -> Array:

@@ -114,8 +114,8 @@ class ContactProblem:
         self._remedies = checked_remedies(remedies, space, self._solver)
         sibling = K.getAttr("sibling")
         self._interface = nodal_interface(self.pairs, space, self._reduction, sibling)
-        self._space = space = self._interface.field.space
-        self._watch = Watch(self._interface, space)
+        self._whole, self._space = space, self._interface.field.space
+        self._watch = Watch(self._interface, self._space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
@@ -170,8 +170,7 @@ class ContactProblem:
 
     def _cut(self, state: ContactState, end: Target, reporter: Reporter) -> ContactState | None:
         """The state at a target, in parts; None if it is not found that way."""
-        known = state.unknowns is not None
-        if not known or "cutback" not in self._remedies or homogeneous(state):
+        if "cutback" not in self._remedies or homogeneous(state):
             return None
         start = held_by(state, self._K, self._interface)
         return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
@@ -273,7 +272,7 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_state(state, self.undeformed, self._space)
-        write_state(checked_path(path, self._space), state, self._space)
+        write_state(checked_path(path, self._space), state, self._whole)
 
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
@@ -283,9 +282,7 @@ class ContactProblem:
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path, self._space), self._space)
-        if self._interface.field.is_all:
-            state = replace(state, unknowns=state.displacement)
+        state = read_state(checked_path(path, self._space), self._whole)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 

@@ -17,17 +17,20 @@ from scipy.spatial import cKDTree
 from pw_elements.collective import collective
 from pw_elements.contact.nodes import midpoints_around
 from pw_elements.contact.state import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.hybrid import SubSpace, is_hybrid
 from pw_elements.linear_solver import SolverReport
 
 Array = npt.NDArray[np.float64]
 
+# Names of the arrays of places that belong to values
+_NODES = {"displacement": "nodes", "pressure": "pressure_nodes"}
 _FORMAT = "pw_elements contact state 3"
 # Largest distance of a node from its place in the file, over the body's extent
 _SAME = 1e-8
 
 
 def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
-    """Writes a state whole or not at all, on one process.
+    """Writes a state whole or not at all, on one process; the space may be hybrid.
 
     Raises:
         ValueError: for the state of an error.
@@ -36,12 +39,14 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
     if not state.converged:
         raise ValueError("the state is no solution: nothing goes on from it")
     comm = space.mesh.comm
-    block = space.dofmap.index_map_bs
-    nodes = comm.gather(_places(space))
-    moved = comm.gather(state.displacement.array_r.reshape(-1, block))
-    arrays = {}
+    arrays: dict[str, npt.NDArray] = {}
+    for name, field in _fields(space).items():
+        values = field.part(state.unknowns).array_r.reshape(field.owned.shape)
+        given = comm.gather((_places(field.space), values))
+        if comm.rank == 0:
+            places, values = zip(*given, strict=True)
+            arrays |= {_NODES[name]: np.concatenate(places), name: np.concatenate(values)}
     if comm.rank == 0:
-        arrays = {"nodes": np.concatenate(nodes), "displacement": np.concatenate(moved)}
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
         numbers = {
@@ -67,7 +72,7 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
 
 
 def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
-    """Reads a state, each process the displacements of its own nodes.
+    """Reads a state, each process the values of its own nodes.
 
     Raises:
         ValueError: if the file holds no state, or one of another mesh.
@@ -94,11 +99,21 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         ]
     except (ValueError, KeyError, OSError, BadZipFile) as failed:
         raise ValueError(f"{path} holds no contact state: {failed}") from None
-    row = _rows(path, arrays, space)
+    fields = _fields(space)
+    if missing := fields.keys() - arrays.keys():
+        raise ValueError(f"{path} has the state of a body without {missing.pop()}")
+    row = {name: _rows(path, arrays[_NODES[name]], field) for name, field in fields.items()}
+    moved = fields["displacement"]
     for pair in pairs:
-        pair |= {name: _numbers(pair[name], row, space) for name in ("node", "faced", "opposite")}
+        pair |= {
+            name: _numbers(pair[name], row["displacement"], moved.space)
+            for name in ("node", "faced", "opposite")
+        }
+    unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
+    spread = [field.spread(arrays[name][row[name]].ravel()) for name, field in fields.items()]
+    unknowns.setArray(np.sum(spread, axis=0))
     return ContactState(
-        _displacement(arrays["displacement"][row], space),
+        moved.part(unknowns),
         tuple(PairState(**pair) for pair in pairs),
         numbers["iterations"],
         numbers["unique"],
@@ -109,12 +124,20 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         frozenset(numbers["orientations"]),
         Scale(**numbers["scale"]),
         Smallness(**numbers["smallness"]),
+        unknowns=unknowns,
     )
 
 
-def _rows(path: Path, arrays: dict[str, Array], space: fem.FunctionSpace) -> npt.NDArray[np.intp]:
+def _fields(space: fem.FunctionSpace) -> dict[str, SubSpace]:
+    fields = {"displacement": SubSpace.displacements(space)}
+    if is_hybrid(space):
+        fields["pressure"] = SubSpace.pressure(space)
+    return fields
+
+
+def _rows(path: Path, stored: Array, field: SubSpace) -> npt.NDArray[np.intp]:
     """Row of each owned node in a file, which is the number that it had when that was written."""
-    stored, places = arrays["nodes"], _places(space)
+    space, places = field.space, _places(field.space)
     wrong = stored.shape != (space.dofmap.index_map.size_global, places.shape[1])
     if not wrong:
         distance, nearest = cKDTree(stored).query(places)
@@ -125,14 +148,6 @@ def _rows(path: Path, arrays: dict[str, Array], space: fem.FunctionSpace) -> npt
     if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
         raise ValueError(f"{path} has the state of another mesh")
     return np.asarray(nearest)
-
-
-def _displacement(moved: Array, space: fem.FunctionSpace) -> PETSc.Vec:
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    sizes = (index_map.size_local * block, index_map.size_global * block)
-    vector = PETSc.Vec().createMPI(sizes, comm=space.mesh.comm)
-    vector.setArray(moved.ravel())
-    return vector
 
 
 def _numbers(

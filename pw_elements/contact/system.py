@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, free_pressure
 from pw_elements.contact.assembly import (
     PointRows,
     balance_rows,
@@ -189,6 +189,12 @@ class ContactSystem:
     def motions(self, displacement: PETSc.Vec) -> Array:
         """G a, (m, dim), of a full displacement vector (n,)."""
         return np.array((self.interface.motion * displacement).array_r.reshape(self._own.shape))
+
+    def encloses(self) -> bool:
+        """Whether a constant pressure in an incompressible body acts on contact points alone."""
+        if isinstance(self._tangent, KrylovTangent):
+            return False
+        return free_pressure(self.stiffness, self.reduction, self._own[self._own >= 0])
 
     def totals(self, forces: Array) -> Array:
         """Sums of forces (m, dim) at the points of all processes, one per free translation."""

@@ -42,7 +42,8 @@ class Row:
     """What is measured.
 
     Args:
-        task: "assembly", "factors", "frequencies", "contact", or "bodies": two on each other.
+        task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other, or
+            "incompressible": a solution.
         element: as in the study, or one of CalculiX.
         cells: along the height of the block, or of the lower one.
         method: "Direct", "Iterative", "nested": from the state of half as many cells;
@@ -89,6 +90,12 @@ def rows() -> Iterator[Row]:
         yield Row("bodies", "pw-T10", 10, method)
     for processes in (1, 2, 3):
         yield Row("bodies", "pw-T10", 20, "Iterative", processes)
+    for element in ("galerkin-hybrid-T10", "pw-hybrid-T10"):
+        for n in (5, 8):
+            yield Row("incompressible", element, n)
+        for n in (5, 8, 11, 16, 22):
+            yield Row("incompressible", element, n, "Iterative")
+    yield Row("incompressible", "pw-hybrid-T10", 22, "Iterative", 2)
 
 
 def main() -> None:
@@ -150,6 +157,7 @@ def _one(row: Row) -> None:
         "frequencies": _frequencies,
         "contact": _contact,
         "bodies": _bodies,
+        "incompressible": _incompressible,
     }
     started = time.perf_counter()
     numbers = tasks[row.task](row)
@@ -178,7 +186,7 @@ def _body(element: str, cells: int) -> Any:  # noqa: ANN401
     else:
         mesh = create_rectangle(comm, [(0.0, 0.0), (2.0, 1.0)], (2 * cells, cells))
         state = "plane strain"
-    material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
+    material = Material(YOUNGS_MODULUS, 0.5 if "hybrid" in element else POISSONS_RATIO)
     return Body(spaces(element, mesh), material, StressState(state))
 
 
@@ -237,6 +245,28 @@ def _frequencies(row: Row) -> dict[str, float]:
     M = assemble_matrix(body.mass())
     _, seconds = _seconds(lambda: vibration_modes(K, M, supports, MODES))
     return {"dofs": K.getSize()[0], "seconds": seconds}
+
+
+def _incompressible(row: Row) -> dict[str, float]:
+    """The clamped block, pressed and pushed from above, nu = 1/2."""
+    import numpy as np
+
+    import pw_elements as pw
+
+    body, K, supports = _clamped(row)
+    top = pw.boundary_measure(body.spaces.mesh, lambda x: np.isclose(x[2], 1.0))
+    load = pw.assemble_vector(body.surface_load((PUSH, PUSH / 2, -PRESSURE), top))
+    solver = pw.Direct() if row.method == "Direct" else pw.Iterative()
+    a, seconds = _seconds(lambda: pw.solve(K, load, supports, solver))
+    report = a.getAttr("report")
+    moved, pressure = pw.split(body.spaces.trial, a)
+    return {
+        "dofs": K.getSize()[0],
+        "seconds": seconds,
+        "krylov_iterations": report.krylov_iterations,
+        "moved": float(moved.x.petsc_vec.norm()),
+        "pressure": float(pressure.x.petsc_vec.norm()),
+    }
 
 
 def _contact(row: Row) -> dict[str, float]:

@@ -126,7 +126,7 @@ def indented(
     known, half_width = indenter.known, indenter.known.half_width
     side, zone = outer * half_width, lines[-1]
     material = Material(known.body.youngs_modulus, known.body.poissons_ratio)
-    body = discretise(element, partial(_mesh, lines, side), material, indenter.state)
+    body = discretise(element, partial(graded_square, lines, side), material, indenter.state)
 
     def touching(x: Array) -> npt.NDArray[np.bool_]:
         return np.isclose(x[1], 0.0, atol=1e-9 * zone) & (x[0] < zone * (1 + 1e-9))
@@ -162,7 +162,7 @@ def growing(smallest: float, length: float) -> Array:
     return np.linspace(0.0, length, count + 1)
 
 
-def _mesh(lines: Array, side: float, cell: str) -> Mesh:
+def graded_square(lines: Array, side: float, cell: str) -> Mesh:
     """The square 0 <= x <= side, -side <= y <= 0, finest at the surface and along the lines."""
     sizes = np.diff(lines)
     x_lines = np.concatenate([lines, lines[-1] + growing(sizes[-1], side - lines[-1])[1:]])

@@ -30,7 +30,7 @@ from pw_elements.contact import ContactState
 from pw_elements.mechanics import Marker, Vector
 from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
 from study.core.store import Result
-from study.discretisation import spaces
+from study.discretisation import displacement_space, held_nodes, spaces
 from study.units import dimensionless
 
 Array = npt.NDArray[np.float64]
@@ -78,6 +78,11 @@ class Solid:
         return self.body.spaces.trial
 
     @property
+    def displacements(self) -> fem.FunctionSpace:
+        """Space of the displacements alone."""
+        return displacement_space(self.space)
+
+    @property
     def dofs(self) -> int:
         """Number of unknowns, prescribed ones too."""
         return int(self.K.getSize()[0])
@@ -96,11 +101,9 @@ class Solid:
 
     def held(self, where: Marker, displacement: Callable[[Array], Array]) -> list[fem.DirichletBC]:
         """Prescribed displacements (n, 3) at points (n, 3) of whole faces of the boundary."""
-        nodes = fem.locate_dofs_geometrical(self.space, where)
-        field = fem.Function(self.space)
-        x = self.space.tabulate_dof_coordinates()[nodes]
-        field.x.array.reshape(-1, 3)[nodes] = displacement(x)
-        return [fem.dirichletbc(field, nodes)]
+        x = self.displacements.tabulate_dof_coordinates()
+        nodes = fem.locate_dofs_geometrical(self.displacements, where)
+        return [held_nodes(self.space, nodes, displacement(x[nodes]))]
 
     def held_by_load(self, where: Marker, displacement: Callable[[Array], Array]) -> PETSc.Vec:
         """Load that stands for displacements of faces, which the supports then hold."""

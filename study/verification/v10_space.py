@@ -55,9 +55,9 @@ def tilted(element: str) -> Result:
     return _block(element, _turn(), SHEAR, FRICTION, 0.0)
 
 
-def sphere(element: str, elements: int) -> Result:
+def sphere(element: str, elements: int, poissons_ratio: float = POISSONS_RATIO) -> Result:
     """A quarter of a rigid sphere on a half space, `elements` along its contact's radius."""
-    body = Elastic(YOUNGS_MODULUS, POISSONS_RATIO)
+    body = Elastic(YOUNGS_MODULUS, poissons_ratio)
     known = HertzSphere(body, RADIUS, hertz_force(body, RADIUS))
     lines = graded(elements)
     mesh = box(cell_of(element), lines.beside, lines.beside, lines.below)

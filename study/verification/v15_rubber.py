@@ -2,7 +2,8 @@
 
 One-field elements lock as Poisson's ratio goes to 1/2. With the pair of Taylor and Hood, weighted
 by that of Bercovier and Pironneau, nothing does: manufactured solutions in the plane and in space,
-Cook's membrane, and Hertz's line contact, standard weights and new ones side by side.
+Cook's membrane, and Hertz's line contact, standard weights and new ones side by side. Stability,
+layers, friction, spheres and a seal have modules of their own.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,9 +38,14 @@ from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
 from study.units import NONE, dimensionless
 from study.verification.c_manufactured import plane, plane_pressure, solid, solid_pressure
-from study.verification.c_mesh_families import cell_size, on_cube, on_square
+from study.verification.c_mesh_families import cell_size
 from study.verification.half_space import Elastic, HertzLine
 from study.verification.indentation import INNER, Indenter, indented
+from study.verification.v15_contact import PLACE, RADIUS, ZONE, presses, pushed, sphere
+from study.verification.v15_layers import layers
+from study.verification.v15_meshes import unit_mesh
+from study.verification.v15_seal import seal
+from study.verification.v15_stability import identity, infsup
 
 TITLE = "Nearly incompressible bodies"
 
@@ -47,19 +53,16 @@ Array = npt.NDArray[np.float64]
 
 YOUNGS_MODULUS = 1.0
 DEGREE = 8  # of integrals of known fields
-# Hertz's line: radius and half width of the contact
-RADIUS, HALF_WIDTH = 1e3, 1.0
-PLACE = 0.375  # of the contact's edge in an element
-ZONE = 1.3  # may touch, over the half width
+HALF_WIDTH = 1.0  # of Hertz's contact
 
 
 def square(element: str, nu: float, n: int) -> Result:
-    """A unit square of triangles with sides of 1/n, in plane strain."""
+    """A unit square of triangles or quadrilaterals with sides of 1/n, in plane strain."""
     return _manufactured(element, nu, n)
 
 
 def cube(element: str, nu: float, n: int) -> Result:
-    """A unit cube of tetrahedra with sides of 1/n."""
+    """A unit cube of tetrahedra or hexahedra with sides of 1/n."""
     return _manufactured(element, nu, n)
 
 
@@ -110,9 +113,8 @@ class _Known:
 
 def _manufactured(element: str, nu: float, n: int) -> Result:
     """Errors over the size of what is known, tractions and body force being prescribed."""
-    in_space = element.endswith("T10")
-    mesh = (on_cube if in_space else on_square)(element, 1 / n)
-    state = StressState.SOLID if in_space else StressState.PLANE_STRAIN
+    mesh = unit_mesh(element, 1 / n)
+    state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(YOUNGS_MODULUS, nu), state)
     known, W = _Known(body, nu), body.spaces.trial
     exact_body = Body(body.spaces, body.material, state, quadrature_degree=DEGREE)
@@ -208,16 +210,16 @@ def hertz(element: str, n: int, nu: float = 0.4999) -> Result:
 
 
 ONE_FIELD, HYBRID = ("galerkin-T6", "pw-T6"), ("galerkin-hybrid-T6", "pw-hybrid-T6")
-IN_SPACE = ("galerkin-T10", "pw-T10"), ("galerkin-hybrid-T10", "pw-hybrid-T10")
+T10, HYBRID_T10 = ("galerkin-T10", "pw-T10"), ("galerkin-hybrid-T10", "pw-hybrid-T10")
+HYBRID_Q9 = ("galerkin-hybrid-Q9", "pw-hybrid-Q9")
+HYBRID_H27 = ("galerkin-hybrid-H27", "pw-hybrid-H27")
 RATIOS = (0.3, 0.4999, 0.5)
 
 
-def _cases(
-    run: Callable[..., Result],
-    levels: Sequence[int],
-    one_field: Sequence[str],
-    hybrid: Sequence[str],
+def _known(
+    run: Callable[..., Result], elements: Sequence[str], levels: Sequence[int]
 ) -> list[Case]:
+    """At each Poisson's ratio that an element takes."""
     return [
         Case(
             "V15",
@@ -226,16 +228,41 @@ def _cases(
             {"element": element, "nu": nu, "n": n},
         )
         for nu in RATIOS
-        for element in (*(one_field if nu < 0.5 else ()), *hybrid)
+        for element in elements
+        if nu < 0.5 or "hybrid" in element
         for n in levels
     ]
 
 
-CASES = _cases(square, (8, 16, 32), ONE_FIELD, HYBRID)
-CASES += _cases(cube, (3, 6), *IN_SPACE)
-CASES += [
-    Case("V15", f"{run.__name__}-{element}-{n}", run, {"element": element, "n": n})
-    for run, levels in ((cook, (4, 8, 16, 32)), (hertz, (8, 16, 32)))
-    for element in (*ONE_FIELD, *HYBRID)
-    for n in levels
+def _on_levels(
+    run: Callable[..., Result], elements: Sequence[str], levels: Sequence[int]
+) -> list[Case]:
+    return [
+        Case("V15", f"{run.__name__}-{element}-{n}", run, {"element": element, "n": n})
+        for element in elements
+        for n in levels
+    ]
+
+
+CASES = [
+    *_known(square, (*ONE_FIELD, *HYBRID, *HYBRID_Q9), (8, 16, 32)),
+    *_known(cube, (*T10, *HYBRID_T10), (3, 6)),
+    *_known(cube, HYBRID_H27, (2, 4)),
+    Case("V15", "identity-pw-hybrid-T6", identity, {"element": "pw-hybrid-T6"}),
+    *_on_levels(infsup, (*HYBRID, *HYBRID_Q9), (4, 8, 16, 32)),
+    *_on_levels(infsup, (*HYBRID_T10, *HYBRID_H27), (2, 4, 6)),
+    *(
+        Case("V15", f"layers-{element}", layers, {"element": element})
+        for element in (*HYBRID, *HYBRID_Q9, *HYBRID_T10, *HYBRID_H27)
+    ),
+    *_on_levels(cook, (*ONE_FIELD, *HYBRID), (4, 8, 16, 32)),
+    *_on_levels(hertz, (*ONE_FIELD, *HYBRID), (8, 16, 32)),
+    *_on_levels(presses, ONE_FIELD, (8, 16, 32)),
+    *_on_levels(presses, HYBRID, (8, 16, 32, 64)),
+    *_on_levels(pushed, ("pw-T6", *HYBRID), (30,)),
+    *_on_levels(sphere, T10, (3,)),
+    *_on_levels(sphere, (*HYBRID_T10, *HYBRID_H27), (3,)),
+    *_on_levels(sphere, HYBRID_T10, (6,)),
+    *_on_levels(seal, HYBRID, (8,)),
+    *_on_levels(seal, HYBRID[1:], (12,)),
 ]
