@@ -28,9 +28,9 @@ from pw_elements.recovery import SurfaceNodes
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes
 from study.units import dimensionless
-from study.verification.graded_meshes import growing
 from study.verification.half_space import Elastic, HertzLine
 from study.verification.indentation import INNER, OUTER, graded_square
+from study.verification.mesh_lines import growing
 from study.verification.v10_space import sphere as pressed_sphere
 
 Array = npt.NDArray[np.float64]
