@@ -32,11 +32,12 @@ from pw_elements.collective import collective
 from pw_elements.hybrid import SubSpace, is_hybrid, is_split, positions, tied
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
+from pw_elements.matrices import is_blocked, python_matrix
 from pw_elements.mesh_checks import listed
-from pw_elements.multigrid import Masked, Projection, Supports, is_blocked, python_matrix
 from pw_elements.parts import numbered
 from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
+from pw_elements.projection import Masked, Projection, Supports
 from pw_elements.quadrature import with_cell_rules
 from pw_elements.spaces import Spaces
 

@@ -26,9 +26,9 @@ from pw_elements.linear_solver import (
     SolverNotConverged,
     SolverReport,
 )
-from pw_elements.multigrid import Supports
 from pw_elements.problem import Problem, check_weights, refuse_negative
 from pw_elements.progress import doing
+from pw_elements.projection import Supports
 from pw_elements.values import number, whole
 
 log = logging.getLogger(__name__)

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.connected import connected_pieces
 from pw_elements.linear_solver import (
     Direct,
     LinearSolver,
@@ -24,7 +25,8 @@ from pw_elements.linear_solver import (
     SolverReport,
     set_options,
 )
-from pw_elements.multigrid import Multigrid, Supports, connected_pieces
+from pw_elements.multigrid import Multigrid
+from pw_elements.projection import Supports
 
 Array = npt.NDArray[np.float64]
 Solver: TypeAlias = LinearSolver | Literal["auto"] | None

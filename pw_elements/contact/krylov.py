@@ -17,7 +17,9 @@ import numpy.typing as npt
 
 from pw_elements.contact.unassembled import Bordered, NodePoints, Unassembled
 from pw_elements.iterative import Iterative, Krylov
-from pw_elements.multigrid import Multigrid, Supports, collect_garbage, python_matrix
+from pw_elements.matrices import collect_garbage, python_matrix
+from pw_elements.multigrid import Multigrid
+from pw_elements.projection import Supports
 
 Array = npt.NDArray[np.float64]
 
@@ -28,7 +30,7 @@ _FORCING = 0.02
 _EXACT, _MORE = 1e-11, 0.1
 # Forces over the residual from which on they say anything of the solution
 _KNOWN = 1e-3
-# A true residual over the one asked for that shows round-off at work
+# A true residual over the one asked for that shows round-off at work; less is as good
 _STALLED = 2.0
 # Singular values of E (0: held, 1: free): no equation of forces, and held for the preconditioner
 _NONE, _HELD = 1e-9, 0.5
@@ -119,17 +121,18 @@ class KrylovTangent:
         left = self._left(known, rest)
         reduced = 0.0 if exact else _FORCING * left
         stalled = False
-        while left > (target := self._target(left, reduced)) and not stalled:
+        allowed = 1.0
+        while left > allowed * (target := self._target(left, reduced)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
             self._ksp.solve(rest, step)
             x.axpy(1.0, step)
             left = self._left(known, rest)
-            stalled = left > _STALLED * target
+            stalled, allowed = left > _STALLED * target, _STALLED
         force = self._largest()
         self._size = max(self._size, x.norm())
         if stalled and left > self.solver.round_off(self._size) + self._points.round_off + target:
             raise self.solver.not_converged(left / max(known.norm(), force))
-        self.settled = left <= _EXACT * force or stalled
+        self.settled = left <= _STALLED * _EXACT * force or stalled
         self.own_factors = stalled
         collect_garbage(known)
         return np.array(x.array_r)
