@@ -1,7 +1,10 @@
 """Measures time and memory, each row by processes of its own, and writes the record of section K.
 
-    ./run python3 -m study.cost.measure                 all rows, some 40 minutes
-    ./run python3 -m study.cost.measure --only contact  rows of some tasks
+    python3 -m study.cost.measure                 all rows, some 40 minutes
+    python3 -m study.cost.measure --only contact  rows of some tasks
+
+It needs no DOLFINx itself (rows that do are run by `./run` then), but CalculiX' rows need `ccx`
+where this runs: with `./run` before it they stay as they are.
 
 Seconds are CPU time of all processes, medians of three runs where one takes less than ten seconds;
 megabytes are the largest resident sizes, added up, imports included. Other work on the machine
@@ -19,10 +22,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from study.benchmarks import calculix_block
+from study.peers.calculix import executable
+
 RECORD = Path(__file__).with_name("record.json")
+ROOT = Path(__file__).parents[2]
 REPEATS = 3
 # Seconds above which one run is enough
 ONCE = 10.0
@@ -30,6 +38,8 @@ ONCE = 10.0
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
 PRESSURE, PUSH, FRICTION = 100.0, 20.0, 0.3
 MODES = 6
+# What a linear system on contact's way is solved to, over its right-hand side
+FORCING = 0.02
 # Threads would blur what CPU time means
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
 
@@ -39,10 +49,12 @@ class Row:
     """What is measured.
 
     Args:
-        task: "assembly", "factors", "frequencies" or "contact".
+        task: "assembly", "factors", "frequencies", "contact", or "linear": one solution of K on
+            contact's way, of the clamped block.
         element: as in the study.
         cells: along the height of the block.
-        method: "Direct", "Iterative", or "nested": from the state of half as many cells.
+        method: "Direct", "Iterative", "nested": from the state of half as many cells, or
+            "CalculiX", by surface-to-surface contact.
         processes: of MPI.
     """
 
@@ -80,6 +92,11 @@ def rows() -> Iterator[Row]:
     yield Row("contact", "pw-T10", 27, "Iterative")
     for method in ("Iterative", "nested"):
         yield Row("contact", "pw-T10", 35, method, 2)
+    for n in (8, 11, 16, 27):
+        yield Row("linear", "pw-T10", n, "Iterative")
+    yield Row("linear", "pw-T10", 35, "Iterative", 2)
+    for n in (8, 11):
+        yield Row("contact", "galerkin-T10", n, "CalculiX")
 
 
 def main() -> None:
@@ -95,6 +112,8 @@ def main() -> None:
     if RECORD.is_file():
         known = {Row(**row["row"]).name: row for row in json.loads(RECORD.read_text())["rows"]}
     for row in rows():
+        if row.method == "CalculiX" and executable() is None:
+            continue
         if given.only is None or row.task in given.only:
             known[row.name] = {"row": asdict(row), "measured": _median(row)}
             print(row.name, known[row.name]["measured"], flush=True)
@@ -121,13 +140,37 @@ def _median(row: Row) -> dict[str, float]:
 
 
 def _run(row: Row) -> dict[str, float]:
+    if row.method == "CalculiX":
+        return _calculix(row)
     command = [sys.executable, "-m", "study.cost.measure", "--one", json.dumps(asdict(row))]
+    if find_spec("dolfinx") is None:
+        command[0] = "python3"
     if row.processes > 1:
         command = ["mpirun", "-n", str(row.processes), *command]
+    if find_spec("dolfinx") is None:
+        command = ["./run", *command]
     environment = os.environ | ENVIRONMENT
-    run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    run = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=True, env=environment
+    )
     numbers: dict[str, float] = json.loads(run.stdout.strip().splitlines()[-1])
     return numbers
+
+
+def _calculix(row: Row) -> dict[str, float]:
+    """The same block by CalculiX, the writing of its deck left out."""
+    ccx = executable()
+    assert ccx is not None, "such rows are passed over"
+    block = calculix_block.block(row.cells)
+    cost = calculix_block.measure(ccx, block)
+    return {
+        "dofs": 3 * len(block.grid.nodes),
+        "seconds": cost.cpu,
+        "iterations": cost.iterations,
+        "wall_seconds": cost.wall,
+        "whole_seconds": cost.cpu,
+        "megabytes": cost.megabytes,
+    }
 
 
 def _one(row: Row) -> None:
@@ -140,6 +183,7 @@ def _one(row: Row) -> None:
         "factors": _factors,
         "frequencies": _frequencies,
         "contact": _contact,
+        "linear": _linear,
     }
     started = time.perf_counter()
     numbers = tasks[row.task](row)
@@ -190,11 +234,11 @@ def _assembly(row: Row) -> dict[str, float]:
     return {"dofs": K.getSize()[0], "seconds": seconds, "entries": K.getInfo()["nz_used"]}
 
 
-def _clamped(row: Row) -> tuple[Any, Any, Any]:
-    """Body, stiffness, and supports of the base."""
+def _clamped(row: Row) -> tuple[Any, Any]:
+    """Body, and supports of the base."""
     import numpy as np
 
-    from pw_elements import Reduction, assemble_matrix, prescribe
+    from pw_elements import Reduction, prescribe
 
     body = _body(row.element, row.cells)
     space = body.spaces.trial
@@ -204,15 +248,16 @@ def _clamped(row: Row) -> tuple[Any, Any, Any]:
         return np.isclose(x[up], 0.0)
 
     base = [prescribe(space, i, below) for i in range(up + 1)]
-    return body, assemble_matrix(body.stiffness()), Reduction.dirichlet(space, base)
+    return body, Reduction.dirichlet(space, base)
 
 
 def _factors(row: Row) -> dict[str, float]:
     """LDL^T of the standard element, LU of the new one."""
+    from pw_elements import assemble_matrix
     from pw_elements.algebra import factorise
 
-    _, K, supports = _clamped(row)
-    matrix = supports.matrix(K)
+    body, supports = _clamped(row)
+    matrix = supports.matrix(assemble_matrix(body.stiffness()))
     symmetric = row.element.startswith("galerkin")
     prepared, seconds = _seconds(lambda: factorise(matrix, symmetric))
     entries = prepared.ksp.getPC().getFactorMatrix().getMumpsInfog(29)
@@ -223,10 +268,40 @@ def _factors(row: Row) -> dict[str, float]:
 def _frequencies(row: Row) -> dict[str, float]:
     from pw_elements import assemble_matrix, vibration_modes
 
-    body, K, supports = _clamped(row)
-    M = assemble_matrix(body.mass())
+    body, supports = _clamped(row)
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     _, seconds = _seconds(lambda: vibration_modes(K, M, supports, MODES))
     return {"dofs": K.getSize()[0], "seconds": seconds}
+
+
+def _linear(row: Row) -> dict[str, float]:
+    """Assembly, the levels, and one solution by them; `krylov_iterations` are those to 1e-11."""
+    import pw_elements as pw
+
+    body, supports = _clamped(row)
+    K, assembly = _seconds(lambda: pw.assemble_matrix(body.stiffness(), blocked=True))
+    load = supports.masked().load(K, _pressed(body))
+
+    def levels() -> Any:  # noqa: ANN401
+        prepared = pw.Iterative().prepare(K, supports=supports.supports)
+        prepared.set_up()
+        return prepared
+
+    prepared, set_up = _seconds(levels)
+    step, exact = load.duplicate(), prepared.ksp.getTolerances()[0]
+    prepared.ksp.setTolerances(rtol=FORCING)
+    _, seconds = _seconds(lambda: prepared.ksp.solve(load, step))
+    iterations = prepared.ksp.getIterationNumber()
+    prepared.ksp.setTolerances(rtol=exact)
+    prepared.solve(load)
+    return {
+        "dofs": K.getSize()[0],
+        "seconds": seconds,
+        "assembly_seconds": assembly,
+        "set_up_seconds": set_up,
+        "iterations": iterations,
+        "krylov_iterations": prepared.report.krylov_iterations - iterations,
+    }
 
 
 def _contact(row: Row) -> dict[str, float]:
@@ -251,6 +326,20 @@ def _contact(row: Row) -> dict[str, float]:
     }
 
 
+def _pressed(body: Any) -> Any:  # noqa: ANN401
+    """Load from above and at a side."""
+    import numpy as np
+
+    import pw_elements as pw
+
+    mesh = body.spaces.mesh
+    top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
+    side = pw.boundary_measure(mesh, lambda x: np.isclose(x[0], 0.0))
+    load = pw.assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
+    load.axpy(1.0, pw.assemble_vector(body.surface_load((PUSH, PUSH / 2, 0.0), side)))
+    return load
+
+
 def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # noqa: ANN401
     """With assembly."""
     import numpy as np
@@ -259,12 +348,9 @@ def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # 
     from pw_elements.contact import ContactPair, Plane, solve_contact
 
     body = _body(element, cells)
-    space, mesh = body.spaces.trial, body.spaces.mesh
+    space = body.spaces.trial
     K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
-    top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
-    side = pw.boundary_measure(mesh, lambda x: np.isclose(x[0], 0.0))
-    load = pw.assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
-    load.axpy(1.0, pw.assemble_vector(body.surface_load((PUSH, PUSH / 2, 0.0), side)))
+    load = _pressed(body)
     floor = ContactPair(lambda x: np.isclose(x[2], 0.0), Plane((0, 0, 0), (0, 0, 1)), FRICTION)
     free = pw.Reduction.dirichlet(space, [])
     (state,) = solve_contact(K, load, free, floor, space, start, solver=solver)
