@@ -29,13 +29,13 @@ from dolfinx.fem.petsc import create_matrix
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.given import Problem, check_reduction
 from pw_elements.hybrid import SubSpace, is_hybrid, is_split, positions, tied
 from pw_elements.iterative import NO_SUPPORTS, Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.matrices import is_blocked, python_matrix
 from pw_elements.mesh_checks import listed
 from pw_elements.parts import numbered
-from pw_elements.problem import Problem, check_reduction
 from pw_elements.progress import doing
 from pw_elements.projection import Masked, Projection, Supports
 from pw_elements.quadrature import with_cell_rules
@@ -417,7 +417,7 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
     Raises:
         SingularSystem: if the reduced system has no unique solution.
         SolverNotConverged: if an iterative solver does not come near enough to it.
-        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`, or
+        TypeError, ValueError: for things that do not make one problem, see `given.Problem`, or
             a solver that does not serve the reduction.
     """
     Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
@@ -449,7 +449,7 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Nodal forces r = K a - f (n,) that supports exert on the body.
 
     Raises:
-        TypeError, ValueError: for things that do not go together, see `problem.Problem`.
+        TypeError, ValueError: for things that do not go together, see `given.Problem`.
     """
     Problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
     return _unbalanced(K, a, f)

@@ -26,10 +26,10 @@ from ufl.core.expr import Expr
 from pw_elements import arguments
 from pw_elements._compat import cell_nodes, renamed
 from pw_elements.collective import agree, collective
+from pw_elements.given import Problem
 from pw_elements.hybrid import SubSpace, is_hybrid
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.parts import Marker, Part, exterior_facets, marked
-from pw_elements.problem import Problem
 from pw_elements.quadrature import cell_measure
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number, number, vector, whole

@@ -31,8 +31,8 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.nodes import free_columns
 from pw_elements.contact.pairs import ContactPair
+from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.mesh_checks import check_mesh
-from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.progress import doing
 from pw_elements.sibling import Sibling
 from pw_elements.stability import critical_step, diagonal_mass

@@ -50,7 +50,7 @@ def solve_contact(
         remedies: as in `ContactProblem`.
 
     Raises:
-        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
             `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
             per increment, or no iterations.
         DegenerateMesh: for cells without volume or turned inside out.

@@ -81,7 +81,7 @@ class ContactProblem:
             `cutback` and `ContactState.substates`), which with friction is another path.
 
     Raises:
-        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
             `nodal.nodal_interface`.
         DegenerateMesh: for cells without volume or turned inside out.
     """
