@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements._compat import renamed
-from pw_elements.algebra import Reduction, factorise, symmetric_part, unblocked
+from pw_elements.algebra import factorise, symmetric_part
 from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
 from pw_elements.given import Problem, check_weights, refuse_negative
@@ -27,8 +27,10 @@ from pw_elements.linear_solver import (
     SolverNotConverged,
     SolverReport,
 )
+from pw_elements.matrices import unblocked
 from pw_elements.progress import doing
 from pw_elements.projection import Supports
+from pw_elements.reduction import Reduction
 from pw_elements.values import number, whole
 
 log = logging.getLogger(__name__)

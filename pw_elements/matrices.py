@@ -93,3 +93,20 @@ def python_matrix(
     matrix = PETSc.Mat().createPython(sizes, context, comm=comm)
     matrix.setUp()
     return matrix
+
+
+def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix, or a copy of one stored in blocks, in the format that products need."""
+    if not is_blocked(matrix):
+        return matrix
+    converted = matrix.convert("aij", PETSc.Mat())
+    converted.setAttr("form", matrix.getAttr("form"))
+    return converted
+
+
+def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
+    """K a - f."""
+    r = f.duplicate()
+    K.mult(a, r)
+    r.axpy(-1.0, f)
+    return r

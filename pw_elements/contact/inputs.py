@@ -10,7 +10,6 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements import arguments
-from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
@@ -18,6 +17,7 @@ from pw_elements.contact.state import ContactState
 from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import LinearSolver
+from pw_elements.reduction import Reduction
 from pw_elements.values import whole
 
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]

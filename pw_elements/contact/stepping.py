@@ -22,7 +22,6 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
 from pw_elements.contact.errors import ContactFailed, NotFound
@@ -53,6 +52,7 @@ from pw_elements.iterative import Iterative, Solver
 from pw_elements.linear_solver import SolverReport
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import doing
+from pw_elements.reduction import Reduction
 
 
 class ContactProblem:
