@@ -9,6 +9,8 @@ of M. Bercovier and O. Pironneau (1979), https://doi.org/10.1007/BF01399555.
 
 from importlib.util import find_spec
 
+__version__ = "0.1.0"
+
 if find_spec("dolfinx") is None:
     raise ImportError(
         "pw_elements needs DOLFINx 0.9 or newer: take Debian's python3-dolfinx, conda-forge's "
@@ -39,6 +41,7 @@ from pw_elements.mechanics import (
     prescribe,
 )
 from pw_elements.mesh_checks import DegenerateMesh
+from pw_elements.pictures import draw
 from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
 from pw_elements.reduction import Reduction
@@ -77,6 +80,7 @@ __all__ = [
     "cell_measure",
     "composite_element",
     "critical_step",
+    "draw",
     "lumped_mass",
     "macro_element",
     "nodal_flux",

@@ -17,6 +17,7 @@ from pw_elements.matrices import (
     python_matrix,
 )
 from pw_elements.projection import Projection, Supports
+from pw_elements.ties import Ties, diagonal_blocks
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -46,21 +47,57 @@ class LinearLevel:
         self._held = Projection(free, self._block)
         self._P = _interpolation_matrix(linear, space, supports.free, free)
         self._near_null = _near_null_space(linear)
-        context = _Interpolation(self._P, fine, self._held)
-        self.interpolation = python_matrix(self._P.getSizes(), context, K.comm)
+        self._moved = _Interpolation(self._P, fine, self._held)
+        self.interpolation = python_matrix(self._P.getSizes(), self._moved, K.comm)
+        self._ties: Ties | None = None
+        self._tied: PETSc.Mat | None = None
         self._near: _Near | None = None
         self._matrix: PETSc.Mat | None = None
         self._exchanged: PETSc.Mat | None = None  # the part of it that is
 
-    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
-        """Holds at the vertices what is held at local nodes (m,), always the same ones."""
+    def tie(self, ties: Ties) -> None:
+        """Has what is held of nodes follow others from now on, see `Multigrid.tie`."""
+        vertex, at = self._vertices_of(ties.nodes)
+        self._ties = ties
+        self._moved.ties = Ties(ties.opposite.matMult(self._P), vertex, self._block, at)
+
+    def watch(self, nodes: Indices) -> None:
+        """Says which local nodes are held at times."""
         if self._near is None:
             self._near = _Near.of(self._K, self._P, self._space, nodes)
             self._matrix = None
+
+    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+        """Holds at the vertices what is held at local nodes (m,), always the same ones."""
+        vertex, at = self._vertices_of(nodes)
+        self._held.hold(vertex, held[at], weight[at])
+        if self._moved.ties:
+            self._moved.ties.hold(held[at])
+
+    def carried(self) -> tuple[Indices, Array]:
+        """Nodes (k,) that others follow, and the blocks (k, block, block) of K they so get."""
+        ties, near = self._ties, self._near
+        if ties is None:
+            return np.empty(0, dtype=np.int64), np.empty((0, self._block, self._block))
+        assert near is not None, "what is held at times is known before"
+        if self._tied is None:
+            first = near.K.getOwnershipRange()[0] // self._block
+            rows = first + np.searchsorted(near.nodes, np.sort(ties.nodes))
+            numbers = rows.astype(PETSc.IntType)
+            held = PETSc.IS().createBlock(self._block, numbers, comm=self._K.comm)
+            self._tied = near.K.createSubMatrix(held, held)
+        order = np.argsort(np.argsort(ties.nodes))
+        followed = ties.followed(order, len(order))
+        carried = self._tied.ptap(followed)
+        found = diagonal_blocks(carried, self._block)
+        destroy(carried, followed)
+        return found
+
+    def _vertices_of(self, nodes: Indices) -> tuple[Indices, Indices]:
+        """Local vertices (k,) among local nodes (m,), and which of the nodes they are."""
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
         order = np.argsort(nodes)
-        at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
-        self._held.hold(vertex, held[at], weight[at])
+        return vertex, order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
 
     def matrix(self) -> PETSc.Mat:
         """The matrix under what is held now, always the same object."""
@@ -73,7 +110,9 @@ class LinearLevel:
         free = self._held.all_blocks()
         part = None
         if near is not None:
-            part = near.product(self._fine, block_diagonal(free, columns, comm))
+            P = self._moved_near(near, free)
+            part = galerkin_product(near.K, P)
+            destroy(P)
             add(self._matrix, 1.0, part, last=False)
         size = self._matrix.getDiagonal().sum() / columns[1]
         rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
@@ -88,6 +127,26 @@ class LinearLevel:
             self._matrix.setNearNullSpace(self._near_null)
         return self._matrix
 
+    def _moved_near(self, near: "_Near", coarse: Array) -> PETSc.Mat:
+        """What linear functions, (vertices, block, block) of which are free, move near contact."""
+        columns, comm = self._P.getSizes()[1], self._K.comm
+        left = block_diagonal(self._fine.blocks_at(near.nodes), near.P.getSizes()[0], comm)
+        right = block_diagonal(coarse, columns, comm)
+        at_nodes, at_vertices = self._ties, self._moved.ties
+        if at_vertices is not None:
+            followed = at_vertices.followed(at_vertices.nodes, len(coarse))
+            add(right, 1.0, followed.matMult(right))
+            destroy(followed)
+        half = left.matMult(near.P)
+        P = half.matMult(right)
+        if at_nodes is not None and at_vertices is not None:
+            rows = np.searchsorted(near.nodes, at_nodes.nodes)
+            followed = at_nodes.followed(rows, len(near.nodes), at_vertices.opposite)
+            add(P, 1.0, followed.matMult(right))
+            destroy(followed)
+        destroy(left, right, half)
+        return P
+
 
 class _Interpolation:
     """Pi P Pi_c, for `PETSc.Mat.createPython`."""
@@ -95,11 +154,14 @@ class _Interpolation:
     def __init__(self, P: PETSc.Mat, fine: Projection, coarse: Projection) -> None:
         self._P, self._fine, self._coarse = P, fine, coarse
         self._on_coarse, self._on_fine = P.createVecs()
+        self.ties: Ties | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Values y at all nodes from x at vertices."""
         x.copy(self._on_coarse)
         self._coarse.take_out(self._on_coarse.array)
+        if self.ties:
+            self.ties.follow(self._on_coarse)
         self._P.mult(self._on_coarse, y)
         self._fine.take_out(y.array)
 
@@ -113,6 +175,8 @@ class _Interpolation:
         x.copy(self._on_fine)
         self._fine.take_out(self._on_fine.array)
         self._P.multTranspose(self._on_fine, y)
+        if self.ties:
+            self.ties.hand_on(y)
         self._coarse.take_out(y.array)
 
 
@@ -129,15 +193,6 @@ class _Near:
     nodes: Indices
     K: PETSc.Mat
     P: PETSc.Mat
-
-    def product(self, fine: Projection, coarse: PETSc.Mat) -> PETSc.Mat:
-        """What linear functions make of it; projectors of the vertices are destroyed."""
-        projector = block_diagonal(fine.blocks_at(self.nodes), self.P.getSizes()[0], self.K.comm)
-        half = projector.matMult(self.P)
-        P = half.matMult(coarse)
-        product = galerkin_product(self.K, P)
-        destroy(projector, coarse, half, P)
-        return product
 
     @classmethod
     def of(cls, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> "_Near":

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pw_elements.linear_level import LinearLevel
 from pw_elements.matrices import collect_garbage, is_blocked, python_matrix
 from pw_elements.projection import Masked, Projection, Supports
+from pw_elements.ties import Ties
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -43,10 +44,14 @@ class _NodeBlocks:
         self._nodes: Indices = np.empty(0, dtype=np.int64)
         self._other: Array = np.empty((0, block, block))
 
-    def update(self, projection: Projection) -> None:
-        """Takes over what is held; only those nodes differ."""
-        self._nodes, free, rest = projection.blocks()
+    def update(self, projection: Projection, nodes: Indices, carried: Array) -> None:
+        """Takes over what is held; only those nodes differ, and those (k,) that others follow.
+
+        The latter carry blocks (k, block, block) of the others.
+        """
+        self._nodes, free, rest = projection.blocks(nodes)
         own = np.linalg.inv(self._inverse()[self._nodes])
+        own[np.searchsorted(self._nodes, nodes)] += carried
         self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -90,10 +95,11 @@ class Multigrid:
         copied = self._block > 1 and not is_blocked(K)
         self.blocked = K.convert("baij", PETSc.Mat()) if copied else K
         self._projection = Projection(supports.free, self._block)
-        self.operator = python_matrix(K.getSizes(), Masked(self.blocked, self._projection), K.comm)
+        self._masked = Masked(self.blocked, self._projection)
+        self.operator = python_matrix(K.getSizes(), self._masked, K.comm)
         self._smoother = _NodeBlocks(self.blocked, self._block)
-        self._smoother.update(self._projection)
         self._linear = LinearLevel(K, supports, self._projection)
+        self._smoother.update(self._projection, *self._linear.carried())
         self._held_before: Array | None = None
         self._coarse: PETSc.Mat | None = None
         self._preconditioner: PETSc.PC | None = None
@@ -136,6 +142,15 @@ class Multigrid:
         coarse.getPC().setType("gamg")
         self._preconditioner = preconditioner
 
+    def tie(self, nodes: Indices, opposite: PETSc.Mat) -> Ties:
+        """Has what is held of local nodes (m,) follow others from now on, by (m block, n) weights.
+
+        A body that nothing else holds is then held by the other one.
+        """
+        self._masked.ties = Ties(opposite, nodes, self._block)
+        self._linear.tie(self._masked.ties)
+        return self._masked.ties
+
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
 
@@ -147,13 +162,16 @@ class Multigrid:
             weight: (m,), stiffness of what is held.
         """
         self._projection.hold(nodes, held, weight)
-        self._smoother.update(self._projection)
+        if self._masked.ties:
+            self._masked.ties.hold(held)
         first = self._held_before is None
         before = np.zeros_like(held) if self._held_before is None else self._held_before
         some = np.abs(held).max(axis=(1, 2), initial=0.0) > 0
         other = np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
         counts = np.array([some.sum(), other.sum()])
         self.blocked.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        self._linear.watch(nodes)
+        self._smoother.update(self._projection, *self._linear.carried())
         if first or counts[1] > _RENEWED * counts[0]:
             self._held_before = held
             self._linear.hold(nodes, held, weight)

@@ -1,5 +1,6 @@
 """What supports or contact hold, taken out of vectors; nothing of K is changed or copied."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,6 +9,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+
+from pw_elements.ties import Ties
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -58,12 +61,13 @@ class Projection:
             back = np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
             to[self._nodes] += self._weight * back
 
-    def blocks(self) -> tuple[Indices, Array, Array]:
+    def blocks(self, others: Sequence[int] | Indices = ()) -> tuple[Indices, Array, Array]:
         """Nodes with anything held, projectors (k, block, block) onto what is free, and the rest.
 
-        The latter is weighted.
+        The latter is weighted; `others` are nodes that are wanted, too.
         """
-        some = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
+        held = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
+        some = np.union1d(held, np.asarray(others, dtype=np.int64))
         blocks = np.eye(self._block) * self._free[some][:, None, :]
         rest = np.eye(self._block) - blocks
         at = np.searchsorted(some, self._nodes)
@@ -85,10 +89,11 @@ class Projection:
 
 
 class Masked:
-    """Pi K Pi + (1 - Pi), for `PETSc.Mat.createPython`."""
+    """Pi W^T K W Pi + (1 - Pi), for `PETSc.Mat.createPython`; W is one without ties."""
 
     def __init__(self, K: PETSc.Mat, projection: Projection) -> None:
         self._K, self._projection = K, projection
+        self.ties: Ties | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
@@ -104,12 +109,15 @@ class Masked:
         kept = self._work
         x.copy(kept)
         self._projection.take_out(kept.array)
+        if self.ties:
+            self.ties.follow(kept)
         return kept
 
     def _finish(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        image = y.array
-        self._projection.take_out(image)
-        self._projection.put_back(image, x.array_r)
+        if self.ties:
+            self.ties.hand_on(y)
+        self._projection.take_out(y.array)
+        self._projection.put_back(y.array, x.array_r)
 
     @cached_property
     def _work(self) -> PETSc.Vec:

@@ -109,7 +109,7 @@ def test_an_error_on_one_process_ends_all_with_the_same_words(processes):
     command = ["mpirun", "-n", str(processes), sys.executable, "-m", "tests.one_process_errs"]
     quiet = os.environ | {"OMPI_MCA_mpi_yield_when_idle": "1"}
     run = subprocess.run(
-        command, cwd=PROJECT, env=quiet, capture_output=True, text=True, timeout=600
+        command, cwd=PROJECT, env=quiet, capture_output=True, text=True, timeout=1800
     )
     assert run.returncode == 0, run.stderr
     outcome = json.loads(run.stdout)

@@ -344,7 +344,7 @@ def test_files_of_one_two_and_three_processes_are_the_same(tmp_path):
         problem.save(problem.step(problem.undeformed, load), folder / "serial.npz")
         command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
         command += ["tests.contact_fields_parallel", str(folder)]
-        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
         assert done.returncode == 0, done.stderr
         written[processes] = vtx.read(folder / "block.bp") + vtx.read(folder / "ball.bp")
         ((time, stacked),) = vtx.read(folder / "blocks.bp")

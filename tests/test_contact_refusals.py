@@ -494,7 +494,7 @@ def test_balanced_forces_are_no_equilibrium_and_nothing_is_claimed_then():
 def words(processes):
     python = [sys.executable, "-m", "mpi4py", "-m"]
     command = ["mpirun", "-n", str(processes), *python, "tests.refused_words"]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)
 

@@ -84,7 +84,7 @@ def test_a_file_goes_on_with_other_processes(processes, tmp_path):
     for kind, count in zip(("write", "resume"), processes, strict=True):
         command = ["mpirun", "-n", str(count), sys.executable, "-m", "mpi4py", "-m"]
         command += ["tests.contact_restart", kind, str(tmp_path)]
-        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
         assert done.returncode == 0, done.stderr
         found = json.loads(done.stdout)
     for name in histories:

@@ -16,7 +16,7 @@ def numbers(module, processes):
     # by mpi4py an exception in one process ends them all, which would else wait for it
     python = [sys.executable, "-m", "mpi4py", "-m"]
     command = ["mpirun", "-n", str(processes), *python, f"tests.{module}"]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout)
 

@@ -79,7 +79,7 @@ def test_study_and_tests_start_in_the_project_from_anywhere(tmp_path):
 
 def test_layers_that_are_none_and_options_that_are_none_are_refused():
     process = run("--with", "study,moon", "true")
-    assert process.stderr == "run: there is no layer moon, but core, study, test and docs\n"
+    assert process.stderr == "run: there is no layer moon, but core, study, test, docs and pip\n"
     assert process.returncode == 1
     assert "needs layers and a command" in run("--with", "study").stderr
     assert "no option --fast" in run("--fast").stderr
@@ -199,6 +199,17 @@ def test_one_thread_unless_asked_for_more():
     assert environment(OMP_NUM_THREADS="2")["OMP_NUM_THREADS"] == "2"
 
 
+def test_processes_share_memory_in_a_folder_of_the_users_own():
+    folder = Path(environment()["OMPI_MCA_btl_sm_backing_directory"])
+    assert re.fullmatch(r"/dev/shm/pw-elements-\d+", str(folder))
+    assert (folder.stat().st_mode & 0o777, folder.stat().st_uid) == (0o700, os.getuid())
+    left = folder / "sm_segment.left-behind"
+    left.write_text("")
+    os.utime(left, (0, 0))
+    run("true")
+    assert not left.exists()
+
+
 def told(folder, git):
     """What ./run tells of the commit, with a shell script as git."""
     (folder / "git").write_text(f"#!/bin/sh\n{git}\n")
@@ -267,6 +278,9 @@ def test_text_in_pdf_is_dejavu(tmp_path):
 @pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
 def test_shellcheck():
     process = subprocess.run(
-        ["shellcheck", "run", ".ci/run", ".ci/nightly"], cwd=ROOT, capture_output=True, text=True
+        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert process.returncode == 0, process.stdout

@@ -143,7 +143,7 @@ def test_two_processes_print_the_same_numbers(dome, tmp_path):
     command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", dome["folder"] / "dome.py"]
     environment = os.environ | {"PYTHONPATH": str(DOCS.parent)}
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
     )
     assert done.returncode == 0, done.stderr
     expected = numbers(dome["printed"])

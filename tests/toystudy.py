@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-import study.__main__
+import study.command
 from study.core.cases import SECTIONS
 from study.core.store import Result, Results, save, write_json
 from study.judge import claims
@@ -172,7 +172,7 @@ def install(folder, monkeypatch):
     monkeypatch.setitem(
         sys.modules, "study.paper.items", module("study.paper.items", "", ITEMS=ITEMS)
     )
-    monkeypatch.setattr(study.__main__, "draw_figures", lambda out, *_: _draw_nothing(out))
+    monkeypatch.setattr(study.command, "draw_figures", lambda out, *_: _draw_nothing(out))
 
 
 def reported(folder, monkeypatch):

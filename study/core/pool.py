@@ -10,7 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from multiprocessing import connection
+from multiprocessing import connection, resource_tracker
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -115,13 +115,14 @@ class _Worker:
         self.channel: Channel
         self.channel, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,), daemon=True)
-        # it inherits this from its first moment on: Ctrl-C is handled in the main process, once
-        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        resource_tracker.ensure_running()  # which would unblock Ctrl-C
+        # the process inherits this from its first moment on: Ctrl-C is handled in this one, once
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self._process.start()
         finally:
-            signal.signal(signal.SIGINT, handler)
-        theirs.close()
+            theirs.close()
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def give(self, task: Task) -> bool:
         """Hand a task over; return whether the process is still there."""

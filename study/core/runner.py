@@ -2,6 +2,7 @@
 
 import logging
 import math
+import re
 import sys
 import time
 from collections.abc import Generator
@@ -16,7 +17,7 @@ from study.core.cases import Case, Section, fingerprint
 from study.core.expected import expected
 from study.core.pool import Failed, Killed, Pool, Task, one_line
 from study.core.provenance import provenance
-from study.core.store import CorruptResult, Results, discard, save
+from study.core.store import CorruptResult, Result, Results, discard, save, sweep
 
 # Cases run beside each other: their lines on what goes on would cross those of the runner, and that
 # the paper's displacements are not small is no news in each of several hundred
@@ -93,6 +94,7 @@ def run(
         Keys of the cases that did not finish. An old result of theirs is kept if it holds, and
         else removed: it would pass for one of this run.
     """
+    sweep(out)
     progress = _Progress(cases)
     results = Results(out)
     todo, holds = [], set()
@@ -138,7 +140,7 @@ def compute(case: Case, mark: str, out: Path) -> Done:
     """Run one case and store its result under its fingerprint; an exception becomes one line."""
     try:
         start = time.perf_counter()
-        result = case.run(**case.parameters)
+        result = _result(case)
         seconds = time.perf_counter() - start
         origin = provenance(seconds, result.dofs, result.processes, mark)
         save(out, case.section, case.name, result, case.stored_parameters, origin)
@@ -148,6 +150,23 @@ def compute(case: Case, mark: str, out: Path) -> Done:
     if "iterations" in result.scalars:
         cost += f" {result.scalars['iterations']:4.0f} iterations"
     return Done(cost)
+
+
+def _result(case: Case) -> Result:
+    """Run a case, again where a compilation that was killed stands in its way.
+
+    DOLFINx leaves the compilation of a form to whoever has begun it, and gives up after a while.
+    """
+    removed: set[str] = set()
+    while True:
+        try:
+            return case.run(**case.parameters)
+        except Exception as error:
+            left = re.search(r"JIT compilation timed out.* remove (/.*\.c)\)", str(error))
+            if not left or left[1] in removed:
+                raise
+            removed.add(left[1])
+            Path(left[1]).unlink(missing_ok=True)
 
 
 class _Progress:

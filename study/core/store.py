@@ -91,6 +91,20 @@ def write_whole(path: Path, data: bytes) -> None:
         raise
 
 
+def sweep(out: Path) -> None:
+    """Remove the temporary files of processes that were killed while they wrote."""
+    for path in Path(out).rglob(".*.*.[0-9]*"):
+        process = path.suffix.removeprefix(".")
+        if not process.isdigit():
+            continue
+        try:
+            os.kill(int(process), 0)
+        except ProcessLookupError:
+            path.unlink(missing_ok=True)
+        except PermissionError:  # it lives, and is another user's
+            pass
+
+
 def write_json(path: Path, content: object) -> None:
     """Write strict JSON wholly or not at all."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,242 @@
+"""Run the study: compute what is not stored yet, judge the claims, draw, write the report."""
+
+import argparse
+import errno
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+
+from study.core import runner
+from study.core.cases import SECTIONS, Section, load_section
+from study.core.interrupt import INTERRUPTED, end, handled, stop
+from study.core.store import Results, StudyError
+from study.judge import claims
+
+ROOT = Path(__file__).resolve().parents[1]
+FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
+"""Where ./run study was called, if not in the project's folder."""
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES)
+NAMED = 5  # outdated results that are named; more are counted
+
+USAGE = """\
+  study                   all sections, then claims, figures and report
+  study 7.1 7.6           these sections only; the rest is taken from stored results
+  study list              sections and cases, and whether a stored result holds
+  study check             judge the claims by the stored results
+  study report            claims, figures and report again from stored results
+
+check and report take stored results as they are, and say on stderr which are outdated or missing.
+
+exit status: 0; 1 if a case failed or a verdict differs from the pinned one; 2 for bad usage or
+no room; 130 after Ctrl-C; 141 if nobody reads any more what it says
+"""
+
+
+BESIDE = runner.Beside(
+    shared="study.forms:shared",
+    prepare="study.forms:compile_shared",
+    needs="figures.drawing:needs",
+    draw="figures.drawing:update",
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="study",
+        description=__doc__,
+        epilog=USAGE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("what", nargs="*", help="sections, or one of list, check, report")
+    parser.add_argument("--force", action="store_true", help="compute also what is stored")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
+    results = ROOT / "results" if FROM.is_absolute() else Path("results")
+    parser.add_argument("--out", type=FROM.joinpath, default=results, metavar="DIR")
+    options = parser.parse_intermixed_args(arguments)
+    try:
+        with handled(stop):
+            status = _command(options)
+            sys.stdout.flush()
+            return status
+    except StudyError as error:
+        print(f"study: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
+        for stream in (sys.stdout, sys.stderr):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        return 141  # as a shell has it of programs that end by the signal
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        print(f"study: {error.filename or options.out}: {error.strerror}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(INTERRUPTED, file=sys.stderr)
+        return 130
+
+
+def _command(options: argparse.Namespace) -> int:
+    match options.what:
+        case ["list"]:
+            return show(options.out)
+        case ["check"]:
+            return check(options.out)
+        case ["report"]:
+            return report(options.out, options.jobs)
+        case sections:
+            return study(sections, options.out, options.jobs, options.force)
+
+
+def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
+    """Compute the sections, or all if none is given, and conclude."""
+    for command in {"list", "check", "report"} & set(sections):
+        raise StudyError(f"{command} stands alone, without sections")
+    for unknown in (section for section in sections if section not in SECTIONS):
+        raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
+    if jobs < 1:
+        raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
+    _ensure_writable(out)
+    claims.load_claims()  # an error in them is to be known now, not at the end
+    wanted = _load(list(dict.fromkeys(sections or SECTIONS)))
+    cases = [case for section in wanted for case in section.cases]
+    for section in wanted:
+        runner.discard_others(section, out)
+    failed = runner.run(cases, out, jobs, force, None if sections else BESIDE)
+    return max(conclude(out, complete=not sections, jobs=jobs), int(bool(failed)))
+
+
+def report(out: Path, jobs: int = 1) -> int:
+    """Judge, draw and write the report again."""
+    results = _ensure_stored(out)
+    _ensure_writable(out)
+    _tell_outdated(results)
+    return conclude(out, complete=False, jobs=jobs)
+
+
+def check(out: Path) -> int:
+    """Print the claims whose verdict differs from the pinned one; without a verdict, it does.
+
+    That results are outdated is said on stderr; the exit status is that of the verdicts.
+    """
+    results = _ensure_stored(out)
+    _tell_outdated(results)
+    verdicts = claims.judge(claims.load_claims(), results)
+    differing = [verdict for verdict in verdicts if verdict.differs]
+    print(claims.table(differing) + claims.summary(verdicts))
+    return int(bool(differing))
+
+
+def show(out: Path) -> int:
+    """Print the sections with their cases and what is stored of them."""
+    results = Results(out)
+    lines = []
+    for section in _load(list(SECTIONS)):
+        lines.append(f"{section.id}  {section.title}")
+        lines += [f"    {runner.state(case, results):8}  {case.key}" for case in section.cases]
+    print("\n".join(lines))
+    return 0
+
+
+def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
+    """Write claims, figures and report from what is stored.
+
+    Args:
+        out: Folder of the results.
+        complete: Whether nothing may be missing, as after a run of all sections.
+        jobs: Number of processes that draw.
+
+    Returns:
+        1 if a verdict differs from the pinned one, a figure cannot be drawn, or something is
+        missing that may not; else 0.
+    """
+    from study.report import build  # slow to import, and worker processes do not need it
+
+    results = Results(out)
+    verdicts = claims.judge(claims.load_claims(), results)
+    claims.write(out, verdicts)
+    drawn = draw_figures(out, complete, jobs)
+    incomplete = build(results, out)
+    differing = [
+        verdict
+        for verdict in verdicts
+        if verdict.differs and (complete or verdict.verdict != "not judged")
+    ]
+    print(claims.table(differing) + claims.summary(verdicts))
+    for part in incomplete if complete else ():
+        print(f"report: incomplete, {part}", file=sys.stderr)
+    print(f"report: {out / 'report.html'} and {out / 'report.pdf'}")
+    return int(bool(differing) or not drawn or (complete and bool(incomplete)))
+
+
+def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
+    """Draw all figures; return whether none failed."""
+    figures = import_module("figures.__main__")  # which is above the study
+    arguments = ["--results", str(out), "--jobs", str(jobs)]
+    return bool(figures.main(arguments + ["--complete"] * complete) == 0)
+
+
+def _load(sections: list[str]) -> list[Section]:
+    with _quiet_imports():
+        return [load_section(section) for section in sections]
+
+
+@contextmanager
+def _quiet_imports() -> Iterator[None]:
+    """Let Ctrl-C end the process at once, before anything was written.
+
+    A package takes it for a part of itself that is missing, and prints advice. PETSc takes a
+    reader who has seen enough for a crash: pipes are as before afterwards.
+    """
+    try:
+        with handled(end):
+            yield
+    finally:
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+
+
+def _ensure_writable(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise StudyError(f"{out} cannot be written to: {error.strerror}") from None
+
+
+def _ensure_stored(out: Path) -> Results:
+    """Return the results of a folder, but refuse one without any, or with one not to be read."""
+    results = Results(out)
+    stored = [case for section in SECTIONS for case in results.section(section)]
+    if not stored:
+        raise StudyError(f"there are no results in {out}: run ./run study")
+    return results
+
+
+def _tell_outdated(results: Results) -> None:
+    """Say which stored results code or parameters have left behind, and which are missing."""
+    try:
+        cases = [case for section in _load(list(SECTIONS)) for case in section.cases]
+    except StudyError as error:  # results can be judged where they cannot be computed
+        print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
+        return
+    states = [(case, runner.state(case, results)) for case in cases]
+    for what in ("outdated", "missing"):
+        found = [case for case, state in states if state == what]
+        if not found:
+            continue
+        named = ", ".join(case.key for case in found[:NAMED])
+        rest = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+        sections = dict.fromkeys(case.section for case in found)
+        again = "" if len(sections) == len(SECTIONS) else " ".join(["", *sections])
+        print(
+            f"study: of {len(cases)} results {len(found)} {'is' if len(found) == 1 else 'are'} "
+            f"{what}: {named}{rest}; run ./run study{again}",
+            file=sys.stderr,
+        )

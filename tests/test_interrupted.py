@@ -1,0 +1,201 @@
+"""The study as it is started: Ctrl-C, kills and a full disk, at moments that nobody chose."""
+
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from study.core.store import Results, sweep
+from tests.full_disk import REFUSED
+from tests.toystudy import install
+
+ROOT = Path(__file__).parents[1]
+SECTIONS = ["7.1", "7.4", "V1", "V7", "T"]
+INTERRUPTED = "study: interrupted; the results so far are kept"
+START = [sys.executable, "-X", "importtime", "-m", "study"]
+IMPORTED = "import time:"  # that is what Python tells of each import then
+
+
+class Run:
+    """The study in a process of its own, and what that leaves behind."""
+
+    def __init__(self, out, *arguments, **environment):
+        self.errors = out.with_name(f"{out.name}.err")
+        with self.errors.open("wb") as errors:
+            self.process = subprocess.Popen(
+                [*START, *arguments, "--jobs", "2", "--out", str(out)],
+                cwd=ROOT,
+                env=os.environ | environment,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+            )
+        while "study.core.interrupt" not in self.errors.read_text():
+            assert self.process.poll() is None
+            time.sleep(0.005)
+
+    def told(self):
+        lines = self.errors.read_text().splitlines()
+        return [line for line in lines if not line.startswith(IMPORTED)]
+
+    def processes(self):
+        """Return the live processes of its session."""
+        found = []
+        for folder in Path("/proc").iterdir():
+            try:
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[3]) == self.process.pid and fields[0] != "Z":
+                found.append(int(folder.name))
+        return found
+
+    def workers(self):
+        """Return the processes that have begun to work."""
+        return [
+            process
+            for process in self.processes()
+            if b"spawn_main" in (Path("/proc") / str(process) / "cmdline").read_bytes()
+        ]
+
+    def wait(self, seconds=120):
+        return self.process.wait(seconds)
+
+    def survivors(self):
+        """Return the processes that are there some time after the main one."""
+        deadline = time.monotonic() + 20
+        while (left := self.processes()) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        return left
+
+
+def numbers(out):
+    """Return all that is stored, as text: gaps in curves are equal then."""
+    results = Results(out)
+    return {
+        case.key: repr((case.scalars, {key: curve.tolist() for key, curve in case.curves.items()}))
+        for section in SECTIONS
+        for case in results.section(section)
+    }
+
+
+@pytest.mark.random
+@pytest.mark.parametrize("twice", [False, True])
+def test_interrupt_at_any_moment_is_one_line(tmp_path, request, twice):
+    for _ in range(40 if request.config.getoption("--nightly") else 1):
+        run = Run(tmp_path / "results", "3", "--force")
+        time.sleep(random.uniform(0.0, 4.0))
+        for _ in range(1 + twice):  # as a terminal does, which means the workers, too
+            os.killpg(run.process.pid, signal.SIGINT)
+        status = run.wait()
+        assert not run.survivors()
+        assert not [line for line in run.told() if "Traceback" in line], run.told()
+        assert status == 0 or (status, run.told()[-1]) == (130, INTERRUPTED)
+
+
+@pytest.mark.random
+def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
+    """Main process or worker, at random; half of the results is to be computed each time.
+
+    Now and then without compiled forms: a compilation that is killed would block its form.
+    """
+    if not request.config.getoption("--nightly"):
+        pytest.skip("takes ten minutes: with --nightly")
+    whole, out = tmp_path / "whole", tmp_path / "results"
+    start = time.monotonic()
+    run = Run(whole, *SECTIONS)
+    assert run.wait(600) == 0, run.told()
+    seconds, expected = time.monotonic() - start, numbers(whole)
+    killed = []
+    for attempt in range(50):
+        if attempt % 5 == 0:
+            compiled = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
+        for path in list(out.rglob("[!.]*.json")):
+            if random.random() < 0.5 and path.parent.name in SECTIONS:
+                path.unlink()
+        before = numbers(out)
+        run = Run(out, *SECTIONS, *random.choice([["--force"], []]), **compiled)
+        time.sleep(random.uniform(0.0, seconds))
+        chosen = random.choice([[run.process.pid], run.workers()])[:1]
+        for process in chosen:
+            os.kill(process, signal.SIGKILL)
+        status = run.wait(600)
+        killed.append((len(chosen), status))
+        assert status in (0, 1, -signal.SIGKILL), run.told()
+        assert not run.survivors()
+        assert not [line for line in run.told() if re.search("failed|Traceback", line)], run.told()
+        after = numbers(out)
+        assert {key: after.get(key) for key in before} == before
+    assert sum(number for number, _ in killed) > 25
+    assert {status for _, status in killed} == {0, 1, -signal.SIGKILL}
+    run = Run(out, *SECTIONS, **compiled)
+    assert run.wait(600) == 0, run.told()
+    assert numbers(out) == expected
+    assert [path.name for path in out.rglob(".*")] == []
+
+
+def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(tmp_path):
+    command = [sys.executable, "-m", "tests.full_disk", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode == REFUSED:
+        pytest.skip("nothing can be mounted here")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["roomy"]["status"] == 0
+    assert told["full"]["status"] == 2
+    assert told["full"]["stored"] == told["roomy"]["stored"]
+    lines = told["full"]["errors"].splitlines()
+    assert len(lines) == 4
+    for line in lines[:3]:
+        assert re.search(r"failed: OSError: .*No space left on device", line)
+    assert re.fullmatch(r"study: .*results: No space left on device", lines[3])
+    assert told["litter"] == []
+    assert told["again"]["status"] == 0
+    assert told["computed again"] == 0
+
+
+def test_what_killed_writers_leave_is_swept_and_what_live_ones_write_is_not(tmp_path):
+    with subprocess.Popen(["true"]) as gone:
+        pass
+    names = [f".a.json.{gone.pid}", f".b.npz.{os.getpid()}", ".c.json.old", "d.json"]
+    (tmp_path / "7.1").mkdir()
+    for name in names:
+        (tmp_path / "7.1" / name).write_text("")
+    sweep(tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*.*") if path.is_file()) == names[1:]
+
+
+BLOCKED = """
+from pathlib import Path
+def run(value, log, do=""):
+    if do and Path(do).exists():
+        raise TimeoutError(
+            "JIT compilation timed out, probably due to a failed previous compile. "
+            f"Try cleaning cache (e.g. remove {do}) or increase timeout option."
+        )
+    if do == "":
+        raise ValueError("of another kind")
+"""
+
+
+def test_compilation_that_was_killed_blocks_no_case(tmp_path, monkeypatch, capsys):
+    install(tmp_path, monkeypatch)
+    one, left = tmp_path / "toy" / "one.py", tmp_path / "libffcx.c"
+    text = one.read_text().replace('def run(value, log, do=""):', BLOCKED.strip())
+    one.write_text(text.replace('case("a")', f'case("a", do="{left}")'))
+    left.write_text("")
+    from study.command import main
+
+    monkeypatch.setattr("study.report.build", lambda *_: [])
+    assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 1
+    assert not left.exists()
+    assert Results(tmp_path / "results").cases("1") == ["a"]
+    assert "1/b   failed: ValueError: of another kind" in capsys.readouterr().err
