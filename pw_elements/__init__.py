@@ -18,16 +18,8 @@ if find_spec("dolfinx") is None:
     )
 
 from pw_elements._compat import renamed
-from pw_elements.algebra import (
-    Reduction,
-    SingularSystem,
-    assemble_matrix,
-    assemble_scalar,
-    assemble_vector,
-    reactions,
-    solve,
-    symmetric_part,
-)
+from pw_elements.algebra import SingularSystem, reactions, solve, symmetric_part
+from pw_elements.assembly import assemble_matrix, assemble_scalar, assemble_vector
 from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, vibration_modes
 from pw_elements.elements import (
     composite_element,
@@ -52,6 +44,7 @@ from pw_elements.mesh_checks import DegenerateMesh
 from pw_elements.pictures import draw
 from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
+from pw_elements.reduction import Reduction
 from pw_elements.sibling import Sibling
 from pw_elements.snes import NotConverged
 from pw_elements.spaces import NumberingError, Spaces, as_function, split, test_space

@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements._compat import renamed
-from pw_elements.algebra import Reduction, factorise, symmetric_part, unblocked
+from pw_elements.algebra import factorise, symmetric_part
 from pw_elements.arguments import flag, processes
 from pw_elements.collective import collective
+from pw_elements.given import Problem, check_weights, refuse_negative
 from pw_elements.hybrid import is_hybrid
 from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen, free_motion
 from pw_elements.linear_solver import (
@@ -27,9 +28,10 @@ from pw_elements.linear_solver import (
     SolverNotConverged,
     SolverReport,
 )
-from pw_elements.multigrid import Supports
-from pw_elements.problem import Problem, check_weights, refuse_negative
+from pw_elements.matrices import unblocked
 from pw_elements.progress import doing
+from pw_elements.projection import Supports
+from pw_elements.reduction import Reduction
 from pw_elements.values import number, whole
 
 log = logging.getLogger(__name__)
@@ -136,7 +138,7 @@ def vibration_modes(
             taken unless one is given. A symmetrised pair needs factors.
 
     Raises:
-        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`; for
+        TypeError, ValueError: for things that do not make one problem, see `given.Problem`; for
             matrices whose diagonals add up to less than zero, and numbers out of range.
         SingularSystem: if the shift is an eigenvalue.
         SolverNotConverged: if an iterative solver does not come near enough to a solution.
@@ -208,7 +210,7 @@ def buckling(
         solver: of the systems with K, as in `vibration_modes`.
 
     Raises:
-        TypeError, ValueError: for things that do not make one problem, see `problem.Problem`; for
+        TypeError, ValueError: for things that do not make one problem, see `given.Problem`; for
             a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
         SolverNotConverged: if an iterative solver does not come near enough to a solution.

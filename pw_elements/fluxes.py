@@ -22,9 +22,9 @@ import numpy.typing as npt
 from pw_elements import arguments
 from pw_elements.collective import agree, collective
 from pw_elements.elements import quadratic_element
+from pw_elements.given import is_finite
 from pw_elements.mechanics import Scalar
 from pw_elements.parts import Part
-from pw_elements.problem import is_finite
 from pw_elements.recovery import SurfaceNodes, force_transfer
 from pw_elements.spaces import Spaces, scalar_space
 

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.connected import connected_pieces
 from pw_elements.hybrid import is_hybrid
 from pw_elements.linear_solver import (
     Direct,
@@ -25,7 +26,8 @@ from pw_elements.linear_solver import (
     SolverReport,
     set_options,
 )
-from pw_elements.multigrid import Multigrid, Supports, connected_pieces
+from pw_elements.multigrid import Multigrid
+from pw_elements.projection import Supports
 from pw_elements.saddle import SaddlePoint
 
 Array = npt.NDArray[np.float64]

@@ -24,12 +24,12 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from ufl.core.expr import Expr
 
 from pw_elements import arguments
-from pw_elements._compat import renamed
+from pw_elements._compat import cell_nodes, renamed
 from pw_elements.collective import agree, collective
+from pw_elements.given import Problem
 from pw_elements.hybrid import SubSpace, is_hybrid
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.parts import Marker, Part, by_cell_tag, exterior_facets, marked
-from pw_elements.problem import Problem
 from pw_elements.quadrature import cell_measure
 from pw_elements.spaces import Spaces
 from pw_elements.values import is_number, number, vector, whole
@@ -42,6 +42,8 @@ Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 _RATIONAL_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
 _HYBRID, _LOCKED = 0.48, 0.49
+# Distance of a corner from where it would be in a parallelepiped, over the longest edge: round-off
+_PARALLEL = 1e-12
 _LOCKS = (
     "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
     "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
@@ -151,8 +153,9 @@ class Body:
         state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
         thickness: t(x, y) of a plane body, number or UFL expression.
-        quadrature_degree: exact degree is chosen for straight simplices with constant data,
-            3 points a direction for straight quadrilaterals and 8 else, unless given.
+        quadrature_degree: exact degree is chosen for straight simplices, parallelograms and
+            parallelepipeds with constant data, 3 points a direction for other straight
+            quadrilaterals and hexahedra, and 8 else, unless given.
 
     Raises:
         ValueError: where dimension and state do not fit, the mesh is a surface in space or
@@ -370,7 +373,7 @@ class Body:
         integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
         if form == "J":
             integrand -= 2 * ufl.inner(stress, ufl.dot(self.strain(v), self.strain(u)))
-        return self._bilinear(integrand, 3)
+        return self._bilinear(integrand, 3, in_box=5)
 
     def _arguments(self) -> tuple[Expr, Expr]:
         return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
@@ -403,20 +406,26 @@ class Body:
             return 1.0
         return self._value(self.thickness)
 
-    def _bilinear(self, integrand: Expr, exact_degree: int) -> ufl.Form:
-        """As `_integral`; linear weights take a degree less, which pays on tetrahedra."""
-        pair = self.spaces.test is not self.spaces.trial
-        tetrahedra = self.spaces.mesh.topology.cell_name() == "tetrahedron"
-        return self._integral(integrand, exact_degree - (pair and tetrahedra))
+    def _bilinear(self, integrand: Expr, exact_degree: int, in_box: int = 3) -> ufl.Form:
+        """As `_integral`; linear weights take a degree less."""
+        if self.spaces.test is self.spaces.trial:
+            return self._integral(integrand, exact_degree)
+        return self._integral(integrand, exact_degree - 1, in_box)
 
-    def _integral(self, integrand: Expr, exact_degree: int) -> ufl.Form:
-        """Integral over the volume; `exact_degree` is the integrand's on a straight simplex."""
+    def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
+        """Integral over the volume.
+
+        Args:
+            integrand: with test functions.
+            exact_degree: the integrand's on a straight simplex.
+            in_box: its degree in each direction of a parallelepiped, if that is odd.
+        """
         degree = self.quadrature_degree
         if degree is None:
-            degree = self._sufficient_degree(exact_degree)
+            degree = self._sufficient_degree(exact_degree, in_box)
         return integrand * self._depth() * cell_measure(self.spaces.test, degree)
 
-    def _sufficient_degree(self, exact_degree: int) -> int:
+    def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
         material = self.material
         data = (
@@ -428,8 +437,9 @@ class Body:
         curved = geometry.degree > 1
         if curved or self.state is StressState.AXISYMMETRIC or not all(map(_constant, data)):
             return _RATIONAL_DEGREE
-        simplex = self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron")
-        return exact_degree if simplex else 5  # 3 points a direction
+        if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
+            return exact_degree
+        return in_box if _parallel(self.spaces.mesh) else 5
 
     def _value(self, value: Scalar) -> Expr:
         """A number as a constant of the form, so that a new number compiles nothing anew."""
@@ -445,6 +455,17 @@ class Body:
         if isinstance(vector, Expr):
             return vector
         return fem.Constant(mesh, vector.astype(default_scalar_type))
+
+
+def _parallel(mesh: Mesh) -> bool:
+    """Whether all quadrilaterals or hexahedra, of all processes, are parallelograms or the like."""
+    x = mesh.geometry.x[cell_nodes(mesh)]
+    corners = x.shape[1]
+    bits = np.arange(corners)[:, None] >> np.arange(corners.bit_length() - 1) & 1
+    edges = x[:, 1 << np.arange(bits.shape[1])] - x[:, :1]
+    off = np.abs(x - x[:, :1] - np.einsum("vk,cki->cvi", bits, edges)).max(initial=0.0)
+    parallel = off <= _PARALLEL * np.abs(edges).max(initial=0.0)
+    return bool(mesh.comm.allreduce(parallel, MPI.LAND))
 
 
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:

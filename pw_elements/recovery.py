@@ -29,7 +29,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements import arguments
 from pw_elements._compat import renamed
-from pw_elements.algebra import assemble_vector
+from pw_elements.assembly import assemble_vector
 from pw_elements.collective import agree, collective
 from pw_elements.mechanics import Body, Material, Scalar, boundary_measure
 from pw_elements.parts import Marker, Part, exterior_facets, marked

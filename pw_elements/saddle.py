@@ -16,16 +16,11 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.hybrid import FREE_PRESSURE, NOTHING, SubSpace, equilibration
+from pw_elements.linear_level import linear_interpolation
 from pw_elements.linear_solver import SingularSystem, set_options
-from pw_elements.multigrid import (
-    Masked,
-    Multigrid,
-    Projection,
-    Supports,
-    linear_interpolation,
-    projected,
-    python_matrix,
-)
+from pw_elements.matrices import galerkin_product, python_matrix
+from pw_elements.multigrid import Multigrid
+from pw_elements.projection import Masked, Projection, Supports
 
 Array = npt.NDArray[np.float64]
 
@@ -130,7 +125,7 @@ def _mass(
     dim = mesh.geometry.dim
     mine, theirs = (
         matrix.getDiagonal().array_r.reshape(-1, dim).sum(axis=1)
-        for matrix in (projected(A, P), unit)
+        for matrix in (galerkin_product(A, P), unit)
     )
     q = ufl.TestFunction(pressures)
     areas = assemble_vector(fem.form(q * ufl.dx))

@@ -16,10 +16,10 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements import arguments
-from pw_elements.algebra import Reduction
 from pw_elements.collective import collective
 from pw_elements.mesh_checks import listed
 from pw_elements.recovery import transposed_transfer
+from pw_elements.reduction import Reduction
 
 # A sum of positive shares below this, over one, is none
 _NOTHING = 1e-9

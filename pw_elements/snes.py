@@ -16,9 +16,9 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc
 
+from pw_elements.given import is_finite
 from pw_elements.hybrid import equilibration
 from pw_elements.linear_solver import LinearSolver, SingularSystem
-from pw_elements.problem import is_finite
 
 log = logging.getLogger("pw_elements.problems")
 

@@ -10,10 +10,10 @@ from slepc4py import SLEPc
 
 import numpy as np
 
-from pw_elements.algebra import Reduction
 from pw_elements.collective import collective
 from pw_elements.eigen import NoModes
-from pw_elements.problem import Problem
+from pw_elements.given import Problem
+from pw_elements.reduction import Reduction
 
 # Largest |K - K^T| over |K| of a symmetric matrix, by its assembly's round-off
 _ROUND_OFF = 1e-10

@@ -31,7 +31,7 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     buckling,
-    multigrid,
+    matrices,
     prescribe,
     solve,
     test_space,
@@ -204,7 +204,7 @@ def test_many_random_problems():
 @pytest.mark.parametrize("rows", [12_000, 90])
 def test_matrices_in_blocks(monkeypatch, rows):
     """They give the same, coarse level included, however many rows are converted at once."""
-    monkeypatch.setattr(multigrid, "_AT_ONCE", rows)
+    monkeypatch.setattr(matrices, "_AT_ONCE", rows)
     body, K, f, held = case("pw-T10")
     blocked = assemble_matrix(body.stiffness(), blocked=True)
     assert blocked.getType() == "seqbaij"

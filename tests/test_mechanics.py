@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import basix.ufl
@@ -176,6 +178,45 @@ def test_rotation_costs_no_energy_but_the_geometric_one():
 def test_refuses_impossible_materials(arguments, name):
     with pytest.raises(ValueError, match=name):
         Material(**arguments)
+
+
+@pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
+@pytest.mark.parametrize(
+    ("make_mesh", "state"),
+    [
+        (square, StressState.PLANE_STRAIN),
+        (quadrilaterals, StressState.PLANE_STRAIN),
+        (lambda: cube(CellType.tetrahedron), StressState.SOLID),
+        (lambda: cube(CellType.hexahedron), StressState.SOLID),
+    ],
+    ids=["triangles", "parallelograms", "tetrahedra", "parallelepipeds"],
+)
+def test_quadrature_is_exact_and_no_more_than_that(make_mesh, state, method):
+    """Another four degrees change nothing, a rule with fewer points does; so in oblique cells."""
+    mesh = make_mesh()
+    mesh.geometry.x[:, 0] += 0.3 * mesh.geometry.x[:, 1] + 0.2 * mesh.geometry.x[:, 2]
+    body = Body(method(mesh), MATERIAL, state)
+    boxes = mesh.topology.cell_name() in ("quadrilateral", "hexahedron")
+    for form in (Body.stiffness, Body.mass):
+        (integral,) = form(body).integrals()
+        degree = integral.metadata()["quadrature_degree"]
+        ours, crude, fine = (
+            assemble_matrix(form(replace(body, quadrature_degree=d)))[:, :]
+            for d in (None, degree - (2 if boxes else 1), degree + 4)
+        )
+        size = np.abs(fine).max()
+        assert np.abs(ours - fine).max() < 1e-13 * size
+        # rules of degree 0 and 1 have one point both
+        assert degree == 1 or np.abs(crude - fine).max() > 1e-4 * size
+
+
+def test_cells_that_are_no_parallelograms_keep_three_points_a_direction():
+    body = Body(Spaces.petrov_galerkin(quadrilaterals()), MATERIAL, "plane strain")
+    askew = Body(
+        Spaces.petrov_galerkin(mapped(quadrilaterals(), distorted)), MATERIAL, "plane strain"
+    )
+    degrees = [b.stiffness().integrals()[0].metadata()["quadrature_degree"] for b in (body, askew)]
+    assert degrees == [3, 5]
 
 
 def halves(mesh, first=3, second=7):

@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgWarning, solve
 
-from pw_elements.algebra import Reduction
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import ActiveSet, Contact, equations
@@ -25,6 +24,7 @@ from pw_elements.contact.newton import Increment
 from pw_elements.contact.state import Free
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import LinearSolver, SolverReport
+from pw_elements.reduction import Reduction
 
 Array = npt.NDArray[np.float64]
 

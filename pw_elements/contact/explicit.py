@@ -22,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, answer, collective
 from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory, frame
 from pw_elements.contact.impulses import NodalContact, nodal_contact
@@ -31,9 +30,10 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.nodes import free_columns
 from pw_elements.contact.pairs import ContactPair
+from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.mesh_checks import check_mesh
-from pw_elements.problem import Problem, check_load, is_finite
 from pw_elements.progress import doing
+from pw_elements.reduction import Reduction
 from pw_elements.sibling import Sibling
 from pw_elements.stability import critical_step, diagonal_mass
 from pw_elements.values import positive, vector, whole

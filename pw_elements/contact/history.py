@@ -6,7 +6,6 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
 from pw_elements.contact.errors import ContactFailed
 from pw_elements.contact.inputs import checked_increments
 from pw_elements.contact.pairs import ContactPair
@@ -16,6 +15,7 @@ from pw_elements.contact.state import ContactState
 from pw_elements.contact.stepping import ContactProblem
 from pw_elements.iterative import Solver
 from pw_elements.progress import bar, doing
+from pw_elements.reduction import Reduction
 
 
 def solve_contact(
@@ -50,7 +50,7 @@ def solve_contact(
         remedies: as in `ContactProblem`.
 
     Raises:
-        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
             `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
             per increment, or no iterations.
         DegenerateMesh: for cells without volume or turned inside out.

@@ -10,15 +10,15 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements import arguments
-from pw_elements.algebra import Reduction
 from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
+from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.hybrid import is_hybrid
 from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import LinearSolver
-from pw_elements.problem import Problem, check_load, is_finite
+from pw_elements.reduction import Reduction
 from pw_elements.values import whole
 
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
@@ -40,7 +40,7 @@ def checked_problem(
 
     Raises:
         TypeError: for arguments of another kind.
-        ValueError: for what does not make one problem (see `problem.Problem`), no iterations, or
+        ValueError: for what does not make one problem (see `given.Problem`), no iterations, or
             what differs between processes.
     """
     arguments.space(space)

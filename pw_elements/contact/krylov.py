@@ -18,7 +18,9 @@ import numpy.typing as npt
 
 from pw_elements.contact.unassembled import Bordered, NodePoints, Tied, Unassembled
 from pw_elements.iterative import Iterative, Krylov
-from pw_elements.multigrid import Multigrid, Supports, collect_garbage, python_matrix
+from pw_elements.matrices import collect_garbage, python_matrix
+from pw_elements.multigrid import Multigrid
+from pw_elements.projection import Supports
 
 Array = npt.NDArray[np.float64]
 
@@ -29,7 +31,7 @@ _FORCING = 0.02
 _EXACT, _MORE = 1e-11, 0.1
 # Forces over the residual from which on they say anything of the solution
 _KNOWN = 1e-3
-# A true residual over the one asked for that shows round-off at work
+# A true residual over the one asked for that shows round-off at work, as does one that stays
 _STALLED = 2.0
 # Singular values of E (0: held, 1: free): no equation of forces, and held for the preconditioner
 _NONE, _HELD = 1e-9, 0.5
@@ -135,8 +137,8 @@ class KrylovTangent:
             self._ksp.setTolerances(rtol=0.0, atol=target)
             self._ksp.solve(rest, step)
             x.axpy(1.0, step)
-            left = self._left(known, rest)
-            stalled = left > _STALLED * target
+            before, left = left, self._left(known, rest)
+            stalled = left >= min(_STALLED * target, before)
         force = self._largest()
         self._size = max(self._size, x.norm())
         if stalled and left > self.solver.round_off(self._size) + self._points.round_off + target:

@@ -9,7 +9,6 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.algebra import Reduction
 from pw_elements.contact.errors import ContactFailed, NotFound, NotUnique
 from pw_elements.contact.globalisation import Policy, counted, same
 from pw_elements.contact.interface import ROUND_OFF, Interface
@@ -19,6 +18,7 @@ from pw_elements.contact.state import ContactState
 from pw_elements.contact.system import ContactSystem
 from pw_elements.linear_solver import SingularSystem
 from pw_elements.progress import doing
+from pw_elements.reduction import Reduction
 
 Array = npt.NDArray[np.float64]
 

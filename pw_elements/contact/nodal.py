@@ -9,7 +9,6 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
 from pw_elements.collective import answer, collective
 from pw_elements.contact.interface import RIGID, Interface, Points
 from pw_elements.contact.matching import opposite_nodes
@@ -18,6 +17,7 @@ from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes
 from pw_elements.contact.surfaces import Polyline, Surface
 from pw_elements.hybrid import is_hybrid
+from pw_elements.reduction import Reduction
 from pw_elements.sibling import Sibling
 from pw_elements.values import field, is_number
 

@@ -12,10 +12,11 @@ from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Reduction, assemble_vector
+from pw_elements.assembly import assemble_vector
 from pw_elements.contact.errors import listed
 from pw_elements.hybrid import SubSpace
 from pw_elements.parts import Part, nodes_of
+from pw_elements.reduction import Reduction
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

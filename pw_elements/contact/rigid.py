@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from pw_elements.connected import connected_pieces
 from pw_elements.contact.errors import listed
 from pw_elements.contact.state import Free
-from pw_elements.multigrid import connected_pieces
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

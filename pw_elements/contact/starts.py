@@ -22,6 +22,8 @@ Array = npt.NDArray[np.float64]
 _TOUCHING = 1e-9
 # Padding of cells among which that around a point of another mesh is looked for
 _BESIDE = 1e-6
+# Cells whose nodes are looked for at once, to save memory
+_AT_ONCE = 20_000
 
 
 def first_active_set(
@@ -59,15 +61,26 @@ def first_displacement(
     """Displacements (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
     if guess is None or guess.displacement.getAttr("space") is None:
         return before.displacement
-    known, mesh = guess.displacement.getAttr("space"), space.mesh
-    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
+    known, comm = guess.displacement.getAttr("space"), space.mesh.comm
     there, here = as_function(known, guess.displacement), fem.Function(space)
-    data = fem.create_interpolation_data(space, known, cells, padding=_BESIDE)
-    here.interpolate_nonmatching(there, cells, interpolation_data=data)
+    cells = _covering(space)
+    for k in range(comm.allreduce(-(-len(cells) // _AT_ONCE), MPI.MAX)):
+        some = cells[k * _AT_ONCE : (k + 1) * _AT_ONCE]
+        data = fem.create_interpolation_data(space, known, some, padding=_BESIDE)
+        here.interpolate_nonmatching(there, some, interpolation_data=data)
     here.x.scatter_forward()
     start = before.displacement.duplicate()
     start.setArray(here.x.array[: start.getLocalSize()])
     return start
+
+
+def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Cells of this process that have all its nodes between them: about half of all cells."""
+    topology = space.mesh.topology
+    nodes = space.dofmap.list[: topology.index_map(topology.dim).size_local]
+    last = np.full(nodes.max(initial=-1) + 1, -1, dtype=np.int32)
+    last[nodes] = np.arange(len(nodes), dtype=np.int32)[:, None]
+    return np.unique(last[last >= 0])
 
 
 def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:

@@ -13,7 +13,7 @@ from pw_elements.contact.law import ActiveSet, equations
 from pw_elements.contact.nodes import free_columns
 from pw_elements.contact.rigid import Basis, RigidModes
 from pw_elements.contact.system import ContactSystem
-from pw_elements.multigrid import collect_garbage
+from pw_elements.matrices import collect_garbage
 
 Array = npt.NDArray[np.float64]
 

@@ -23,7 +23,6 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
 from pw_elements.contact.errors import ContactFailed, NoSolution, NotFound, NotUnique
@@ -56,6 +55,7 @@ from pw_elements.iterative import Solver
 from pw_elements.linear_solver import SolverReport
 from pw_elements.mesh_checks import check_mesh
 from pw_elements.progress import doing
+from pw_elements.reduction import Reduction
 
 # Linear systems, and what they took
 Spent: TypeAlias = tuple[int, SolverReport]
@@ -89,7 +89,7 @@ class ContactProblem:
             "search" looks through all statuses of few points in the plane (see `search`).
 
     Raises:
-        TypeError, ValueError: for input that states no contact problem, see `problem.Problem` and
+        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
             `nodal.nodal_interface`.
         DegenerateMesh: for cells without volume or turned inside out.
     """

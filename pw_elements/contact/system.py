@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.algebra import Reduction, free_pressure
+from pw_elements.algebra import free_pressure
 from pw_elements.contact.assembly import (
     PointRows,
     balance_rows,
@@ -40,6 +40,7 @@ from pw_elements.contact.state import Free
 from pw_elements.contact.unassembled import NodePoints
 from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import LinearSolver, SolverReport
+from pw_elements.reduction import Reduction
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

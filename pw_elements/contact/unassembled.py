@@ -75,10 +75,16 @@ class Unassembled:
     """
 
     def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
-        self._K, self._free, self._points = K, free.astype(float), points
+        self._K, self._points = K, points
+        self._prescribed: Indices = np.flatnonzero(~free)
+        self._stated = points.own >= 0
         self._comm: MPI.Comm = K.comm.tompi4py()
-        self._motion, self._image = K.createVecs()
-        self._moved, self._carried = points.motion.createVecLeft(), K.createVecLeft()
+        some = self._comm.allreduce(len(self._prescribed), MPI.SUM) > 0
+        bordered = points.translations > 0
+        self._motion = K.createVecRight() if some or bordered else None
+        self._image = K.createVecLeft() if bordered else None
+        self._moved = points.motion.createVecLeft()
+        self._carried = None if points.spread is None else K.createVecLeft()
         self.force: Array = np.zeros(points.own.shape)
 
     def state(self, E: Array, C: Array, D: Array) -> None:
@@ -87,18 +93,21 @@ class Unassembled:
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
-        points, n = self._points, len(self._free)
-        given = x.array_r
-        self._motion.array[:] = given[:n] * self._free
-        self._K.mult(self._motion, self._image)
-        points.motion.mult(self._motion, self._moved)
+        points, n = self._points, self._K.getLocalSize()[1]
+        given, motion = x.array_r, x
+        if self._motion is not None:
+            motion = self._motion
+            motion.array[:] = given[:n]
+            motion.array[self._prescribed] = 0.0
+        points.motion.mult(motion, self._moved)
         moved = self._moved.array_r.reshape(points.own.shape).copy()
-        self.force = force = points.read(self._image.array_r)
+        image = y if self._image is None else self._image
+        self._K.mult(motion, image)
+        self.force = force = points.read(image.array_r)
         if points.spread is not None:
             self._moved.array[:] = force.ravel()
             points.spread.multTranspose(self._moved, self._carried)
-            self._image.axpy(1.0, self._carried)
-        image = self._image.array_r
+            image.axpy(1.0, self._carried)
         law = np.einsum("nab,nb->na", self._E, force) + np.einsum("nab,nb->na", self._C, moved)
         totals = np.zeros(0)
         if points.translations:
@@ -109,11 +118,12 @@ class Unassembled:
             some = points.moved >= 0
             np.add.at(totals, points.moved[some], force[some])
             self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
-        result = image * self._free + given[:n] * (1 - self._free)
-        stated = points.own >= 0
-        result[points.own[stated]] = law[stated]
-        y.array[:n] = result
-        y.array[n:] = totals[: len(given) - n]
+        result = y.array
+        if image is not y:
+            result[:n] = image.array_r
+            result[n:] = totals[: len(given) - n]
+        result[self._prescribed] = given[self._prescribed]
+        result[points.own[self._stated]] = law[self._stated]
 
 
 class Tied:

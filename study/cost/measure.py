@@ -33,6 +33,8 @@ STIFFER, FINER, SIDES = 3.0, 0.8, (0.13, 0.83)
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
 PRESSURE, PUSH, FRICTION, FRICTION_BETWEEN = 100.0, 20.0, 0.3, 0.2
 MODES = 6
+# What a linear system on contact's way is solved to, over its right-hand side
+FORCING = 0.02
 # Threads would blur what CPU time means
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
 
@@ -42,8 +44,9 @@ class Row:
     """What is measured.
 
     Args:
-        task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other, or
-            "incompressible": a solution.
+        task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other,
+            "incompressible": a solution, or "linear": one solution of K on contact's way, of the
+            clamped block.
         element: as in the study, or one of CalculiX.
         cells: along the height of the block, or of the lower one.
         method: "Direct", "Iterative", "nested": from the state of half as many cells;
@@ -96,6 +99,9 @@ def rows() -> Iterator[Row]:
         for n in (5, 8, 11, 16, 22):
             yield Row("incompressible", element, n, "Iterative")
     yield Row("incompressible", "pw-hybrid-T10", 22, "Iterative", 2)
+    for n in (8, 11, 16, 27):
+        yield Row("linear", "pw-T10", n, "Iterative")
+    yield Row("linear", "pw-T10", 35, "Iterative", 2)
 
 
 def main() -> None:
@@ -158,6 +164,7 @@ def _one(row: Row) -> None:
         "contact": _contact,
         "bodies": _bodies,
         "incompressible": _incompressible,
+        "linear": _linear,
     }
     started = time.perf_counter()
     numbers = tasks[row.task](row)
@@ -208,11 +215,11 @@ def _assembly(row: Row) -> dict[str, float]:
     return {"dofs": K.getSize()[0], "seconds": seconds, "entries": K.getInfo()["nz_used"]}
 
 
-def _clamped(row: Row) -> tuple[Any, Any, Any]:
-    """Body, stiffness, and supports of the base."""
+def _clamped(row: Row) -> tuple[Any, Any]:
+    """Body, and supports of the base."""
     import numpy as np
 
-    from pw_elements import Reduction, assemble_matrix, prescribe
+    from pw_elements import Reduction, prescribe
 
     body = _body(row.element, row.cells)
     space = body.spaces.trial
@@ -222,15 +229,16 @@ def _clamped(row: Row) -> tuple[Any, Any, Any]:
         return np.isclose(x[up], 0.0)
 
     base = [prescribe(space, i, below) for i in range(up + 1)]
-    return body, assemble_matrix(body.stiffness()), Reduction.dirichlet(space, base)
+    return body, Reduction.dirichlet(space, base)
 
 
 def _factors(row: Row) -> dict[str, float]:
     """LDL^T of the standard element, LU of the new one."""
+    from pw_elements import assemble_matrix
     from pw_elements.algebra import factorise
 
-    _, K, supports = _clamped(row)
-    matrix = supports.matrix(K)
+    body, supports = _clamped(row)
+    matrix = supports.matrix(assemble_matrix(body.stiffness()))
     symmetric = row.element.startswith("galerkin")
     prepared, seconds = _seconds(lambda: factorise(matrix, symmetric))
     entries = prepared.ksp.getPC().getFactorMatrix().getMumpsInfog(29)
@@ -241,8 +249,8 @@ def _factors(row: Row) -> dict[str, float]:
 def _frequencies(row: Row) -> dict[str, float]:
     from pw_elements import assemble_matrix, vibration_modes
 
-    body, K, supports = _clamped(row)
-    M = assemble_matrix(body.mass())
+    body, supports = _clamped(row)
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
     _, seconds = _seconds(lambda: vibration_modes(K, M, supports, MODES))
     return {"dofs": K.getSize()[0], "seconds": seconds}
 
@@ -253,7 +261,8 @@ def _incompressible(row: Row) -> dict[str, float]:
 
     import pw_elements as pw
 
-    body, K, supports = _clamped(row)
+    body, supports = _clamped(row)
+    K = pw.assemble_matrix(body.stiffness())
     top = pw.boundary_measure(body.spaces.mesh, lambda x: np.isclose(x[2], 1.0))
     load = pw.assemble_vector(body.surface_load((PUSH, PUSH / 2, -PRESSURE), top))
     solver = pw.Direct() if row.method == "Direct" else pw.Iterative()
@@ -266,6 +275,36 @@ def _incompressible(row: Row) -> dict[str, float]:
         "krylov_iterations": report.krylov_iterations,
         "moved": float(moved.x.petsc_vec.norm()),
         "pressure": float(pressure.x.petsc_vec.norm()),
+    }
+
+
+def _linear(row: Row) -> dict[str, float]:
+    """Assembly, the levels, and one solution by them; `krylov_iterations` are those to 1e-11."""
+    import pw_elements as pw
+
+    body, supports = _clamped(row)
+    K, assembly = _seconds(lambda: pw.assemble_matrix(body.stiffness(), blocked=True))
+    load = supports.masked().load(K, _pressed(body))
+
+    def levels() -> Any:  # noqa: ANN401
+        prepared = pw.Iterative().prepare(K, supports=supports.supports)
+        prepared.set_up()
+        return prepared
+
+    prepared, set_up = _seconds(levels)
+    step, exact = load.duplicate(), prepared.ksp.getTolerances()[0]
+    prepared.ksp.setTolerances(rtol=FORCING)
+    _, seconds = _seconds(lambda: prepared.ksp.solve(load, step))
+    iterations = prepared.ksp.getIterationNumber()
+    prepared.ksp.setTolerances(rtol=exact)
+    prepared.solve(load)
+    return {
+        "dofs": K.getSize()[0],
+        "seconds": seconds,
+        "assembly_seconds": assembly,
+        "set_up_seconds": set_up,
+        "iterations": iterations,
+        "krylov_iterations": prepared.report.krylov_iterations - iterations,
     }
 
 
@@ -291,6 +330,20 @@ def _contact(row: Row) -> dict[str, float]:
     }
 
 
+def _pressed(body: Any) -> Any:  # noqa: ANN401
+    """Load from above and at a side."""
+    import numpy as np
+
+    import pw_elements as pw
+
+    mesh = body.spaces.mesh
+    top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
+    side = pw.boundary_measure(mesh, lambda x: np.isclose(x[0], 0.0))
+    load = pw.assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
+    load.axpy(1.0, pw.assemble_vector(body.surface_load((PUSH, PUSH / 2, 0.0), side)))
+    return load
+
+
 def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # noqa: ANN401
     """With assembly."""
     import numpy as np
@@ -299,12 +352,9 @@ def _solved(element: str, cells: int, solver: Any, start: list[Any]) -> Any:  # 
     from pw_elements.contact import ContactPair, Plane, solve_contact
 
     body = _body(element, cells)
-    space, mesh = body.spaces.trial, body.spaces.mesh
+    space = body.spaces.trial
     K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
-    top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 1.0))
-    side = pw.boundary_measure(mesh, lambda x: np.isclose(x[0], 0.0))
-    load = pw.assemble_vector(body.surface_load((0.0, 0.0, -PRESSURE), top))
-    load.axpy(1.0, pw.assemble_vector(body.surface_load((PUSH, PUSH / 2, 0.0), side)))
+    load = _pressed(body)
     floor = ContactPair(lambda x: np.isclose(x[2], 0.0), Plane((0, 0, 0), (0, 0, 1)), FRICTION)
     free = pw.Reduction.dirichlet(space, [])
     (state,) = solve_contact(K, load, free, floor, space, start, solver=solver)
