@@ -49,6 +49,7 @@ from pw_elements.mechanics import (
     prescribe,
 )
 from pw_elements.mesh_checks import DegenerateMesh
+from pw_elements.pictures import draw
 from pw_elements.problems import PetrovGalerkinProblem
 from pw_elements.quadrature import cell_measure
 from pw_elements.sibling import Sibling
@@ -86,6 +87,7 @@ __all__ = [
     "cell_measure",
     "composite_element",
     "critical_step",
+    "draw",
     "lumped_mass",
     "macro_element",
     "nodal_flux",

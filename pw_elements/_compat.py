@@ -5,13 +5,27 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from dolfinx.mesh import Mesh
+
+try:
+    from dolfinx.io.gmsh import model_to_mesh
+except ImportError:  # before DOLFINx 0.10
+    from dolfinx.io.gmshio import model_to_mesh
+
+__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh", "renamed"]
 
 
 def cell_nodes(mesh: Mesh) -> npt.NDArray[np.int32]:
     """Numbers (cells, nodes) of the geometry's nodes in each cell, ghosts included."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+
+
+def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
+    """Points (n, dim) of the reference cell at which functions of the space are interpolated."""
+    points = space.element.interpolation_points
+    return points() if callable(points) else points
 
 
 def renamed(module: str, names: Mapping[str, tuple[str, object]]) -> Callable[[str], object]:

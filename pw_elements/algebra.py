@@ -96,7 +96,7 @@ def assemble_scalar(form: ufl.Form) -> float:
 
     Raises:
         TypeError: if it is no UFL form.
-        ValueError: if it has a test function, has no function, cannot be compiled, or has a
+        ValueError: if it has a test function, belongs to no mesh, cannot be compiled, or has a
             measure that names a rule that is wrong for it.
     """
     compiled = compiled_form(form, 0, "a functional")
@@ -546,13 +546,14 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
         arguments.space(space, "the space of a form's argument")
     functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
     meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
-    if not meshes:
-        raise ValueError(f"{of} needs a function of a space in its form")
-    if any(mesh is not meshes[0] for mesh in meshes) or len(form.ufl_domains()) != 1:
+    domains = form.ufl_domains()
+    if any(mesh is not meshes[0] for mesh in meshes) or len(domains) != 1:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
+    if (mesh := domains[0].ufl_cargo()) is None:
+        raise ValueError("the form belongs to no mesh: give its measure a domain")
     ruled = with_cell_rules(form)
     try:
-        with doing(meshes[0].comm, "compiling a form"):
+        with doing(mesh.comm, "compiling a form"):
             return fem.form(ruled)
     except Exception as error:
         raise ValueError(f"the form cannot be compiled: {error}") from error

@@ -8,8 +8,8 @@ Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say
 """
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Literal, TypeAlias
 
@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem
-from dolfinx.mesh import Mesh, meshtags
+from dolfinx.mesh import Mesh, MeshTags, meshtags
 from ufl.core.expr import Expr
 
 from pw_elements import arguments
@@ -28,7 +28,7 @@ from pw_elements._compat import renamed
 from pw_elements.collective import agree, collective
 from pw_elements.hybrid import SubSpace, is_hybrid
 from pw_elements.mesh_checks import check_mesh
-from pw_elements.parts import Marker, Part, exterior_facets, marked
+from pw_elements.parts import Marker, Part, by_cell_tag, exterior_facets, marked
 from pw_elements.problem import Problem
 from pw_elements.quadrature import cell_measure
 from pw_elements.spaces import Spaces
@@ -71,6 +71,8 @@ class StressState(Enum):
 class Material:
     """Isotropic elastic material; numbers, or UFL expressions where it varies in space.
 
+    `by_tag` makes one of several that meet in a mesh, or of bodies that are parts of one.
+
     Checked are numbers, `fem.Constant`s and nodal values of Lagrange functions; what another
     expression is worth cannot be told.
 
@@ -92,6 +94,37 @@ class Material:
             "has to lie between -1 and 0.5",
         )
         _set(self, "poissons_ratio", nu)
+
+    @classmethod
+    def by_tag(
+        cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
+    ) -> "Material":
+        """One material of several, each in the cells that have its tag.
+
+            material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
+
+        Args:
+            mesh: of the body.
+            cell_tags: of its cells, each of which has one.
+            materials: of every tag, their constants being numbers.
+
+        Raises:
+            TypeError: for arguments of another kind.
+            ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
+                material, materials without a cell, or constants that are no numbers.
+        """
+        arguments.mesh(mesh)
+        names = [field.name for field in fields(cls)]
+        with collective(mesh.comm):
+            arguments.of_type(
+                "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
+            )
+            constants = {}
+            for tag, one in materials.items():
+                of = f"the material of tag {tag}"
+                arguments.of_type(of, one, Material, "Material(E, nu) makes one")
+                constants[tag] = [number(f"{name} of {of}", getattr(one, name)) for name in names]
+        return cls(*by_cell_tag(mesh, cell_tags, constants, "material"))
 
 
 @dataclass(frozen=True)
@@ -210,6 +243,18 @@ class Body:
         strain = self.strain(u)
         return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
 
+    def von_mises(self, u: Expr) -> Expr:
+        """Von Mises' equivalent stress of displacements u, for pictures and judgement.
+
+        In plane strain it has the stress that holds the third direction.
+        """
+        stress = self.stress(u)
+        trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
+        if self.state is StressState.PLANE_STRAIN:
+            third = self._value(self.material.poissons_ratio) * trace
+            trace, squares = trace + third, squares + third**2
+        return ufl.sqrt((3 * squares - trace**2) / 2)
+
     def stiffness(self) -> ufl.Form:
         """Stiffness form, Eq. (10)."""
         u, v = self._arguments()
@@ -326,7 +371,7 @@ class Body:
             self.thickness,
         )
         curved = geometry.degree > 1
-        if curved or self.state is StressState.AXISYMMETRIC or not all(map(is_number, data)):
+        if curved or self.state is StressState.AXISYMMETRIC or not all(map(_constant, data)):
             return _RATIONAL_DEGREE
         simplex = self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron")
         return exact_degree if simplex else 5  # 3 points a direction
@@ -492,6 +537,13 @@ def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[n
     if comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
     return nodes
+
+
+def _constant(value: Scalar) -> bool:
+    """Whether a value is one number in each cell."""
+    if isinstance(value, fem.Function):
+        return value.function_space.ufl_element().embedded_superdegree == 0
+    return is_number(value) or isinstance(value, fem.Constant)
 
 
 def _positive(name: str, value: Scalar, comm: MPI.Comm = MPI.COMM_SELF) -> Scalar:

@@ -1,7 +1,8 @@
-"""Structured rectangles in the patterns of the examples, and their smooth images."""
+"""Structured rectangles in the patterns of the examples, their smooth images, and Gmsh's meshes."""
 
 from collections.abc import Callable
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 from mpi4py import MPI
 
@@ -9,7 +10,15 @@ import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.mesh import CellType, DiagonalType, Mesh, create_mesh, create_rectangle
+from dolfinx.mesh import (
+    CellType,
+    DiagonalType,
+    Mesh,
+    MeshTags,
+    create_mesh,
+    create_rectangle,
+    meshtags,
+)
 
 from pw_elements import arguments
 from pw_elements.collective import agree, answer, collective
@@ -95,6 +104,66 @@ def on_lines(
     return mapped(quadrilaterals(comm, *corners, divisions), placed)
 
 
+class TaggedMesh(NamedTuple):
+    """A mesh and the numbers of Gmsh's physical groups.
+
+    Args:
+        mesh: the mesh.
+        cell_tags: of the groups of cells; `cell_tags.find(STEEL)` are those of one group.
+        facet_tags: of the groups of facets; `facet_tags.find(BASE)` are those of one group.
+    """
+
+    mesh: Mesh
+    cell_tags: MeshTags
+    facet_tags: MeshTags
+
+
+def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa: ANN401
+    """Mesh of a `.msh` file or of the model that Gmsh has just meshed, with its physical groups.
+
+        mesh, cell_tags, facet_tags = from_gmsh(MPI.COMM_WORLD, "gasket.msh", dim=2)
+        mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+
+    Gmsh's own order is kept: after `gmsh.model.mesh.setOrder(2)` the mesh's sides are curved.
+
+    Args:
+        comm: communicator.
+        source: path of a file, or `gmsh.model`, which counts on process 0.
+        dim: of the space the mesh lies in; of plane meshes 2.
+
+    Raises:
+        ModuleNotFoundError: without Gmsh's Python module.
+        FileNotFoundError: if there is no such file.
+        ValueError: for another dimension than 2 or 3, a file that Gmsh cannot read, or a model
+            without a mesh or without a physical group of cells.
+    """
+    arguments.communicator(comm)
+    import gmsh
+
+    from pw_elements._compat import model_to_mesh
+
+    with collective(comm):
+        if dim not in (2, 3):
+            raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
+        from_file = isinstance(source, str | Path)
+        if comm.rank == 0 and from_file:
+            _open(gmsh, Path(source))
+    agree(comm, {"dim": dim, "from_file": from_file})
+    try:
+        with collective(comm):
+            if comm.rank == 0:
+                _check_model(gmsh.model, dim)
+        read = model_to_mesh(gmsh.model, comm, 0, gdim=dim)
+    finally:
+        if comm.rank == 0 and from_file:
+            gmsh.finalize()
+    mesh, cell_tags, facet_tags = read[0], read[1], read[2]
+    if facet_tags is None:  # DOLFINx 0.10 and later, of models without groups of facets
+        none = np.empty(0, dtype=np.int32)
+        facet_tags = meshtags(mesh, mesh.topology.dim - 1, none, none)
+    return TaggedMesh(mesh, cell_tags, facet_tags)
+
+
 def mapped(mesh: Mesh, image: Map) -> Mesh:
     """Moves the mesh's nodes in place; straight sides stay straight.
 
@@ -168,3 +237,32 @@ def _check(
             )
     same = {"lower": lower, "upper": upper, "divisions": divisions, "pattern": pattern}
     agree(comm, same)
+
+
+def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401
+    """Opens a file in a session of its own; on process 0."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}")
+    if gmsh.isInitialized():
+        raise ValueError(f"Gmsh is at work: call gmsh.finalize() before {path} is read")
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    try:
+        gmsh.open(str(path))
+    except Exception as error:  # Gmsh's own
+        gmsh.finalize()
+        raise ValueError(f"{path} cannot be read: {error}") from error
+
+
+def _check_model(model: Any, dim: int) -> None:  # noqa: ANN401
+    """Raises unless Gmsh's model has a mesh with a physical group of cells."""
+    highest = model.getDimension()
+    if highest < 2 or not len(model.mesh.getNodes()[0]):
+        raise ValueError("Gmsh's model has no mesh: call gmsh.model.mesh.generate first")
+    if highest > dim:
+        raise ValueError(f"Gmsh's model has cells of {highest} dimensions: give dim={highest}")
+    if not model.getPhysicalGroups(highest):
+        raise ValueError(
+            "no physical group has the cells: gmsh.model.addPhysicalGroup(dim, tags, number) "
+            "makes one, and DOLFINx takes only what is in groups"
+        )

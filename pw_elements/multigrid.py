@@ -5,6 +5,7 @@ elements, for standard and new elements alike. Nothing of K is copied or changed
 what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -15,6 +16,8 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from scipy import sparse as sp
 from scipy.sparse.csgraph import connected_components
+
+from pw_elements.ties import Ties, diagonal_blocks
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -73,13 +76,14 @@ class Projection:
             to[self._nodes] += self._weight * np.einsum("nij,nj->ni", self._held, at[self._nodes])
         return rest
 
-    def blocks(self) -> tuple[Indices, Array, Array]:
+    def blocks(self, others: Sequence[int] | Indices = ()) -> tuple[Indices, Array, Array]:
         """Nodes with anything held, projectors (k, block, block) onto what is free, and the rest.
 
-        The latter is weighted.
+        The latter is weighted; `others` are nodes that are wanted, too.
         """
         free = self._free.reshape(-1, self._block)
-        some = np.union1d(np.flatnonzero((free == 0).any(axis=1)), self._nodes)
+        held = np.union1d(np.flatnonzero((free == 0).any(axis=1)), self._nodes)
+        some = np.union1d(held, np.asarray(others, dtype=np.int64))
         blocks = np.eye(self._block) * free[some][:, None, :]
         rest = np.eye(self._block) - blocks
         at = np.searchsorted(some, self._nodes)
@@ -101,22 +105,31 @@ class Projection:
 
 
 class Masked:
-    """Pi K Pi + (1 - Pi), for `PETSc.Mat.createPython`."""
+    """Pi W^T K W Pi + (1 - Pi), for `PETSc.Mat.createPython`; W is one without ties."""
 
     def __init__(self, K: PETSc.Mat, projection: Projection) -> None:
         self._K, self._projection = K, projection
         self._kept = K.createVecRight()
+        self.ties: Ties | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
         self._kept.array[:] = self._projection(x.array_r)
+        if self.ties:
+            self.ties.follow(self._kept)
         self._K.mult(self._kept, y)
+        if self.ties:
+            self.ties.hand_on(y)
         y.array[:] = self._projection(y.array_r) + self._projection.rest(x.array_r)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x under the transposed matrix."""
         self._kept.array[:] = self._projection(x.array_r)
+        if self.ties:
+            self.ties.follow(self._kept)
         self._K.multTranspose(self._kept, y)
+        if self.ties:
+            self.ties.hand_on(y)
         y.array[:] = self._projection(y.array_r) + self._projection.rest(x.array_r)
 
 
@@ -139,10 +152,14 @@ class _NodeBlocks:
         self._nodes: Indices = np.empty(0, dtype=np.int64)
         self._other: Array = np.empty((0, block, block))
 
-    def update(self, projection: Projection) -> None:
-        """Takes over what is held; only those nodes differ."""
-        self._nodes, free, rest = projection.blocks()
+    def update(self, projection: Projection, nodes: Indices, carried: Array) -> None:
+        """Takes over what is held; only those nodes differ, and those (k,) that others follow.
+
+        The latter carry blocks (k, block, block) of the others.
+        """
+        self._nodes, free, rest = projection.blocks(nodes)
         own = np.linalg.inv(self._inverse()[self._nodes])
+        own[np.searchsorted(self._nodes, nodes)] += carried
         self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -164,10 +181,13 @@ class _Interpolation:
     def __init__(self, P: PETSc.Mat, fine: Projection, coarse: Projection) -> None:
         self._P, self._fine, self.coarse = P, fine, coarse
         self._on_coarse, self._on_fine = P.createVecs()
+        self.ties: Ties | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Values y at all nodes from x at vertices."""
         self._on_coarse.array[:] = self.coarse(x.array_r)
+        if self.ties:
+            self.ties.follow(self._on_coarse)
         self._P.mult(self._on_coarse, y)
         y.array[:] = self._fine(y.array_r)
 
@@ -180,6 +200,8 @@ class _Interpolation:
         """Forces y at vertices from x at all nodes."""
         self._on_fine.array[:] = self._fine(x.array_r)
         self._P.multTranspose(self._on_fine, y)
+        if self.ties:
+            self.ties.hand_on(y)
         y.array[:] = self.coarse(y.array_r)
 
 
@@ -208,19 +230,21 @@ class Multigrid:
         copied = self._block > 1 and not is_blocked(K)
         self.blocked = K.convert("baij", PETSc.Mat()) if copied else K
         self._projection = Projection(supports.free, self._block)
-        self.operator = python_matrix(K.getSizes(), Masked(self.blocked, self._projection), K.comm)
+        self._masked = Masked(self.blocked, self._projection)
+        self.operator = python_matrix(K.getSizes(), self._masked, K.comm)
         linear, self._vertex_node = _linear_space(space)
         at_vertices = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
         self._at_vertices = Projection(at_vertices, self._block)
         self._P = _interpolation_matrix(linear, space, supports.free, at_vertices)
-        interpolation = _Interpolation(self._P, self._projection, self._at_vertices)
-        self._interpolation = python_matrix(self._P.getSizes(), interpolation, K.comm)
+        self._interpolated = _Interpolation(self._P, self._projection, self._at_vertices)
+        self._interpolation = python_matrix(self._P.getSizes(), self._interpolated, K.comm)
         self._near_null = _near_null_space(linear)
         self._smoother = _NodeBlocks(self.blocked, self._block)
-        self._smoother.update(self._projection)
+        self._smoother.update(self._projection, *self._carried())
         self._space = space
         self._held_before: Array = np.empty((0, self._block, self._block))
         self._near: _Near | None = None
+        self._tied: PETSc.Mat | None = None
         self._fixed: PETSc.Mat | None = None
         self._coarse: PETSc.Mat | None = None
         self._preconditioner: PETSc.PC | None = None
@@ -263,6 +287,41 @@ class Multigrid:
         coarse.getPC().setType("gamg")
         self._preconditioner = preconditioner
 
+    def tie(self, nodes: Indices, opposite: PETSc.Mat) -> Ties:
+        """Has what is held of local nodes (m,) follow others from now on, by (m block, n) weights.
+
+        A body that nothing else holds is then held by the other one.
+        """
+        vertex, at = self._vertices_of(nodes)
+        self._interpolated.ties = Ties(opposite.matMult(self._P), vertex, self._block, at)
+        self._masked.ties = Ties(opposite, nodes, self._block)
+        return self._masked.ties
+
+    def _vertices_of(self, nodes: Indices) -> tuple[Indices, Indices]:
+        """Local vertices (k,) among local nodes (m,), and which of the nodes they are."""
+        vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
+        order = np.argsort(nodes)
+        return vertex, order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+
+    def _carried(self) -> tuple[Indices, Array]:
+        """Nodes (k,) that others follow, and the blocks (k, block, block) of K they so get."""
+        ties = self._masked.ties
+        if ties is None:
+            return np.empty(0, dtype=np.int64), np.empty((0, self._block, self._block))
+        near, comm = self._near, self._K.comm
+        assert near is not None, "what is held at times is known before"
+        if self._tied is None:
+            first = near.K.getOwnershipRange()[0] // self._block
+            rows = first + np.searchsorted(near.nodes, np.sort(ties.nodes))
+            held = PETSc.IS().createBlock(self._block, rows.astype(PETSc.IntType), comm=comm)
+            self._tied = near.K.createSubMatrix(held, held)
+        order = np.argsort(np.argsort(ties.nodes))
+        followed = ties.followed(order, len(order))
+        carried = self._tied.ptap(followed)
+        found = diagonal_blocks(carried, self._block)
+        _destroy(carried, followed)
+        return found
+
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
 
@@ -274,7 +333,8 @@ class Multigrid:
             weight: (m,), stiffness of what is held.
         """
         self._projection.hold(nodes, held, weight)
-        self._smoother.update(self._projection)
+        if self._masked.ties:
+            self._masked.ties.hold(held)
         before = self._held_before if len(self._held_before) else np.zeros_like(held)
         some = np.abs(held).max(axis=(1, 2), initial=0.0) > 0
         other = np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
@@ -284,12 +344,13 @@ class Multigrid:
             self._near = _Near.of(self.blocked, self._P, self._space, nodes)
             self._forget()
             self._fixed = None
+        self._smoother.update(self._projection, *self._carried())
         if counts[1] > _RENEWED * counts[0]:
             self._held_before = held
-            vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
-            order = np.argsort(nodes)
-            at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+            vertex, at = self._vertices_of(nodes)
             self._at_vertices.hold(vertex, held[at], weight[at])
+            if self._interpolated.ties:
+                self._interpolated.ties.hold(held[at])
             self._forget()
         self.ready()
 
@@ -315,19 +376,36 @@ class Multigrid:
         made = self._fixed.copy()
         coarse = self._at_vertices.all_blocks()
         if near is not None:
-            fine = self._projection.blocks_at(near.nodes)
-            left = block_diagonal(fine, near.P.getSizes()[0], comm, "aij")
-            right = block_diagonal(coarse, columns, comm, "aij")
-            half = left.matMult(near.P)
-            P = half.matMult(right)
+            P = self._moved_near(near, coarse)
             _add(made, 1.0, _projected(near.K, P))
-            _destroy(left, right, half, P)
+            _destroy(P)
         size = made.getDiagonal().sum() / columns[1]
         _add(made, 1.0, block_diagonal(size * (np.eye(self._block) - coarse), columns, comm, "aij"))
         made.setBlockSize(self._block)
         if self._near_null is not None:
             made.setNearNullSpace(self._near_null)
         return made
+
+    def _moved_near(self, near: "_Near", coarse: Array) -> PETSc.Mat:
+        """What linear functions, (vertices, block, block) of which are free, move near contact."""
+        columns, comm = self._P.getSizes()[1], self._K.comm
+        fine = self._projection.blocks_at(near.nodes)
+        left = block_diagonal(fine, near.P.getSizes()[0], comm, "aij")
+        right = block_diagonal(coarse, columns, comm, "aij")
+        at_nodes, at_vertices = self._masked.ties, self._interpolated.ties
+        if at_vertices is not None:
+            followed = at_vertices.followed(at_vertices.nodes, len(coarse))
+            _add(right, 1.0, followed.matMult(right))
+            _destroy(followed)
+        half = left.matMult(near.P)
+        P = half.matMult(right)
+        if at_nodes is not None and at_vertices is not None:
+            rows = np.searchsorted(near.nodes, at_nodes.nodes)
+            followed = at_nodes.followed(rows, len(near.nodes), at_vertices.opposite)
+            _add(P, 1.0, followed.matMult(right))
+            _destroy(followed)
+        _destroy(left, right, half)
+        return P
 
 
 @dataclass(frozen=True)

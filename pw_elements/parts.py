@@ -1,6 +1,6 @@
 """Parts of a body as users name them: by a marker, by local numbers, or by a mask of these."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 from mpi4py import MPI
@@ -10,7 +10,8 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
-from pw_elements.collective import answer, collective
+from pw_elements import arguments
+from pw_elements.collective import agree, answer, collective
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.int32]
@@ -129,3 +130,51 @@ def exterior_facets(mesh: Mesh, where: Part) -> Indices:
         else:
             chosen = numbered(comm, "facets", where, count)
     return np.intersect1d(chosen, exterior_facet_indices(mesh.topology)).astype(np.int32)
+
+
+def by_cell_tag(
+    mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]], what: str
+) -> list[fem.Function]:
+    """Functions that are constant in each cell, by the cells' tags; collective.
+
+    Args:
+        mesh: the mesh.
+        cell_tags: of its cells, each of which has one.
+        values: of every tag, a number for each function.
+        what: has these values, in messages.
+
+    Raises:
+        TypeError: for what are no tags.
+        ValueError: for tags of facets or of another mesh, cells without a tag, tags without values
+            or values without a cell.
+    """
+    comm, dim = mesh.comm, mesh.topology.dim
+    mesh.topology.create_entities(dim)
+    owned = mesh.topology.index_map(dim).size_local
+    agree(comm, {f"the {what} of each tag": sorted(values.items())})
+    with collective(comm):
+        arguments.of_type(
+            "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"
+        )
+        if cell_tags.dim != dim:
+            raise ValueError(f"the tags are those of {cell_tags.dim}-D entities: cells are {dim}-D")
+        if cell_tags.topology != mesh.topology._cpp_object:
+            raise ValueError("the tags are those of another mesh")
+        mine = cell_tags.indices < owned
+        cells, tags = cell_tags.indices[mine], cell_tags.values[mine]
+        if len(cells) < owned:
+            raise ValueError(f"{owned - len(cells)} of {owned} cells have no tag, so no {what}")
+    found = set().union(*comm.allgather(set(tags.tolist())))
+    if missing := sorted(found - set(values)):
+        raise ValueError(f"no {what} is given for the tags {missing}, which cells have")
+    if unknown := sorted(set(values) - found):
+        raise ValueError(f"a {what} is given for the tags {unknown}, which no cell has")
+    space = fem.functionspace(mesh, ("DG", 0))
+    functions = [fem.Function(space) for _ in next(iter(values.values()))]
+    for tag, numbers in values.items():
+        at = space.dofmap.list[cells[tags == tag], 0]
+        for function, value in zip(functions, numbers, strict=True):
+            function.x.array[at] = value
+    for function in functions:
+        function.x.scatter_forward()
+    return functions

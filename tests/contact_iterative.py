@@ -17,6 +17,9 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactPair, Motion, Plane, Sphere
 from tests.contact_cases import at
+from tests.two_bodies import Stack
+
+PUSHED = (1e-4, 5e-5, -1e-3)
 
 
 class Solid:
@@ -114,4 +117,46 @@ CASES = {
     "sphere": _sphere,
     "sphere by forces": _sphere_by_forces,
     "plate by forces": _plate_by_forces,
+}
+
+
+def held_by_contact(stack: Stack, slave, surface=None):
+    """The upper block rests on the lower one alone, pressed and pushed."""
+    base = [prescribe(stack.space, i, at(2, 0.0)) for i in range(3)]
+    pair = stack.pair(slave, 0.2)
+    if surface is not None:
+        pair = ContactPair(pair.nodes, surface, pair.friction)
+    return stack.K, stack.load(PUSHED), Reduction.dirichlet(stack.space, base), pair, stack.space
+
+
+def _on_a_floor(stack, slave):
+    """As before, and the lower one rests on a rigid plane alone."""
+    K, load, _, pair, space = held_by_contact(stack, slave)
+    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    return K, load, Reduction.dirichlet(space, []), [floor, pair], space
+
+
+def _smooth(stack, slave):
+    """Without friction, guided on top."""
+    guided = [prescribe(stack.space, i, at(2, end)) for i in range(2) for end in (0.0, 2.0)]
+    guided.append(prescribe(stack.space, 2, at(2, 0.0)))
+    supports = Reduction.dirichlet(stack.space, guided)
+    return stack.K, stack.load((0, 0, -1e-3)), supports, stack.pair(slave), stack.space
+
+
+def _through_contact(stack, slave):
+    """Both clamped, a force between them presses and pushes."""
+    held = [prescribe(stack.space, i, at(2, end)) for i in range(3) for end in (0.0, 2.0)]
+    sign = 1 if slave == "upper" else -1
+    motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
+    supports = Reduction.dirichlet(stack.space, held)
+    pair = stack.pair(slave, 0.2, [motion])
+    return stack.K, stack.K.createVecLeft(), supports, pair, stack.space
+
+
+STACKED = {
+    "held by contact": held_by_contact,
+    "on a floor": _on_a_floor,
+    "smooth": _smooth,
+    "forces through contact": _through_contact,
 }

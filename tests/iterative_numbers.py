@@ -21,7 +21,8 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import solve_contact
-from tests.contact_iterative import CASES, Solid
+from tests.contact_iterative import CASES, STACKED, Solid
+from tests.two_bodies import Stack
 
 comm = MPI.COMM_WORLD
 numbers: dict[str, list[float] | float | str] = {}
@@ -64,10 +65,23 @@ def nested():
     numbers["nested"] = state.displacement.norm()
 
 
+def two_bodies(case):
+    """The upper one is the slave."""
+    stack = Stack((4, 3), "tetrahedron", upper=(0.13, 0.83), ratio=0.5, comm=comm)
+    arguments = STACKED[case](stack, "upper")
+    (state,) = solve_contact(*arguments, solver=Iterative())
+    numbers[f"{case} displacement_norm"] = state.displacement.norm()
+    for number, pair in enumerate(state.pairs):
+        numbers[f"{case} {number} statuses"] = np.bincount(pair.status, minlength=3).tolist()
+        numbers[f"{case} {number} force_normal"] = pair.force_normal.tolist()
+
+
 supported("tetrahedron")
 supported("hexahedron")
 for case in CASES:
     contact(case)
 nested()
+for case in STACKED:
+    two_bodies(case)
 if comm.rank == 0:
     print(json.dumps(numbers))

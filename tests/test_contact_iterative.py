@@ -5,7 +5,6 @@ import pytest
 
 from pw_elements import Direct, Iterative, Spaces
 from pw_elements.contact import (
-    ContactPair,
     ContactProblem,
     FreeBody,
     MatchingNodes,
@@ -15,8 +14,8 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.unassembled import NodePoints
-from tests.contact_cases import at
-from tests.contact_iterative import CASES, Solid
+from tests.contact_iterative import CASES, STACKED, Solid, held_by_contact
+from tests.two_bodies import Stack
 
 ELEMENTS = [
     ("tetrahedron", Spaces.petrov_galerkin),
@@ -63,10 +62,15 @@ def test_on_the_way_solutions_are_inexact():
     assert state.report.krylov_iterations < 8 * state.iterations
 
 
-def test_the_shell_is_the_assembled_tangent():
+@pytest.mark.parametrize("bodies", [1, 2])
+def test_the_shell_is_the_assembled_tangent(bodies):
     """Products with random active sets against the matrix that factors are made of."""
-    solid = Solid(n=2)
-    K, _, supports, pair, U = solid.arguments("plate by forces")
+    if bodies == 1:
+        K, _, supports, pair, U = Solid(n=2).arguments("plate by forces")
+    else:
+        K, _, supports, pair, U = STACKED["forces through contact"](
+            Stack((2, 3), "tetrahedron", upper=(0.13, 0.83)), "upper"
+        )
     exact, shell = (ContactProblem(K, supports, pair, U, s) for s in (Direct(), Iterative()))
     free = ((0, 0), (0, 2))
     assembled, krylov = (problem._bound(free)[0] for problem in (exact, shell))
@@ -138,11 +142,40 @@ def test_failures_are_those_of_contact():
         solve_contact(K, load, supports, pair, U, max_iterations=2, solver=Iterative())
 
 
-def test_two_bodies_need_factors():
-    solid = Solid()
-    K, load, supports, _, U = solid.arguments("rough floor")
-    pair = ContactPair(at(2, 0.0), MatchingNodes(at(2, 1.0), Plane((0, 0, 0), (0, 0, 1))))
-    with pytest.raises(ValueError, match=r"knows rigid surfaces alone.*take Direct\(\)"):
-        solve_contact(K, load, supports, pair, U, solver=Iterative())
+@pytest.mark.parametrize("slave", ["upper", "lower"])
+@pytest.mark.parametrize("case", STACKED)
+def test_two_bodies_have_the_states_of_the_direct_solver(case, slave):
+    """One of them is held by contact alone, or by forces through it."""
+    arguments = STACKED[case](Stack((4, 3), "tetrahedron", upper=(0.13, 0.83)), slave)
+    states = solve_contact(*arguments, solver=Iterative())
+    compare(states, solve_contact(*arguments, solver=Direct()))
+    assert states[-1].report.krylov_iterations < 220
+
+
+def test_two_bodies_of_hexahedra():
+    arguments = held_by_contact(Stack((3, 2), "hexahedron", upper=(0.13, 0.83)), "upper")
+    compare(*(solve_contact(*arguments, solver=solver) for solver in (Iterative(), Direct())))
+
+
+def test_a_slave_that_is_stiffer_takes_more_iterations():
+    iterations = []
+    for ratio in (0.01, 1.0, 100.0):
+        stack = Stack((4, 3), "tetrahedron", upper=(0.13, 0.83), ratio=ratio)
+        arguments = held_by_contact(stack, "upper")
+        (found,) = solve_contact(*arguments, solver=Iterative())
+        compare([found], solve_contact(*arguments, solver=Direct()))
+        iterations.append(found.report.krylov_iterations)
+    soft, equal, stiff = iterations
+    assert soft < 1.5 * equal < stiff
+
+
+def test_matching_nodes_have_the_states_of_the_direct_solver():
+    stack = Stack((3, 3), "tetrahedron")
+    surface = MatchingNodes(stack.nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
+    arguments = held_by_contact(stack, "upper", surface)
+    compare(*(solve_contact(*arguments, solver=solver) for solver in (Iterative(), Direct())))
+
+
+def test_what_is_no_solver_is_named():
     with pytest.raises(TypeError, match="the solver is 'quick'"):
-        solve_contact(K, load, supports, pair, U, solver="quick")
+        solve_contact(*Solid().arguments("rough floor"), solver="quick")

@@ -42,6 +42,7 @@ from tests.contact_cases import at
 from tests.two_bodies import Stack, joined
 
 PRESSURE = 1e-3
+PLANE = ("triangle", "quadrilateral")
 
 
 def pressed(stack, slave="upper", friction=0.0):
@@ -66,10 +67,10 @@ def uniaxial(stack, nu=0.3):
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_patch(cell, slave, friction):
-    stack = Stack((2, 3) if cell == "tetrahedron" else (4, 7), cell)
+    stack = Stack((4, 7) if cell in PLANE else (2, 3), cell)
     state, _ = pressed(stack, slave, friction)
     exact = uniaxial(stack)
     moved = state.displacement.array.reshape(exact.shape)
@@ -77,10 +78,27 @@ def test_patch(cell, slave, friction):
     assert state.residuals.largest() < 1e-11
 
 
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("slave", ["upper", "lower"])
+@pytest.mark.parametrize("bend", [0.05, 0.15])
+def test_patch_on_quadrilaterals_of_any_shape(slave, bend):
+    """Flat faces that are no parallelograms, on which weights are no polynomials."""
+
+    def moved(x):
+        hill = bend * np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
+        across = np.stack([np.cos(3 * x[:, 1] + 1), np.sin(2 * x[:, 0] + 0.3), 0 * hill], axis=1)
+        return x + hill[:, None] * across
+
+    stack = Stack((2, 3), "hexahedron", shape=moved)
+    state, _ = pressed(stack, slave)
+    exact = uniaxial(stack)
+    displacement = state.displacement.array.reshape(exact.shape)
+    assert displacement == pytest.approx(exact, abs=1e-10 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 def test_slave_whose_facets_stick_out(cell):
     """A column on a wider block, which is the slave: what faces nothing stays open."""
-    stack = Stack((3, 2) if cell == "tetrahedron" else (5, 3), cell, lower=(-0.37, 1.37))
+    stack = Stack((5, 3) if cell in PLANE else (3, 2), cell, lower=(-0.37, 1.37))
     up = stack.up
     down = np.zeros(stack.dim)
     down[up] = -PRESSURE
@@ -105,11 +123,11 @@ def balance(stack, state, load):
     return max(np.abs(force.sum(axis=0)).max(), np.abs(moment.sum(axis=0)).max()) / total
 
 
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 def test_forces_and_moments_balance(cell, slave):
     """Of an uneven contact with friction, on parts of facets."""
-    stack = Stack((3, 2) if cell == "tetrahedron" else (5, 4), cell, upper=(0.13, 0.83))
+    stack = Stack((5, 4) if cell in PLANE else (3, 2), cell, upper=(0.13, 0.83))
     supports = moved_top(stack, ([0.01, -0.02] if stack.dim == 2 else [0.01, -0.02, -0.02]))
     load = stack.K.createVecLeft()
     (state,) = solve_contact(stack.K, load, supports, stack.pair(slave, 0.2), stack.space)
@@ -161,8 +179,13 @@ def test_motion_brings_the_opposite_body_nearer():
         assert result.force == pytest.approx([0.0, 0.01], rel=1e-9, abs=1e-12)
 
 
+def apart(corners):
+    """By how much a quadrilateral is no parallelogram."""
+    return corners[3] - corners[2] - corners[1] + corners[0]
+
+
 def test_segments_have_the_area_of_what_faces():
-    """Against a polygon clipped by hand, and by chance against sampling."""
+    """Against a polygon clipped by hand, and by chance against sampling and bilinear maps."""
     slave = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
     master = np.array([[[0.25, 0.25, 0.1], [1.25, 0.25, 0.1], [0.25, 1.25, 0.1]]])
     up, down = np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]])
@@ -183,6 +206,29 @@ def test_segments_have_the_area_of_what_faces():
         a, b = np.linalg.solve(edges, (points - flat[1][0]).T)
         inside = np.mean((a > 0) & (b > 0) & (a + b < 1))
         assert share == pytest.approx(inside, abs=0.02)
+
+        square = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+        one, other = (square + rng.uniform(-0.2, 0.2, (4, 2)) for _ in range(2))
+        found = segments(*(np.pad(q, ((0, 0), (0, 1)))[None] for q in (one, other)), up, down)
+        s, t = rng.uniform(0, 1, (2, 40000))
+        hats = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
+        sides = other[[0, 1, 3, 2]], other[[1, 3, 2, 0]]
+        left = np.all(
+            [
+                (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) > 0
+                for a, b in zip(*sides, strict=True)
+                for x, y in [(hats @ one).T]
+            ],
+            axis=0,
+        )
+        edges = one[1:3] - one[0]
+        u, v = one[1] - one[0] + t[:, None] * apart(one), one[2] - one[0] + s[:, None] * apart(one)
+        area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        assert found.size.sum() * np.abs(np.linalg.det(edges)) == pytest.approx(
+            np.mean(area * left), abs=0.02
+        )
+        w1, w2 = found.weights(np.array([[0.2, 0.5, 0.3]]))
+        assert w1 @ one == pytest.approx(w2 @ other, abs=1e-12)
 
 
 def test_what_states_no_mortar_is_named():
@@ -210,11 +256,17 @@ def test_what_states_no_mortar_is_named():
 
 
 def weights_beyond(corners, end):
-    """Integrals (s, dim) of the hats of sub-facets (s, dim, dim) over what has x > end.
+    """Integrals (s, k) of the hats of sub-facets (s, k, dim) over what has x > end.
 
-    By cutting polygons off and the values at a triangle's corners; in the plane a trapezium.
+    By cutting polygons off and the values at a triangle's corners; in the plane a trapezium, and
+    on rectangles along the axes a product.
     """
     result = np.zeros(corners.shape[:2])
+    if corners.shape[1] == 4:
+        low, wide = corners[:, 0], corners[:, 3] - corners[:, 0]
+        u = np.clip((end - low[:, 0]) / wide[:, 0], 0.0, 1.0)
+        along = np.stack([(1 - u) ** 2 / 2, (1 - u**2) / 2], axis=1)
+        return np.tile(along, 2) * (wide[:, 0] * wide[:, 1] / 2)[:, None]
     for k, corner in enumerate(corners):
         polygon = [(x, hats) for x, hats in zip(corner, np.eye(len(corner)), strict=True)]
         kept = []
@@ -235,7 +287,7 @@ def weights_beyond(corners, end):
     return result
 
 
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_patch_of_a_slave_that_ends_later(cell, friction):
     """The master ends inside of facets; what it leaves of the slave is pressed by loads."""
@@ -244,7 +296,7 @@ def test_patch_of_a_slave_that_ends_later(cell, friction):
     def narrow(x):
         return x * [end, 1.0, 1.0]
 
-    stack = Stack((3, 2) if cell == "tetrahedron" else (5, 4), cell, shape=narrow)
+    stack = Stack((5, 4) if cell in PLANE else (3, 2), cell, shape=narrow)
     up, dim = stack.up, stack.dim
     down = np.zeros(dim)
     down[up] = -PRESSURE

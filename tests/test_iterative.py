@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -128,9 +129,13 @@ def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
     assert (coarse - expected).norm() < (1e-12 if exact else 1e-3) * expected.norm()
 
 
+@pytest.mark.parametrize("tied", [False, True])
 @pytest.mark.parametrize("blocked", [False, True])
-def test_the_coarse_level_follows_what_is_held(blocked):
-    """It is P^T K P by DOLFINx's P with all that is held taken out of K and P, always anew."""
+def test_the_coarse_level_follows_what_is_held(blocked, tied):
+    """It is P^T K P by DOLFINx's P with all that is held taken out of K and P, always anew.
+
+    With ties, what is held moves with others at the far end.
+    """
     random = np.random.default_rng(3)
     body = Body(Spaces.petrov_galerkin(box("tetrahedron")), Material(1000.0, 0.3), "solid")
     U = body.spaces.trial
@@ -145,6 +150,14 @@ def test_the_coarse_level_follows_what_is_held(blocked):
     P.assemble()
     P, K = P[:, :], K[:, :]
     nodes = random.permutation(np.flatnonzero((x[:, 2] < 0.2) & (x[:, 0] > 0.1)))
+    weights = np.zeros((3 * len(nodes), 3 * len(x)))
+    if tied:
+        far = (
+            np.flatnonzero((x[:, 2] > 0.8) & (x[:, 0] > 0.1))[:, None] * 3 + np.arange(3)
+        ).ravel()
+        weights[:, far] = random.normal(size=(len(weights), len(far)))
+        opposite = PETSc.Mat().createDense(weights.shape, array=weights, comm=MPI.COMM_SELF)
+        grid.tie(nodes, opposite.convert("aij", PETSc.Mat()))
     for _ in range(3):
         normal = random.normal(size=(len(nodes), 3))
         normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -153,7 +166,11 @@ def test_the_coarse_level_follows_what_is_held(blocked):
         blocks = np.eye(3) * supports.free.reshape(-1, 1, 3)
         blocks[nodes] -= held
         free, coarse = (block_diag(*some) for some in (blocks, blocks[vertex]))
-        expected = coarse.T @ P.T @ free.T @ K @ free @ P @ coarse
+        whole = np.zeros(P.shape)
+        whole[(nodes[:, None] * 3 + np.arange(3)).ravel()] = block_diag(*held) @ weights @ free @ P
+        at_vertices = whole[(vertex[:, None] * 3 + np.arange(3)).ravel()]
+        moved = (free @ P + whole) @ (coarse + at_vertices @ coarse)
+        expected = moved.T @ K @ moved
         expected += np.trace(expected) / len(expected) * (np.eye(len(expected)) - coarse)
         assert np.abs(grid.coarse[:, :] - expected).max() < 1e-12 * np.abs(expected).max()
 

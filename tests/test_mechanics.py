@@ -7,11 +7,13 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
+    compute_midpoints,
     create_box,
     create_mesh,
     create_rectangle,
     create_unit_interval,
     exterior_facet_indices,
+    meshtags,
 )
 
 from pw_elements import (
@@ -21,6 +23,7 @@ from pw_elements import (
     Spaces,
     StressState,
     assemble_matrix,
+    assemble_scalar,
     assemble_vector,
     boundary_measure,
     nodal_load,
@@ -175,6 +178,66 @@ def test_refuses_impossible_materials(arguments, name):
         Material(**arguments)
 
 
+def halves(mesh, first=3, second=7):
+    """Tags of the cells on both sides of x = 1/2."""
+    dim = mesh.topology.dim
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    right = compute_midpoints(mesh, dim, cells)[:, 0] > 0.5
+    return meshtags(mesh, dim, cells, np.where(right, second, first).astype(np.int32))
+
+
+def test_a_material_per_tag():
+    """Two halves of a bar in plane stress, of given mass: stretches, and what a formula gives."""
+    mesh = square(4)
+    parts = {3: Material(2.0, 0.0, 1.0), 7: Material(5.0, 0.0, 4.0)}
+    body = Body(Spaces.galerkin(mesh), Material.by_tag(mesh, halves(mesh), parts), "plane stress")
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    right = boundary_measure(mesh, lambda x: np.isclose(x[0], 1.0))
+    held = Reduction.dirichlet(
+        U, [prescribe(U, i, lambda x, i=i: np.isclose(x[i], 0.0)) for i in range(2)]
+    )
+    moved = solve(K, assemble_vector(body.surface_load((1.0, 0.0), right)), held)
+    x = U.tabulate_dof_coordinates()[:, 0]
+    exact = np.minimum(x, 0.5) / 2.0 + np.maximum(x - 0.5, 0.0) / 5.0
+    assert moved.array_r.reshape(-1, 2)[:, 0] == pytest.approx(exact, abs=1e-13)
+    assert assemble_matrix(body.mass()).norm() > 0
+    ones = K.createVecRight()
+    ones.set(1.0)
+    total = ones.dot(assemble_matrix(body.mass()) * ones)
+    assert total == pytest.approx(2 * (0.5 * 1.0 + 0.5 * 4.0), rel=1e-13)
+    plain = Body(body.spaces, MATERIAL, "plane stress")
+    rules = [[part.metadata() for part in one.stiffness().integrals()] for one in (body, plain)]
+    assert rules[0] == rules[1]
+
+
+def test_materials_that_do_not_go_with_tags_are_named():
+    mesh = square(4)
+    tags, soft, stiff = halves(mesh), Material(1.0), Material(9.0)
+
+    def refused(materials, match, tags=tags, error=ValueError, mesh=mesh):
+        with pytest.raises(error, match=match):
+            Material.by_tag(mesh, tags, materials)
+
+    refused({3: soft}, r"no material is given for the tags \[7\], which cells have")
+    refused({3: soft, 7: stiff, 4: soft}, r"given for the tags \[4\], which no cell has")
+    refused({}, r"no material is given for the tags \[3, 7\]")
+    refused(
+        [soft, stiff],
+        "the mapping of tags is of the type list: give {tag: Material",
+        error=TypeError,
+    )
+    refused({3: soft, 7: 2.0}, "the material of tag 7 is 2.0: Material", error=TypeError)
+    varying = Material(fem.Function(fem.functionspace(mesh, ("DG", 0)), name="E") + 1.0)
+    refused({3: soft, 7: varying}, "youngs_modulus of the material of tag 7")
+    refused({3: soft}, "the cells. tags is of the type ndarray", np.ones(32), TypeError)
+    refused({3: soft, 7: stiff}, "tags are those of another mesh", halves(square(4)))
+    facets = meshtags(mesh, 1, np.arange(4, dtype=np.int32), np.full(4, 3, dtype=np.int32))
+    refused({3: soft}, "tags are those of 1-D entities: cells are 2-D", facets)
+    few = meshtags(mesh, 2, np.arange(4, dtype=np.int32), np.full(4, 3, dtype=np.int32))
+    refused({3: soft}, "28 of 32 cells have no tag, so no material", few)
+
+
 def test_refuses_bodies_that_make_no_sense():
     spaces = Spaces.galerkin(square())
     with pytest.raises(ValueError, match="solid"):
@@ -225,3 +288,24 @@ def test_refuses_meshes_that_are_no_bodies():
     across = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
     with pytest.raises(ValueError, match=r"crosses the axis of rotation: its least r is -1\.0"):
         Body(Spaces.galerkin(across), MATERIAL, StressState.AXISYMMETRIC)
+
+
+@pytest.mark.parametrize(
+    ("state", "strain", "expected"),
+    [
+        ("plane stress", (1.0, -0.3), 10.0),  # a bar that is pulled
+        ("plane strain", (1.0, 0.0), 10.0 / 1.3),  # uniaxial strain: E / (1 + nu)
+        ("solid", (1.0, 0.0), 10.0 / 1.3),
+        ("axisymmetric", (0.0, 1.0), 10.0 / 1.3),
+    ],
+)
+def test_equivalent_stress_of_known_strains(state, strain, expected):
+    mesh = (
+        create_box(MPI.COMM_SELF, [[0, 0, 0], [1, 1, 1]], [1, 1, 1])
+        if state == "solid"
+        else square()
+    )
+    body = Body(Spaces.galerkin(mesh), MATERIAL, state)
+    u = fem.Function(body.spaces.trial)
+    u.interpolate(lambda x: np.array([strain[0] * x[0], strain[1] * x[1], 0 * x[2]])[: len(u)])
+    assert assemble_scalar(body.von_mises(u) * ufl.dx) == pytest.approx(expected)

@@ -304,5 +304,7 @@ def test_functionals_of_weights_on_tetrahedra_have_their_points():
     assert assemble_scalar(w**2 * ufl.dx) == pytest.approx(expected, rel=1e-13)
     with pytest.raises(ValueError, match="needs a form without test functions; this one is linear"):
         assemble_scalar(v * ufl.dx)
-    with pytest.raises(ValueError, match="needs a function"):
-        assemble_scalar(1.0 * ufl.dx(domain=mesh))
+    volume = 1.0 * ufl.dx(domain=mesh)
+    assert assemble_scalar(volume) == pytest.approx(
+        fem.assemble_scalar(fem.form(volume)), rel=1e-13
+    )

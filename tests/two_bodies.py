@@ -4,7 +4,14 @@ from mpi4py import MPI
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
+from dolfinx.mesh import (
+    CellType,
+    compute_midpoints,
+    create_box,
+    create_mesh,
+    create_rectangle,
+    meshtags,
+)
 
 from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements._compat import cell_nodes
@@ -33,6 +40,7 @@ class Stack:
         element: method of `Spaces`.
         shape: of the upper block's nodes (n, 3) to new ones.
         nu: Poisson's ratio.
+        ratio: of the upper modulus to the lower one, which is 1.
         state: of stress; plane strain unless given, or solid.
         comm: of the mesh.
     """
@@ -46,10 +54,11 @@ class Stack:
         element="petrov_galerkin",
         shape=None,
         nu=0.3,
+        ratio=1.0,
         state=None,
         comm=MPI.COMM_SELF,
     ):
-        self.dim = 3 if cell == "tetrahedron" else 2
+        self.dim = 3 if cell in ("tetrahedron", "hexahedron") else 2
         self.up = self.dim - 1
 
         def block(n, sides, bottom):
@@ -63,7 +72,13 @@ class Stack:
             above.geometry.x[:] = shape(above.geometry.x)
         mesh = joined(below, above, comm)
         state = state or ("solid" if self.dim == 3 else "plane strain")
-        self.body = Body(getattr(Spaces, element)(mesh), Material(1.0, nu), state)
+        material = Material(1.0, nu)
+        if ratio != 1:
+            cells = np.arange(mesh.topology.index_map(self.dim).size_local, dtype=np.int32)
+            above = compute_midpoints(mesh, self.dim, cells)[:, self.up] > 1
+            tags = meshtags(mesh, self.dim, cells, above.astype(np.int32))
+            material = Material.by_tag(mesh, tags, {0: material, 1: Material(ratio, nu)})
+        self.body = Body(getattr(Spaces, element)(mesh), material, state)
         self.mesh, self.space = mesh, self.body.spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
         self.x = self.space.tabulate_dof_coordinates()[:, : self.dim]

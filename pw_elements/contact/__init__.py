@@ -40,7 +40,7 @@ from pw_elements.contact.history import solve_contact
 from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
-from pw_elements.contact.pictures import plot
+from pw_elements.contact.pictures import draw_surface, plot
 from pw_elements.contact.progress import Progress
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
 from pw_elements.contact.stepping import ContactProblem
@@ -88,6 +88,7 @@ __all__ = [
     "Sphere",
     "Surface",
     "SurfacePassed",
+    "draw_surface",
     "plot",
     "solve_contact",
     "solve_impact",

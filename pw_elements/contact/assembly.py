@@ -165,13 +165,12 @@ def reading(force: PETSc.Mat, flexible: Array, equation: Indices) -> PETSc.Mat:
     return PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
 
 
-def own_stiffness(forces: sp.csr_matrix, motion: sp.csr_matrix, equation: Indices) -> Array:
-    """(L K) / G at each point's own unknowns (m, dim); 0 where it has none."""
+def own_entries(matrix: sp.csr_matrix, equation: Indices) -> Array:
+    """Entries (m, dim) of a matrix (m dim, n) at each point's own unknowns; 1 where it has none."""
     own = equation.ravel()
     rows = np.flatnonzero(own >= 0)
-    stiffness, unit = (np.asarray(part[rows, own[rows]]).ravel() for part in (forces, motion))
-    values = np.zeros(len(own))
-    values[rows] = stiffness / unit
+    values = np.ones(len(own))
+    values[rows] = np.asarray(matrix[rows, own[rows]]).ravel()
     return values.reshape(equation.shape)
 
 

@@ -68,7 +68,7 @@ def solve_impact(
         sibling = Sibling.of(U)
         K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
         history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
-        history.time, history.pairs[0].total, history.energies.kinetic
+        history.time[:-1], history.pairs[0].total, history.energies.kinetic
 
     Take the symmetric sibling, or the standard element and a diagonal mass that is positive.
     Unsymmetric stiffnesses are refused: in their upper spectrum eigenvalues are complex, and

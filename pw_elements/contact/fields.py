@@ -211,7 +211,8 @@ def surface_of(number: int, pair: PairState, body: Body) -> SurfaceNodes:
         lone = pair.position[~np.isin(pair.node, surface.node)]
     raise ValueError(
         f"contact pair {number}: its nodes at {listed(lone)} belong to no facet that has all of "
-        "its nodes in the pair, so that they have no pressure: let the pair end at vertices"
+        "its nodes in the pair, so that they have no pressure: let the pair end at vertices, or "
+        "give it the nodes of whole facets, fem.locate_dofs_topological(space, dim - 1, facets)"
     )
 
 

@@ -12,8 +12,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.contact.edges import Edges
 from pw_elements.contact.errors import NotFound
-from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking
+from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, mixed, sticking
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -32,6 +33,11 @@ class Cycles:
         self._comm = comm
         self._visited: list[tuple[bytes, ActiveSet]] = []
         self._slow: Mask | None = None
+
+    @property
+    def slow(self) -> bool:
+        """Whether it has been caught cycling."""
+        return self._slow is not None
 
     def repeats(self, active: ActiveSet) -> bool:
         """Notes an active set; True if it has been there and the remedy changes something.
@@ -173,8 +179,8 @@ class LastHold:
 class Policy:
     """The next active set, by the law, slowed where it cycles and with its last hold kept."""
 
-    def __init__(self, hold: LastHold, comm: MPI.Comm) -> None:
-        self._hold, self._comm = hold, comm
+    def __init__(self, hold: LastHold, comm: MPI.Comm, edges: Edges | None = None) -> None:
+        self._hold, self._comm, self._edges = hold, comm, edges
         self._cycles = Cycles(comm)
 
     def restart(self, first: ActiveSet | None = None) -> None:
@@ -190,7 +196,10 @@ class Policy:
         Raises:
             NotFound: if it would let the body go.
         """
-        return self._hold.kept(self._cycles.slowed(active, contact), active, contact)
+        following = self._cycles.slowed(active, contact)
+        if self._edges is not None and not self._cycles.slow:
+            following = self._edges.deeper(following, active, contact)
+        return self._hold.kept(following, active, contact)
 
     def taken(self, wanted: ActiveSet, active: ActiveSet, contact: Contact) -> ActiveSet:
         """Notes the set that follows; takes another one where it has been there before.
@@ -199,15 +208,6 @@ class Policy:
             NotFound: if nothing helps against a cycle, or as `wanted`.
         """
         return self.wanted(active, contact) if self._cycles.repeats(wanted) else wanted
-
-
-def mixed(keep: Mask, old: ActiveSet, new: ActiveSet) -> ActiveSet:
-    """The old set where `keep` holds, the new one elsewhere."""
-    return ActiveSet(
-        np.where(keep, old.status, new.status).astype(np.int8),
-        np.where(keep[:, None], old.direction, new.direction),
-        np.where(keep, old.turning, new.turning),
-    )
 
 
 def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:

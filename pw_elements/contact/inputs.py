@@ -69,23 +69,14 @@ def checked_problem(
     return stated
 
 
-def solver_for(
-    solver: Solver, reduction: Reduction, pairs: Sequence[ContactPair]
-) -> tuple[LinearSolver, Reduction]:
+def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Reduction]:
     """The solver that is meant, and the reduction in the form in which it takes it.
 
     Raises:
-        ValueError: if an iterative solver does not serve the reduction or the pairs.
+        ValueError: if an iterative solver does not serve the reduction.
     """
-    bodies = (MatchingNodes, DeformableSurface)
-    matching = any(isinstance(pair.surface, bodies) for pair in pairs)
-    why = "nodes of two bodies that face each other need factors" if matching else ""
-    taken = chosen(solver, reduction.supports, why)
-    if not isinstance(taken, Iterative):
-        return taken, reduction
-    if matching:
-        raise ValueError(f"Iterative() knows rigid surfaces alone, {why}: take Direct()")
-    return taken, reduction.masked()
+    taken = chosen(solver, reduction.supports)
+    return taken, reduction.masked() if isinstance(taken, Iterative) else reduction
 
 
 def checked_paths(

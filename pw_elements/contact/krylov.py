@@ -1,9 +1,10 @@
 """The linear system of one active set as E K + C, never assembled, solved as well as it pays.
 
-With y = K a, the rows of the contact points become E r + C a - D U with r read from y; all others
-stay. The preconditioner is multigrid for K in which the directions that an active set holds are
-taken out, as supports are. Free translations U, of which there are few, are eliminated by the
-Schur complement of the preconditioner.
+With y = K a, the rows of the contact points become E r + C G a - D U with r read from y; all
+others stay, but those of opposite nodes, which r acts on, too. The preconditioner is multigrid for
+K in which the directions that an active set holds are taken out, as supports are, or follow the
+opposite nodes: so a body that contact alone holds has a stiffness. Free translations U, of which
+there are few, are eliminated by the Schur complement of the preconditioner.
 
 Newton's iteration needs no exact solutions on its way: each reduces the residual, which begins
 at that of the nonlinear equations, to a part of it. The last ones are exact, when the loop asks.
@@ -15,7 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.unassembled import Bordered, NodePoints, Unassembled
+from pw_elements.contact.unassembled import Bordered, NodePoints, Tied, Unassembled
 from pw_elements.iterative import Iterative, Krylov
 from pw_elements.multigrid import Multigrid, Supports, collect_garbage, python_matrix
 
@@ -67,12 +68,20 @@ class KrylovTangent:
         last = self._comm.rank == self._comm.size - 1
         sizes = (local + points.translations * last, whole + points.translations)
         self._operator = python_matrix((sizes, sizes), self._context, K.comm)
+        inner = self.solver.ksp.getPC()
+        self._tied: Tied | None = None
         self._border: Bordered | None = None
+        if points.spread is not None:
+            ties = self._multigrid.tie(points.node, points.spread)
+            self._tied = Tied(inner, ties, points)
         if points.translations:
+            if self._tied is not None:
+                inner = PETSc.PC().createPython(self._tied, comm=K.comm)
+                inner.setOperators(self._multigrid.operator)
             sums = [self._sum(blocked, supports, j) for j in range(points.translations)]
-            inner = self.solver.ksp.getPC()
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
-            self._ksp = self.solver.preconditioned(self._operator, self._border)
+        if outer := self._border or self._tied:
+            self._ksp = self.solver.preconditioned(self._operator, outer)
         else:
             self._ksp = self.solver.ksp
             self._ksp.setOperators(self._operator, self._multigrid.operator)
@@ -112,8 +121,9 @@ class KrylovTangent:
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
         held = self._hold(E)
         self._land(known, x, held)
-        if self._border is not None:
+        if self._ksp is not self.solver.ksp:
             self.solver.ksp.setUp()
+        if self._border is not None:
             self._border.update([self._column(j, D) for j in range(self._points.translations)])
         rest, step = known.duplicate(), known.duplicate()
         left = self._left(known, rest)
@@ -163,6 +173,8 @@ class KrylovTangent:
             for bound in (_HELD, _NONE)
         )
         self._multigrid.hold(self._points.node, held, self._points.scale)
+        if self._tied is not None:
+            self._tied.hold(held)
         return fixed
 
     def _land(self, known: PETSc.Vec, x: PETSc.Vec, fixed: Array) -> None:

@@ -112,6 +112,15 @@ def sticking(closed: npt.NDArray[np.bool_], friction: Array, tangents: int) -> A
     return ActiveSet(status, np.zeros((n, tangents)), np.zeros(n))
 
 
+def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
+    """The old set where `keep` holds, the new one elsewhere."""
+    return ActiveSet(
+        np.where(keep, old.status, new.status).astype(np.int8),
+        np.where(keep[:, None], old.direction, new.direction),
+        np.where(keep, old.turning, new.turning),
+    )
+
+
 def equations(active: ActiveSet, friction: Array, scale: Array) -> tuple[Array, Array]:
     """Linear equations A force + B (gap; slip) = 0 of every node in its frame.
 

@@ -48,7 +48,7 @@ import scipy.sparse as sp
 from pw_elements.contact.interface import DEFORMABLE, Points
 from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.pairs import DeformableSurface
-from pw_elements.contact.segments import Segments, segments
+from pw_elements.contact.segments import Segments, segments, stretches
 from pw_elements.contact.trace import Trace, facets_of, gathered_trace, sizes
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
@@ -59,8 +59,11 @@ Indices = npt.NDArray[np.int64]
 _SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
 # Cosine up to which a normal is turned into a symmetry plane
 _NEARLY = 0.9
-# Of products of weights, quadratic functions and, in axisymmetry, the radius
-_DEGREE = 4
+# Of products of weights, quadratic functions and, in axisymmetry, the radius, on sub-facets of so
+# many corners; and where quadrilaterals are no parallelograms, so that nothing is a polynomial
+_DEGREE, _TWISTED = {2: 4, 3: 4, 4: 6}, 10
+# Difference of opposite sides of parallelograms, over their size
+_PARALLEL = 1e-9
 # Mean edge of the slave over the master's, both where they face each other, that is much
 _COARSE = 3.0
 
@@ -105,7 +108,7 @@ def mortar_points(
     Raises:
         ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
             has no facets, both parts share a node, or no part of the pair's facets faces the
-            opposite part; on hexahedra.
+            opposite part.
     """
     space, comm = body.space, body.space.mesh.comm
     own = node + np.int64(space.dofmap.index_map.local_range[0])
@@ -173,13 +176,13 @@ class Overlap:
     """Quadrature points (q) of what the slave's sub-facets at own points have of the master.
 
     Args:
-        point: (q, dim), numbers of the points that the sub-facet's corners are, -1 for others'.
-        weight: (q, dim), their weights.
-        dual: (q, dim), the duals of these.
+        point: (q, k), numbers of the points that the sub-facet's corners are, -1 for others'.
+        weight: (q, k), their weights.
+        dual: (q, k), the duals of these.
         measure: (q,), lengths or areas.
         ratio: (q,), size of the slave's sub-facet over the master's.
         apart: (q, dim), from the master to the slave.
-        functions: nodes (q, k) and values (q, k) of the slave's and the master's quadratic
+        functions: nodes (q, n) and values (q, n) of the slave's and the master's quadratic
             functions, and of the master's weights.
     """
 
@@ -200,16 +203,18 @@ class Overlap:
         place = np.searchsorted(own, nodes, sorter=order)
         point = order[np.minimum(place, len(own) - 1)] if len(own) else np.zeros_like(nodes)
         point = np.where(np.isin(nodes, own), point, -1)
-        points, weights = basix.make_quadrature(_SIMPLEX[one.dim], _DEGREE)
+        degree = _DEGREE[corners.shape[1]]
+        if _twisted(found.on_slave) or _twisted(found.on_master):
+            degree = _TWISTED
+        points, weights = basix.make_quadrature(_SIMPLEX[one.dim], degree)
         rule = np.column_stack([1 - points.sum(axis=1), points])
         weights = weights / weights.sum()
         slave, master = (np.repeat(k, len(weights)) for k in (mine[found.slave], found.master))
-        w1, w2 = (
-            np.einsum("ga,qab->qgb", rule, corner).reshape(-1, one.dim)
-            for corner in (found.on_slave, found.on_master)
-        )
+        w1, w2 = (w.reshape(len(slave), w.shape[2]) for w in found.weights(rule))
+        seen = np.repeat(found.on_slave, len(weights), axis=0)
+        stretch = stretches(corners[slave], w1) / stretches(seen, w1)
         size, theirs = sizes(corners)[slave], sizes(their_corners)[master]
-        measure = size * np.outer(found.share, weights).ravel()
+        measure = stretch * np.outer(found.size, weights).ravel()
         (at1, N1), (at2, N2) = one.functions(slave, w1), other.functions(master, w2)
         x1, x2 = one.positions(slave, N1), other.positions(master, N2)
         if revolved:
@@ -220,7 +225,7 @@ class Overlap:
 
     def coarseness(self, comm: MPI.Comm) -> float:
         """Mean of the slave's edges over the master's, of all processes."""
-        edges = self.ratio ** (1 / (self.point.shape[1] - 1))
+        edges = self.ratio ** (1 / (self.apart.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
         return float(total[0] / total[1])
 
@@ -232,7 +237,7 @@ class Overlap:
     def integrals(
         self, tested: Array, column: Indices, values: Array, shape: tuple[int, int]
     ) -> sp.csr_array:
-        """Matrix of integrals of functions `tested` (q, dim) of the points times others (q, k)."""
+        """Matrix of integrals of functions `tested` (q, k) of the points times others (q, n)."""
         part = np.einsum("q,qa,qk->qak", self.measure, tested, values)
         row = np.broadcast_to(self.point[:, :, None], part.shape)
         known = row >= 0
@@ -259,8 +264,16 @@ def overlaps(one: Trace, other: Trace, own: Indices, outward: Array) -> tuple[Se
     return segments(corners[mine], other.parts[1], normal, outward), mine
 
 
+def _twisted(corners: Array) -> bool:
+    """Whether any cells (q, k, d) are quadrilaterals, but no parallelograms."""
+    if corners.shape[1] < 4:
+        return False
+    apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
+    return bool(np.abs(apart).max(initial=0.0) > _PARALLEL)
+
+
 def _duals(part: Indices, weight: Array, measure: Array) -> Array:
-    """D M^-1 w, (q, dim), at quadrature points of sub-facets (q,)."""
+    """D M^-1 w, (q, k), at quadrature points of sub-facets (q,)."""
     if not len(part):
         return weight
     parts, of = np.unique(part, return_inverse=True)

@@ -104,10 +104,9 @@ class DeformableSurface:
     should be the pair's. What a `Motion` says of a rigid surface, it says of a rigid motion that
     this side makes in addition to its displacements, as for `MatchingNodes`.
 
-        E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-        E.x.array[:] = 70e3
-        E.x.array[cell_tags.find(STEEL)] = 210e3
-        body = Body(Spaces.petrov_galerkin(mesh), Material(E, 0.3), "plane strain")
+        materials = {STEEL: Material(210e3, 0.3), ALUMINIUM: Material(70e3, 0.33)}
+        material = Material.by_tag(mesh, cell_tags, materials)
+        body = Body(Spaces.petrov_galerkin(mesh), material, "plane strain")
         own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
         pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
 

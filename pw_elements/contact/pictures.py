@@ -9,6 +9,7 @@ Labels name no units:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,8 +19,11 @@ from pw_elements import arguments
 from pw_elements.contact.fields import check_state, surface_of
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.state import ContactState, PairState
+from pw_elements.contact.surfaces import Surface
 from pw_elements.mechanics import Body, StressState
+from pw_elements.pictures import SUB_TRIANGLES
 from pw_elements.recovery import Indices, SurfaceNodes
+from pw_elements.values import vector
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,14 +33,8 @@ Array = npt.NDArray[np.float64]
 _BLUE, _ORANGE = "#0072B2", "#D55E00"
 # Arrows shorter than this, over the longest one, are none
 _INVISIBLE = 1e-3
-# Sub-triangles of a facet of 6 and of 9 nodes, in Basix' order
-_TRIANGLES = {
-    6: [[0, 5, 4], [1, 3, 5], [2, 4, 3], [3, 4, 5]],
-    9: [
-        *([0, 4, 8], [0, 8, 5], [4, 1, 6], [4, 6, 8]),
-        *([5, 8, 7], [5, 7, 2], [8, 6, 3], [8, 3, 7]),
-    ],
-}
+# Points of a picture along each axis at which it is asked whether a rigid surface is there
+_PIXELS = 600
 
 
 def plot(
@@ -92,6 +90,33 @@ def plot(
     return axes
 
 
+def draw_surface(
+    axes: Axes, surface: Surface, translation: Sequence[float] = (0.0, 0.0), colour: str = "0.6"
+) -> None:
+    """Fills a rigid surface in a picture of a plane body, as far as the picture goes.
+
+        axes = draw(mesh, displacement=u)
+        draw_surface(axes, roller, states[-1].pairs[0].translation)
+
+    Args:
+        axes: of the picture; make room with `axes.set(xlim=..., ylim=...)` first.
+        surface: the rigid surface at its initial place.
+        translation: (2,), from there.
+        colour: one of Matplotlib's.
+
+    Raises:
+        ValueError: for a translation of another length, or a surface that is none in the plane.
+    """
+    moved = vector("translation", translation, 2)
+    ends = axes.get_xlim(), axes.get_ylim()
+    x, y = (np.linspace(*end, _PIXELS) for end in ends)
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    gap = surface.gap(points.reshape(-1, 2) - moved).reshape(points.shape[:2])
+    gap = np.where(np.isfinite(gap), gap, np.abs(points).max())
+    axes.contourf(x, y, gap, levels=[-np.inf, 0.0], colors=[colour], zorder=0)
+    axes.set(xlim=ends[0], ylim=ends[1])
+
+
 def _line(axes: Axes, contact: PairState, surface: SurfaceNodes, along: int | None) -> None:
     pressure = surface.pressure(contact.force_normal)
     traction = surface.pressure(contact.force_tangential)
@@ -135,7 +160,7 @@ def _face(axes: Axes, contact: PairState, surface: SurfaceNodes) -> None:
     x, y = contact.position[:, seen].T
     pressure = surface.pressure(contact.force_normal)
     known = np.isfinite(pressure)
-    triangles = surface.facets[:, _TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
+    triangles = surface.facets[:, SUB_TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
     face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
     weighed.set_mask(~known[triangles].all(axis=1))
     shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")

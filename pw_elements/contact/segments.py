@@ -1,9 +1,11 @@
 """Where the sub-facets of two surfaces face each other: segments of lines, polygons of planes.
 
-A sub-facet is an interval or a triangle, given by its corners and seen as flat. The master's are
-projected on the slave's, along a direction of the latter; overlaps are cut into simplices whose
-corners are known in barycentric coordinates of both, so that a rule for a simplex integrates
-polynomials on both surfaces exactly.
+A sub-facet is an interval, a triangle or a quadrilateral, given by its corners and seen as flat.
+The master's are projected on the slave's, along a direction of the latter; overlaps are cut into
+simplices, in coordinates along the slave's edges, so that a rule for a simplex integrates
+polynomials on both surfaces exactly. Corners of quadrilaterals are in the order of the tensor
+product; their weights are bilinear in places that are no polynomials of coordinates, unless they
+are parallelograms.
 """
 
 from dataclasses import dataclass
@@ -19,49 +21,107 @@ Indices = npt.NDArray[np.int64]
 _NOTHING = 1e-12
 # Sub-facets whose normals have a larger cosine stand across each other, or look the same way
 _FACING = -1e-2
+# Corners of a sub-facet of a surface, by their number, one after the other along its rim
+_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+# Steps of Newton's method, which ends earlier where they change no place in a cell by more
+_STEPS, _STILL = 25, 1e-14
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Overlaps (q) of sub-facets of dimension d.
+    """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges.
 
     Args:
         slave: (q,), number of the slave's sub-facet.
         master: (q,), of the master's.
-        on_slave: (q, d + 1, d + 1), corners in barycentric coordinates of the slave's.
-        on_master: (q, d + 1, d + 1), of the master's.
-        share: (q,), size over that of the slave's sub-facet.
+        corners: (q, d + 1, d).
+        on_slave: (q, k, d), corners of the slave's sub-facet.
+        on_master: (q, k, d), of the master's, projected.
     """
 
     slave: Indices
     master: Indices
+    corners: Array
     on_slave: Array
     on_master: Array
-    share: Array
+
+    @property
+    def size(self) -> Array:
+        """Lengths or areas (q,) in these coordinates."""
+        return _simplex(self.corners)
+
+    @property
+    def share(self) -> Array:
+        """Sizes (q,) over that of the slave's sub-facet."""
+        whole = sum(_simplex(self.on_slave[:, part]) for part in _simplices(self.on_slave))
+        return np.asarray(self.size / whole)
+
+    def weights(self, rule: Array) -> tuple[Array, Array]:
+        """Weights (q, g, k) of both sub-facets at barycentric coordinates (g, d + 1)."""
+        places = np.einsum("ga,qad->qgd", rule, self.corners)
+        return weights(self.on_slave, places), weights(self.on_master, places)
 
 
 def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segments:
     """Overlaps of two surfaces.
 
     Args:
-        slave: (s, d + 1, dim), corners of its sub-facets.
-        master: (m, d + 1, dim).
+        slave: (s, k, dim), corners of its sub-facets.
+        master: (m, k, dim).
         along: (s, dim), unit directions of projection, out of the slave's body.
         outward: (m, dim), unit normals out of the master's.
     """
     one, other = _candidates(slave, master)
     facing = np.sum(along[one] * outward[other], axis=1) < _FACING
     one, other = one[facing], other[facing]
-    corners = _projected(slave[one], master[other], along[one])
-    pair, on_slave = _of_lines(corners) if slave.shape[1] == 2 else _of_triangles(corners)
-    share = np.asarray(np.abs(np.linalg.det(on_slave)), dtype=float)
-    some = share > _NOTHING
-    pair, on_slave = pair[some], on_slave[some]
-    # corners = projected master's in the slave's coordinates, so that on_slave = on_master corners
-    on_master = np.linalg.solve(
-        np.swapaxes(corners[pair], 1, 2), np.swapaxes(on_slave, 1, 2)
-    ).swapaxes(1, 2)
-    return Segments(one[pair], other[pair], on_slave, np.asarray(on_master), share[some])
+    basis = _basis(slave, along)[one]
+    on_slave, on_master = (
+        _seen(basis, slave[one, :1], part) for part in (slave[one], master[other])
+    )
+    pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
+    found = Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair])
+    some = found.share > _NOTHING
+    return Segments(*(getattr(found, part)[some] for part in vars(found)))
+
+
+def weights(corners: Array, places: Array) -> Array:
+    """Linear or bilinear functions (q, g, k) of corners (q, k, d), at places (q, g, d)."""
+    k, d = corners.shape[1:]
+    edges = np.swapaxes(corners[:, 1 : d + 1] - corners[:, :1], 1, 2)
+    away = np.swapaxes(places - corners[:, :1], 1, 2)
+    inner = np.swapaxes(np.linalg.solve(edges, away), 1, 2)
+    if k == d + 1:
+        return np.concatenate([1 - inner.sum(axis=2, keepdims=True), inner], axis=2)
+    apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
+    twist = np.linalg.solve(edges, apart[:, :, None])[:, None, :, 0]
+    u, v = inner[..., 0].copy(), inner[..., 1].copy()
+    for _ in range(_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
+        wrong = [at + twist[..., i] * u * v - inner[..., i] for i, at in enumerate((u, v))]
+        a, b = 1 + twist[..., 0] * v, twist[..., 0] * u
+        c, e = twist[..., 1] * v, 1 + twist[..., 1] * u
+        determinant = a * e - b * c
+        step = (
+            (e * wrong[0] - b * wrong[1]) / determinant,
+            (a * wrong[1] - c * wrong[0]) / determinant,
+        )
+        u, v = u - step[0], v - step[1]
+        if np.abs(step).max(initial=0.0) < _STILL:
+            break
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
+
+
+def stretches(corners: Array, weight: Array) -> Array:
+    """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights."""
+    edges = corners[:, 1:3] - corners[:, :1]
+    if corners.shape[1] == 2:
+        return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
+    if corners.shape[1] == 4:
+        other = corners[:, 3:] - corners[:, [2, 1]]
+        across = np.stack([weight[:, 2:].sum(axis=1), weight[:, 1::2].sum(axis=1)], axis=1)
+        edges = edges + across[:, :, None] * (other - edges)
+    if corners.shape[2] == 2:
+        return np.asarray(np.abs(np.linalg.det(edges)))
+    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
 def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
@@ -79,51 +139,70 @@ def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
     return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
 
 
-def _projected(slave: Array, master: Array, along: Array) -> Array:
-    """Barycentric coordinates (n, d + 1, d + 1) of the master's corners on the slave's."""
-    edges = np.swapaxes(slave[:, 1:] - slave[:, :1], 1, 2)
-    basis = np.concatenate([edges, along[:, :, None]], axis=2)
-    away = np.swapaxes(master - slave[:, :1], 1, 2)
-    inner = np.swapaxes(np.linalg.solve(basis, away)[:, :-1], 1, 2)
-    return np.concatenate([1 - inner.sum(axis=2, keepdims=True), inner], axis=2)
+def _basis(slave: Array, along: Array) -> Array:
+    """Columns (s, dim, dim): the first edges of sub-facets, and the direction of projection."""
+    dim = slave.shape[2]
+    edges = np.swapaxes(slave[:, 1:dim] - slave[:, :1], 1, 2)
+    return np.concatenate([edges, along[:, :, None]], axis=2)
 
 
-def _of_lines(corners: Array) -> tuple[Indices, Array]:
-    """Pairs (q,) that overlap, and their corners (q, 2, 2)."""
-    low, high = (np.clip(end(corners[:, :, 1], axis=1), 0.0, 1.0) for end in (np.min, np.max))
-    ends = np.stack([low, high], axis=1)
+def _seen(basis: Array, origin: Array, corners: Array) -> Array:
+    """Coordinates (n, k, d) of corners (n, k, dim), projected along the last of the basis."""
+    away = np.swapaxes(corners - origin, 1, 2)
+    return np.swapaxes(np.linalg.solve(basis, away)[:, :-1], 1, 2)
+
+
+def _simplices(corners: Array) -> list[list[int]]:
+    """Corners of the simplices that make up a cell (q, k, d)."""
+    k, d = corners.shape[1:]
+    return [list(range(k))] if k == d + 1 else [[0, 1, 3], [0, 3, 2]]
+
+
+def _simplex(corners: Array) -> Array:
+    """Lengths or areas (q,) of simplices (q, d + 1, d)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(np.abs(np.linalg.det(edges)) / edges.shape[1], dtype=float)
+
+
+def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
+    """Pairs (q,) that overlap, and their corners (q, 2, 1)."""
+    low, high = (np.clip(end(master[:, :, 0], axis=1), 0.0, 1.0) for end in (np.min, np.max))
     pair = np.flatnonzero(high > low)
-    return pair, np.stack([1 - ends, ends], axis=2)[pair]
+    return pair, np.stack([low, high], axis=1)[pair, :, None]
 
 
-def _of_triangles(corners: Array) -> tuple[Indices, Array]:
-    """Pairs (q,) that overlap, a triangle each, and their corners (q, 3, 3).
+def _of_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
+    """Pairs (q,) that overlap, a triangle each, and their corners (q, 3, 2).
 
-    The master's triangle is cut off at each side of the slave's in turn (Sutherland and Hodgman,
+    The master's polygon is cut off at each side of the slave's in turn (Sutherland and Hodgman,
     https://doi.org/10.1145/360767.360802); what is left is a polygon, cut into a fan.
     """
-    n = len(corners)
-    polygon: Array = np.zeros((n, 7, 3))
-    polygon[:, :3] = corners
-    count: Indices = np.full(n, 3)
-    for side in range(3):
-        polygon, count = _cut(polygon, count, side)
-    fans = [np.flatnonzero(count > k + 2) for k in range(5)]
+    n, k = master.shape[:2]
+    rim = slave[:, _RIM[k]]
+    polygon: Array = np.zeros((n, 2 * k + 1, 2))
+    polygon[:, :k] = master[:, _RIM[k]]
+    count: Indices = np.full(n, k)
+    for side in range(k):
+        start, end = rim[:, side], rim[:, (side + 1) % k]
+        inwards = np.stack([start[:, 1] - end[:, 1], end[:, 0] - start[:, 0]], axis=1)
+        height = np.einsum("nd,nmd->nm", inwards, polygon - start[:, None])
+        polygon, count = _cut(polygon, count, height)
+    fans = [np.flatnonzero(count > j + 2) for j in range(2 * k - 1)]
     pair = np.concatenate(fans)
-    cut = [polygon[some][:, [0, k + 1, k + 2]] for k, some in enumerate(fans)]
+    cut = [polygon[some][:, [0, j + 1, j + 2]] for j, some in enumerate(fans)]
     return pair, np.concatenate(cut)
 
 
-def _cut(polygon: Array, count: Indices, side: int) -> tuple[Array, Indices]:
-    """Polygons (n, 7, 3) of `count` (n,) corners, less what has a negative coordinate."""
+def _cut(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
+    """Polygons (n, most, 2) of `count` (n,) corners, less what has a negative height (n, most)."""
     n, most, _ = polygon.shape
     kept, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)
     row = np.arange(n)
     for k in range(most):
         there = k < count
-        start = polygon[:, k]
-        end = polygon[row, np.where(k + 1 < count, k + 1, 0)]
-        a, b = start[:, side], end[:, side]
+        following = np.where(k + 1 < count, k + 1, 0)
+        start, end = polygon[:, k], polygon[row, following]
+        a, b = height[:, k], height[row, following]
         inside = there & (a >= 0)
         kept[row[inside], size[inside]] = start[inside]
         size += inside

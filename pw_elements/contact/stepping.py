@@ -25,6 +25,7 @@ from dolfinx import fem
 from pw_elements.algebra import Reduction
 from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
+from pw_elements.contact.edges import Edges
 from pw_elements.contact.errors import ContactFailed, NotFound
 from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.inputs import (
@@ -72,7 +73,7 @@ class ContactProblem:
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
+        solver: of the linear systems, as `solve` takes it.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; what it raises ends the computation.
@@ -99,7 +100,7 @@ class ContactProblem:
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
-        self._solver, reduction = solver_for(solver, reduction, self.pairs)
+        self._solver, reduction = solver_for(solver, reduction)
         self._K, self._reduction = K, reduction.equilibrated(K)
         self._most = max_iterations
         self._callback = checked_callback(space.mesh.comm, callback)
@@ -185,7 +186,9 @@ class ContactProblem:
 
         def policy() -> Policy:
             hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-            return Policy(hold, interface.comm)
+            mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
+            edges = Edges(interface.position, interface.pair, mortar, interface.comm)
+            return Policy(hold, interface.comm, edges if mortar else None)
 
         first = (guess or state).translations
         translations = np.where(np.isnan(prescribed), first, prescribed)

@@ -10,7 +10,7 @@ the free translations U at the end:
     sum L K a               = totals + sum L f
 
 The nonzero pattern is that of all active sets. An iterative solver has nothing assembled:
-`krylov.KrylovTangent` takes the place of `Tangent`, with nodes for points.
+`krylov.KrylovTangent` takes the place of `Tangent`.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ from pw_elements.contact.assembly import (
     balance_rows,
     border_columns,
     local_rows,
-    own_stiffness,
+    own_entries,
     read_and_spread,
     reading,
     stated_mean,
@@ -87,10 +87,15 @@ class ContactSystem:
         force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
         self._flexible, self._spread = read_and_spread(force, interface.equation)
         self._tangent: Tangent | KrylovTangent
+        moved = local_rows(interface.motion.matMult(reduction.right), len(free))
+        unit = own_entries(moved, interface.equation)
         if isinstance(solver, Iterative):
             assert reduction.supports is not None, "other reductions are refused before"
-            self.scale = stated_mean(K.getDiagonal().array_r[self._own] * self._flexible, stated)
-            points = NodePoints.of(interface, self._own, self._flexible, self.scale, free)
+            stiffness = K.getDiagonal().array_r[self._own] * self._flexible
+            self.scale = stated_mean(stiffness / unit, stated)
+            points = NodePoints.of(
+                interface, self._spread, self._own, self._flexible, self.scale, free
+            )
             self._tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
         forces = reading(force, self._flexible, interface.equation).matMult(self.stiffness)
@@ -98,11 +103,8 @@ class ContactSystem:
         if self._spread is not None:
             fixed = self._spread.transposeMatMult(forces)
             fixed.axpy(1.0, self.stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        read, moved = (
-            local_rows(rows, len(free))
-            for rows in (forces, interface.motion.matMult(reduction.right))
-        )
-        self.scale = stated_mean(own_stiffness(read, moved, interface.equation), stated)
+        read = local_rows(forces, len(free))
+        self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
         all_rows = local_rows(fixed, len(free)), read, moved, borders
         self._tangent = Tangent(*all_rows, self._own, first, self.comm, solver)

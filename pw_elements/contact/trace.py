@@ -13,9 +13,19 @@ from pw_elements.recovery import facet_nodes
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Nodes of the sub-facets of a facet, whose vertices come first, then the middles of its edges
-_PARTS = {2: ((0, 2), (2, 1)), 3: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5))}
-_EDGES = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
+# Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
+# and a quadrilateral's own
+_PARTS = {
+    3: ((0, 2), (2, 1)),
+    6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
+    9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
+}
+_EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
+# Places of a quadrilateral's nodes
+_PLACES = np.array(
+    [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
+)
+_NINE = 9
 
 
 @dataclass(frozen=True)
@@ -34,33 +44,42 @@ class Trace:
 
     @property
     def dim(self) -> int:
-        """Of space, which is the number of vertices of a facet."""
+        """Of space."""
         return int(self.x.shape[2])
 
     @cached_property
+    def _local(self) -> Indices:
+        """Nodes (parts, k) of the sub-facets of a facet."""
+        return np.array(_PARTS[self.node.shape[1]])
+
+    @cached_property
     def parts(self) -> tuple[Indices, Array, Array]:
-        """Nodes (s, dim) of the sub-facets, their corners (s, dim, dim), and normals (s, dim)."""
-        local = np.array(_PARTS[self.dim])
-        corners = self.x[:, local].reshape(-1, self.dim, self.dim)
-        outward = np.repeat(self.outward, len(local), axis=0)
+        """Nodes (s, k) of the sub-facets, their corners (s, k, dim), and normals (s, dim)."""
+        parts, k = self._local.shape
+        corners = self.x[:, self._local].reshape(-1, k, self.dim)
+        outward = np.repeat(self.outward, parts, axis=0)
         normal = across(corners)
         normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
-        return self.node[:, local].reshape(-1, self.dim), corners, normal
+        return self.node[:, self._local].reshape(-1, k), corners, normal
 
     def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
-        """Nodes (q, k) and quadratic functions (q, k) at places (q, dim) of sub-facets (q,)."""
-        local = np.array(_PARTS[self.dim])
-        facet, which = np.divmod(part, len(local))
+        """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
+        facet, which = np.divmod(part, len(self._local))
+        if self.node.shape[1] == _NINE:
+            at = np.einsum("qa,qab->qb", place, _PLACES[self._local][which])[:, None]
+            ends = np.where(_PLACES == 0, (1 - at) * (1 - 2 * at), at * (2 * at - 1))
+            values = np.where(_PLACES == 0.5, 4 * at * (1 - at), ends)
+            return self.node[facet], values.prod(axis=2)
         corner = np.eye(self.dim)
-        edges = np.array(_EDGES[self.dim])
-        corner = np.concatenate([corner, corner[edges].mean(axis=1)])[local]
+        edges = np.array(_EDGES[self.node.shape[1]])
+        corner = np.concatenate([corner, corner[edges].mean(axis=1)])[self._local]
         L = np.einsum("qa,qab->qb", place, corner[which])
         middle = 4 * L[:, edges[:, 0]] * L[:, edges[:, 1]]
         return self.node[facet], np.concatenate([L * (2 * L - 1), middle], axis=1)
 
     def positions(self, part: Indices, values: Array) -> Array:
         """Positions (q, dim) by quadratic functions (q, k)."""
-        return np.einsum("qk,qkd->qd", values, self.x[part // len(_PARTS[self.dim])])
+        return np.einsum("qk,qkd->qd", values, self.x[part // len(self._local)])
 
     @cached_property
     def nodes(self) -> Indices:
@@ -87,15 +106,9 @@ class Trace:
 
 
 def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> Trace:
-    """Exterior facets (local numbers) of all processes.
-
-    Raises:
-        ValueError: if they have no sub-facets that are simplices.
-    """
+    """Exterior facets (local numbers) of all processes."""
     mesh = space.mesh
     dim = mesh.topology.dim
-    if mesh.topology.cell_name() == "hexahedron":
-        raise ValueError("contact of two deformable bodies is not there for hexahedra yet")
     nodes = facet_nodes(space, facets)
     behind = mesh.topology.connectivity(dim - 1, dim)
     cells = space.dofmap.list[behind.array[behind.offsets[facets]]]
@@ -122,8 +135,8 @@ def facets_of(space: fem.FunctionSpace, node: npt.NDArray[np.int32]) -> npt.NDAr
 
 
 def across(corners: Array) -> Array:
-    """Unit normals (n, dim) of intervals or triangles, of either sign."""
-    edges = corners[:, 1:] - corners[:, :1]
+    """Unit normals (n, dim) of intervals, triangles or quadrilaterals, of either sign."""
+    edges = _spanning(corners)
     if corners.shape[2] == 2:
         normal = np.asarray(edges[:, 0, ::-1] * [1.0, -1.0])
     else:
@@ -132,8 +145,15 @@ def across(corners: Array) -> Array:
 
 
 def sizes(corners: Array) -> Array:
-    """Lengths or areas (n,)."""
-    edges = corners[:, 1:] - corners[:, :1]
+    """Lengths or areas (n,), of quadrilaterals those of their projection along the normal."""
+    edges = _spanning(corners)
     if corners.shape[2] == 2:
         return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
+
+
+def _spanning(corners: Array) -> Array:
+    """Edges from the first corner, or a quadrilateral's diagonals."""
+    if corners.shape[1] == 4:
+        return np.asarray(corners[:, [3, 2]] - corners[:, :2])
+    return np.asarray(corners[:, 1:] - corners[:, :1])

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.state import Free
+from pw_elements.ties import Ties
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -17,10 +18,12 @@ Indices = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class NodePoints:
-    """The contact points (m of this process) where each of them is a node.
+    """The contact points (m of this process), each of which is a node or has the force of one.
 
     Args:
         node: (m,), local number.
+        motion: G, (m dim, n).
+        spread: what forces do to the equations of other nodes, (m dim, n); None if nothing.
         own: (m, dim), local number of each point's own equations, -1 where there is none.
         flexible: (m, dim), what makes forces of equations.
         scale: (m,), c of the law.
@@ -30,6 +33,8 @@ class NodePoints:
     """
 
     node: Indices
+    motion: PETSc.Mat
+    spread: PETSc.Mat | None
     own: Indices
     flexible: Array
     scale: Array
@@ -39,18 +44,23 @@ class NodePoints:
 
     @classmethod
     def of(
-        cls, interface: Interface, own: Indices, flexible: Array, scale: Array, free: Free
+        cls,
+        interface: Interface,
+        spread: PETSc.Mat | None,
+        own: Indices,
+        flexible: Array,
+        scale: Array,
+        free: Free,
     ) -> "NodePoints":
-        """Those of an interface whose every point is a node that faces a rigid surface."""
-        dim = own.shape[1]
-        first = interface.motion.getOwnershipRangeColumn()[0]
-        node = (interface.motion.getValuesCSR()[1][::dim] - first) // dim
+        """Those of an interface."""
+        node = interface.node - interface.motion.getOwnershipRangeColumn()[0] // own.shape[1]
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):
             moved[interface.pair == pair, axis] = k
         lost = ROUND_OFF * np.linalg.norm(scale[:, None] * interface.position)
         round_off = interface.comm.allreduce(float(lost), MPI.SUM)
-        return cls(node.astype(np.int64), own, flexible, scale, moved, len(free), round_off)
+        motion = interface.motion
+        return cls(node, motion, spread, own, flexible, scale, moved, len(free), round_off)
 
     def read(self, equations: Array) -> Array:
         """Forces (m, dim); 0 where the law is not stated."""
@@ -68,6 +78,7 @@ class Unassembled:
         self._K, self._free, self._points = K, free.astype(float), points
         self._comm: MPI.Comm = K.comm.tompi4py()
         self._motion, self._image = K.createVecs()
+        self._moved, self._carried = points.motion.createVecLeft(), K.createVecLeft()
         self.force: Array = np.zeros(points.own.shape)
 
     def state(self, E: Array, C: Array, D: Array) -> None:
@@ -80,9 +91,14 @@ class Unassembled:
         given = x.array_r
         self._motion.array[:] = given[:n] * self._free
         self._K.mult(self._motion, self._image)
+        points.motion.mult(self._motion, self._moved)
+        moved = self._moved.array_r.reshape(points.own.shape).copy()
+        self.force = force = points.read(self._image.array_r)
+        if points.spread is not None:
+            self._moved.array[:] = force.ravel()
+            points.spread.multTranspose(self._moved, self._carried)
+            self._image.axpy(1.0, self._carried)
         image = self._image.array_r
-        moved = self._motion.array_r.reshape(-1, points.own.shape[1])[points.node]
-        self.force = force = points.read(image)
         law = np.einsum("nab,nb->na", self._E, force) + np.einsum("nab,nb->na", self._C, moved)
         totals = np.zeros(0)
         if points.translations:
@@ -98,6 +114,39 @@ class Unassembled:
         result[points.own[stated]] = law[stated]
         y.array[:n] = result
         y.array[n:] = totals[: len(given) - n]
+
+
+class Tied:
+    """Preconditioner of E K + C from one of bodies that are tied, for a `PETSc.PC` in Python.
+
+    The ties move a node as weighted means of its own side's weights would, were these lumped; what
+    is left of its stated gap is taken out once more.
+    """
+
+    def __init__(self, inner: PETSc.PC, ties: Ties, points: NodePoints) -> None:
+        self._inner, self._ties, self._points = inner, ties, points
+        self._motion, self._nodal = ties.opposite.createVecLeft(), ties.opposite.createVecRight()
+        self._rest = self._nodal.duplicate()
+        self._held: Array = np.zeros((0, 1, 1))
+
+    def hold(self, held: Array) -> None:
+        """Takes over projectors (m, dim, dim)."""
+        self._held = held
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x. Forces that are stated act on the opposite nodes, too."""
+        points, opposite = self._points, self._ties.opposite
+        stated = np.where(points.own >= 0, x.array_r[points.own], 0.0)
+        fixed = np.einsum("nij,nj->ni", self._held, stated)
+        self._motion.array[:] = (stated - fixed).ravel()
+        opposite.multTranspose(self._motion, self._nodal)
+        self._rest.waxpy(-1.0, self._nodal, x)
+        self._inner.apply(self._rest, y)
+        self._ties.follow(y)
+        points.motion.mult(y, self._motion)
+        wrong = fixed / points.scale[:, None] - self._motion.array_r.reshape(fixed.shape)
+        nodal = y.array.reshape(-1, fixed.shape[1])
+        nodal[points.node] += np.einsum("nij,nj->ni", self._held, wrong)
 
 
 class Bordered:

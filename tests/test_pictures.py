@@ -1,0 +1,151 @@
+"""Pictures of bodies, against what is known of the shapes that are drawn."""
+
+from mpi4py import MPI
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, create_interval, create_rectangle
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from pw_elements import Body, Material, Spaces, draw
+from pw_elements.contact import FlatPunch, Plane, Sphere, draw_surface
+from pw_elements.meshes import curved, triangles
+
+COMM = MPI.COMM_SELF
+
+
+def area(polygon):
+    x, y = np.asarray(polygon).T[:2]
+    return 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
+
+
+def filled(axes):
+    """Polygons of a picture in space that have a colour, and their colours."""
+    (collection,) = axes.collections
+    colours = collection.get_facecolors()
+    paths = [path.vertices[:-1] for path in collection.get_paths()]
+    return [(p, c) for p, c in zip(paths, colours, strict=True) if c[3] > 0]
+
+
+@pytest.fixture
+def axes():
+    return Figure().subplots()
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
+    mesh = create_rectangle(COMM, [[0, 0], [2, 1]], [3, 2], CellType[cell])
+    u = fem.Function(fem.functionspace(mesh, ("Lagrange", 2, (2,))))
+    u.interpolate(lambda x: np.array([0.1 * x[0], 0.2 + 0 * x[1]]))
+    draw(mesh, u[0], u, scale=10, axes=axes)
+    (body,) = (c for c in axes.collections if c.get_array() is not None)
+    ends = body.get_datalim(axes.transData)
+    assert [ends.x0, ends.x1, ends.y0, ends.y1] == pytest.approx([0, 4, 2, 3])
+    assert body.get_clim() == pytest.approx((0.0, 0.2))
+
+
+@pytest.mark.parametrize(("cell", "view"), [("tetrahedron", (30, 40)), ("hexahedron", (0, 20))])
+def test_of_a_box_the_faces_are_seen_that_are_turned_to_the_eye(axes, cell, view):
+    """Their area as it is seen is that of the box's shadow along the line of sight."""
+    size = np.array([1.0, 2.0, 3.0])
+    mesh = create_box(COMM, [np.zeros(3), size], [2, 2, 2], CellType[cell])
+    draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=view)
+    up, turned = np.radians(view)
+    eye = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
+    shadow = np.abs(eye) @ (np.prod(size) / size)
+    assert sum(area(p) for p, _ in filled(axes)) == pytest.approx(shadow)
+
+
+def test_higher_is_drawn_higher_and_in_its_colour(axes):
+    mesh = create_box(COMM, [np.zeros(3), np.ones(3)], [2, 2, 2])
+    draw(mesh, ufl.SpatialCoordinate(mesh)[2], axes=axes, view=(0, 0), colours="gray")
+    parts = filled(axes)
+    height = np.array([p[:, 1].mean() for p, _ in parts])
+    grey = np.array([c[0] for _, c in parts])
+    assert np.corrcoef(height, grey)[0, 1] > 0.99
+
+
+def test_of_a_ball_what_is_seen_is_a_disc(axes):
+    box = create_box(COMM, [-np.ones(3), np.ones(3)], [4, 4, 4])
+
+    def ball(x):
+        size = np.linalg.norm(x, axis=1, keepdims=True)
+        return x * np.abs(x).max(axis=1, keepdims=True) / np.where(size > 0, size, 1)
+
+    draw(curved(box, ball), axes=axes, view=(17, 33))
+    assert sum(area(p) for p, _ in filled(axes)) == pytest.approx(np.pi, rel=0.02)
+
+
+def test_stress_on_the_axis_of_rotation_is_drawn(axes):
+    mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    body = Body(Spaces.galerkin(mesh), Material(1.0, 0.3), "axisymmetric")
+    u = fem.Function(body.spaces.trial)
+    u.interpolate(lambda x: np.array([x[0], 0 * x[1]]))
+    draw(mesh, body.stress(u)[1, 1], axes=axes)
+    (drawn,) = (c for c in axes.collections if c.get_array() is not None)
+    assert np.isfinite(drawn.get_array()).all()
+    assert np.asarray(drawn.get_array()) == pytest.approx(2 * 0.3 / (1.3 * 0.4))
+
+
+def test_a_label_makes_a_colour_bar_and_limits_are_kept():
+    mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    x = ufl.SpatialCoordinate(mesh)
+    axes = draw(mesh, x[0], label="x [m]", limits=(-1, 3))
+    try:
+        bar = axes.figure.axes[1]
+        assert bar.get_ylabel() == "x [m]"
+        assert bar.get_ylim() == (-1, 3)
+    finally:
+        plt.close(axes.figure)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"values": lambda x: x}, "shape \\(2,\\): draw one component"),
+        ({"scale": np.nan}, "scale"),
+        ({"view": (1, 2, 3)}, "view"),
+        ({"limits": (1,)}, "limits"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(axes, change, words):
+    mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    if "values" in change:
+        change = {"values": ufl.SpatialCoordinate(mesh)}
+    with pytest.raises(ValueError, match=words):
+        draw(mesh, axes=axes, **change)
+
+
+def test_things_of_another_kind_are_refused(axes):
+    mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    with pytest.raises(TypeError, match="displacement"):
+        draw(mesh, displacement=np.zeros(3), axes=axes)
+    with pytest.raises(ValueError, match="1-D cells"):
+        draw(create_interval(COMM, 3, [0, 1]), axes=axes)
+    scalar = fem.Function(fem.functionspace(mesh, ("Lagrange", 2)))
+    with pytest.raises(ValueError, match="displacement has the shape"):
+        draw(mesh, displacement=scalar, axes=axes)
+
+
+@pytest.mark.parametrize(
+    ("surface", "share"),
+    [
+        (Plane((0, 0), (0, 1)), 0.5),
+        (Sphere((0, 0), 1.0), np.pi / 16),
+        (FlatPunch((0, 0), (0, -1), 1.0), 0.25),
+    ],
+)
+def test_a_rigid_surface_fills_its_part_of_the_picture(surface, share):
+    figure = Figure(figsize=(4, 4))
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set(xlim=(-1, 3), ylim=(-2, 2))
+    axes.set_axis_off()
+    draw_surface(axes, surface, (1.0, 0.0), colour="k")
+    canvas.draw()
+    dark = np.asarray(canvas.buffer_rgba())[..., 0] < 128
+    assert dark.mean() == pytest.approx(share, abs=0.01)
