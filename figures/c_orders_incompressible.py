@@ -27,7 +27,7 @@ NEEDS = [
 
 def draw(results: Results) -> Figure:
     """Ratio of the errors over Poisson's ratio, and both errors over h at 0.4999."""
-    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.2), layout="constrained")
+    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.8), layout="constrained")
     for name, label, color, marker, nodes in SETTINGS:
         ours, standard = (results.curves(f"C/{e}-{nodes}-nu-{name}") for e in ("pw", "galerkin"))
         look = {"color": color, "marker": marker}
@@ -69,7 +69,7 @@ def caption(results: Results) -> str:
     return (
         "Errors of the displacements' gradients with a body force. Left: new over standard, on one "
         f"mesh. Up to 0.49 the ratio is at most {safe:.2f}, if pressure alone balances the body "
-        f"force {pressure:.2f}; at 0.4999 it reaches {worst:.0f} where the identity of section T "
+        f"force {pressure:.2f}; at 0.4999 it reaches {worst:.0f} where the identity with T "
         f"does not hold, and stays 1 where it does, unless pressure alone balances the body force "
         f"({alone:.0f}). Right: both elements over the cell size at "
         "0.4999; an error of 1 means that nothing of the solution is left."

@@ -33,8 +33,8 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "Normal and shear stress below the punch after the tangential force: nodal force over "
-        "tributary length, in the paper's units (E = 1000). Oden and Pires' own curves are lost "
-        f"with the paper's figure. Strips: zones of the new Q8. {RECONSTRUCTED}"
+        "tributary length, in the paper's units (E = 1000). Oden and Pires' own curves are "
+        f"lost in our copy of the paper. Strips: zones of the new Q8. {RECONSTRUCTED}"
     )
 
 

@@ -42,7 +42,7 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "Profile and mesh: the smallest elements exactly under the plate, growing away from it. "
-        "Dimensions are reconstructed; the paper's figure is lost."
+        "Dimensions are reconstructed."
     )
 
 

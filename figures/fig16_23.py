@@ -27,7 +27,8 @@ def draw(results: Results) -> Figure:
             ax.plot(MM * fine["x"], fine[quantity] / 1e3, color="black", lw=0.9, label=label)
             for element in ELEMENTS:
                 curves = surface(results.curves(f"7.5/{element}"), number)
-                look = {"markersize": 3, "linewidth": 1.0, **LOOK[element]}
+                size = {"galerkin-T6": 5.5, "galerkin-Q8": 2.5}.get(element, 3.0)
+                look = {"markersize": size, "linewidth": 1.0, **LOOK[element]}
                 look |= HOLLOW if element == "pw-Q8" else {}  # it lies on the new T6's
                 ax.plot(MM * curves["x"], reported(curves, quantity) / 1e3, **look)
             _, high = ax.get_ylim()

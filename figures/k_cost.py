@@ -32,7 +32,7 @@ def draw(results: Results) -> Figure:
         column[0].set_title(title)
         column[1].set_xlabel("unknowns")
     axes[0, 0].set_ylabel("CPU time / s")
-    axes[1, 0].set_ylabel("largest resident memory / MB")
+    axes[1, 0].set_ylabel("memory / MB")
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
     words = {"Direct": "factors", "Iterative": "Krylov", "nested": "Krylov, nested start"}

@@ -35,9 +35,9 @@ def draw(results: Results) -> Figure:
         below.axhline(0.5, color="black", lw=0.8, ls=":", label="0.5 %")
         above.set(title=words)
         below.set(xlabel="$x$", ylim=(1e-5, 10))
-    axes[0, 0].set(ylabel="force / mean normal force")
+    axes[0, 0].set(ylabel="force / mean")
     axes[0, 0].set_ylim(bottom=0)
-    axes[1, 0].set(ylabel="difference, % of mean")
+    axes[1, 0].set(ylabel="difference, %")
     handles = [ax.get_legend_handles_labels() for ax in (axes[0, 0], axes[1, 0])]
     fig.legend(*handles[0], loc="outside upper center", ncols=4)
     fig.legend(*handles[1], loc="outside lower center", ncols=3)

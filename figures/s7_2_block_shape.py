@@ -15,7 +15,7 @@ SCALE = 0.5
 
 def draw(results: Results) -> Figure:
     """Mesh, forces of the foundation on the block, zones."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.3), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.8), sharey=True)
     for ax, element in zip(axes, ELEMENTS, strict=True):
         curves = results.curves(f"7.2/{element}")
         moved = deformed(ax, curves, SCALE, element)

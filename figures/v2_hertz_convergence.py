@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures import convergence
-from figures.style import FULL, LOOK
+from figures.style import FULL
 from study.core.store import Results
 
 SECTION = "V2"
@@ -42,19 +42,11 @@ def draw(results: Results) -> Figure:
 
 def caption(results: Results) -> str:
     """What the figure shows."""
-
-    def orders(element: str) -> str:
-        scalars = results[f"V2/line-{element}"].scalars
-        whole, inner = scalars["order_pressure_own"], scalars["order_pressure_own_inner"]
-        return f"{LOOK[element]['label']} {whole:.2f} and {inner:.2f}"
-
     return (
         "Root mean square error of the contact pressure against Hertz', relative, of four places "
-        "of the contact's edge within an element. Observed orders of the cylinder over the last "
-        "two doublings, all nodes and inner part: "
-        + "; ".join(orders(element) for element in convergence.ELEMENTS)
-        + ". The condensed pair of new triangles has the errors of the new triangle. Over the "
-        "tributary area both standard elements' pressures stay off by a third."
+        "of the contact's edge within an element. The condensed pair of new triangles has the "
+        "errors of the new triangle. Over the tributary area both standard elements' pressures "
+        "stay off by a third."
     )
 
 

@@ -15,7 +15,11 @@ from study.judge.claims import load_claims
 LOADED = {name: load_section(name).cases for name in SECTIONS}
 CASES = {name: [case.name for case in cases] for name, cases in LOADED.items()}
 KEYS = {f"{section}/{case}" for section, cases in CASES.items() for case in cases}
-TEXTS = sorted((Path(report.__file__).parent / "sections").glob("*.html"))
+TEXTS = sorted(
+    path
+    for folder in ("sections", "paper")
+    for path in Path(report.__file__).parent.glob(f"{folder}/*.html")
+)
 LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?')
 
 

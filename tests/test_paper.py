@@ -50,7 +50,7 @@ def test_ids_stand_in_names_of_modules_and_figures():
         assert module.rpartition(".")[2].startswith(prefix), module
         for path in PROJECT.glob("figures/*.py"):
             own = f'SECTION = "{section}"' in path.read_text()
-            if own and not re.fullmatch(r"(fig|tab)\d\d", path.stem):
+            if own and not re.fullmatch(r"(fig|tab)\d\d(_\d\d)?", path.stem):
                 assert path.stem.startswith(prefix), path
 
 

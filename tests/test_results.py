@@ -81,6 +81,7 @@ QUICK = [
     "V13/sourced-trefftz-6",
     "V14/punch-pw-T6-4",
     "K/contact-pw-T10-8-Iterative",
+    "K/contact-C3D10-8-CalculiX",
     "V15/square-pw-hybrid-T6-0.5-8",
     "V15/cube-pw-hybrid-T10-0.4999-3",
     "V15/cook-galerkin-hybrid-T6-4",
@@ -148,6 +149,8 @@ def test_every_case_states_its_element_where_it_has_one(section):
         elif "compared" in stated:
             assert stated["compared"], case.key
             assert all(map(is_element, stated["compared"])), case.key
+        elif "peer_element" in stated:
+            assert not is_element(stated["peer_element"]), case.key
         else:
             assert stated["problem"] in ("exact", "trefftz"), case.key
 

@@ -7,17 +7,20 @@ prints a table; 8 cells along the height make 28 611 unknowns, 11 make 71 415. A
 of C3D10 lies on one rigid face by surface-to-surface contact (mu = 0.3), is pressed from above
 and pushed at one side in both directions, in one step. Contact makes CalculiX follow
 displacements, so that the loads are a thousandth. CPU seconds and memory are those of the whole
-run, the deck written beforehand; with `--deck` the decks are written, and nothing is run.
+run, the deck written beforehand; with `--deck` the decks are written, and nothing is run, with
+`--record` the costs become rows of section K's record.
 """
 
 import argparse
+import json
 import os
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from study.cost.measure import RECORD, Row
 from study.peers.calculix import PeerError, executable, version
 from study.peers.grids import Grid
 from study.peers.standard_decks import RoughBlock
@@ -70,11 +73,22 @@ def _increments(path: Path) -> list[str]:
     return path.read_text().splitlines()[2:]
 
 
+def _record(cells: int, dofs: int, cost: Cost) -> None:
+    row = Row("contact", "C3D10", cells, "CalculiX")
+    content = json.loads(RECORD.read_text(encoding="utf-8"))
+    content["rows"] = [one for one in content["rows"] if Row(**one["row"]) != row]
+    measured = {"dofs": dofs, "iterations": cost.iterations, "megabytes": cost.megabytes}
+    measured |= {"whole_seconds": cost.cpu, "wall_seconds": cost.wall}
+    content["rows"].append({"row": asdict(row), "measured": measured})
+    RECORD.write_text(json.dumps(content, indent=1) + "\n")
+
+
 def main() -> int:
     """Measures and prints; 1 where there is no CalculiX."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cells", type=int, nargs="+", default=[8, 11])
     parser.add_argument("--deck", type=Path, help="folder to write the decks to")
+    parser.add_argument("--record", action="store_true", help="for section K")
     options = parser.parse_args()
     if options.deck:
         for cells in options.cells:
@@ -94,6 +108,8 @@ def main() -> int:
             f"{cost.megabytes:.0f} | {cost.iterations} |",
             flush=True,
         )
+        if options.record:
+            _record(cells, 3 * len(problem.grid.nodes), cost)
     return 0
 
 

@@ -40,9 +40,10 @@ class Row:
 
     Args:
         task: "assembly", "factors", "frequencies" or "contact".
-        element: as in the study.
+        element: as in the study, or one of CalculiX.
         cells: along the height of the block.
-        method: "Direct", "Iterative", or "nested": from the state of half as many cells.
+        method: "Direct", "Iterative", or "nested": from the state of half as many cells; or
+            "CalculiX", which `study.benchmarks.calculix_block` measures.
         processes: of MPI.
     """
 

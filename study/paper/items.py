@@ -72,8 +72,12 @@ _COMPUTED = {
 }
 
 
+_PANELS = ((7, 8), (13, 14), (16, 23), (24, 25))  # first and last of what is drawn together
+
+
 def _figure(section: str, number: int, content: str) -> Item:
-    drawn = f"figures/fig{number:02}.py"
+    names = [f"fig{a:02}_{b:02}" for a, b in _PANELS if a <= number <= b] or [f"fig{number:02}"]
+    drawn = f"figures/{names[0]}.py"
     return Item("figure", str(number), content, section, _COMPUTED[section], drawn)
 
 

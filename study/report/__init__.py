@@ -175,8 +175,13 @@ class _Paper(Texts):
         label = f"Fig. {number}" + _of_the_paper(name)
         return super().render("figure.html", name=name, figure=figure, label=label)
 
-    def table(self, name: str, caption: str, caller: Callable[[], str], of: str = "") -> Markup:
-        """Return a table with its number and caption; `caller` gives its rows."""
+    def table(
+        self, name: str, caption: str, caller: Callable[[], str], of: str = "", long: bool = False
+    ) -> Markup:
+        """Return a table with its number and caption; `caller` gives its rows.
+
+        One `of` a table of the paper says so; a long one may be broken by a page's end.
+        """
         paper = f" (the paper's Table {of})" if of else ""
         return self.render(
             "paper/table.html",
@@ -184,6 +189,7 @@ class _Paper(Texts):
             label=f"Table {self._next('table', name)}{paper}",
             caption=caption,
             rows=caller(),
+            long=long,
         )
 
     def ref(self, name: str) -> Markup:
@@ -274,25 +280,33 @@ def wanted(row: dict[str, Any]) -> Markup:
     if row["relation"] is None:
         return Markup(numbers.DASH)
     relation = {"<=": "≤", ">=": "≥"}.get(row["relation"], row["relation"])
-    tol = _quantity(row["tol"], row["unit"]) if row["tol"] > ROUND_OFF else None
-    if tol is None:
-        return Markup("{} {}").format(relation, _quantity(row["value"], row["unit"]))
-    value = _quantity(row["value"], "Pa" if row["unit"] == "Pa" else "")
-    if row["unit"] == "Pa":
-        value = Markup(value.removesuffix(f"{numbers.THIN}MPa"))
-    return Markup("{} {} ± {}").format(relation, value, tol)
+    scale, unit = _unit(row["unit"])
+    value = numbers.short(row["value"] / scale, 5)
+    if row["tol"] > ROUND_OFF:
+        value += Markup(" ± {}").format(numbers.short(row["tol"] / scale, 3))
+    return Markup("{} {}{}").format(relation, value, unit)
 
 
 def _quantity(x: float, unit: str) -> Markup:
-    if unit == "Pa":
-        x, unit = x / 1e6, "MPa"
+    scale, unit = _unit(unit)
+    x /= scale
     whole = abs(x - round(x)) < ROUND_OFF * max(1.0, abs(x))
-    text = numbers.fixed(x, 0) if whole else numbers.num(x, 5 if unit == "MPa" else 3)
-    return text + (f"{numbers.THIN}{unit}" if unit else "")
+    digits = 3 if scale == 1.0 else 5
+    return (numbers.fixed(x, 0) if whole else numbers.num(x, digits)) + unit
+
+
+def _unit(unit: str) -> tuple[float, str]:
+    """Return what to divide by, and the unit with the space before it."""
+    scale, unit = (1e6, "MPa") if unit == "Pa" else (1.0, unit)
+    return scale, f"{numbers.THIN}{unit}" if unit else ""
 
 
 def in_words(statement: str) -> Markup:
-    """Write a statement with names of elements for those of result files, and its mathematics."""
+    """Write a statement with names of elements for those of result files, and its mathematics.
+
+    Names of findings, which are listed elsewhere, are left out.
+    """
+    statement = re.sub(r" \((?:[A-Z]\d*|\d\.?\d?)-[\w-]+\)", "", statement)
     words = re.sub(
         r"\b((?:galerkin|pw|pwsym|composite)-[TQ]\d)((?:-J|-lumped)?)\b",
         lambda m: (
@@ -318,8 +332,8 @@ def _of_the_paper(name: str) -> str:
 
 def _version() -> str:
     """Return the project's version, of which the report is a part."""
-    project = tomllib.loads((HERE.parents[1] / "pyproject.toml").read_text())
-    return str(project["project"]["version"])
+    source = (HERE.parents[1] / "pw_elements" / "__init__.py").read_text(encoding="utf-8")
+    return re.findall(r'^__version__ = "(.*)"$', source, re.MULTILINE)[0]
 
 
 def _faces() -> str:
