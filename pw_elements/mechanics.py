@@ -299,6 +299,8 @@ class Body:
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
         if self.state is StressState.PLANE_STRAIN:
             third = self._value(self.material.poissons_ratio) * trace
+            if self.spaces.is_hybrid:
+                third = -self._split(u)[1]
             trace, squares = trace + third, squares + third**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
