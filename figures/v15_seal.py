@@ -24,7 +24,11 @@ def draw(results: Results) -> Figure:
     x, y = curves["deformed"].T
     parts = curves["cells"][:, _PARTS].reshape(-1, 3)
     colours = axes[0].tripcolor(
-        Triangulation(x, y, parts), curves["body_pressure"], shading="gouraud", cmap="viridis"
+        Triangulation(x, y, parts),
+        curves["body_pressure"],
+        shading="gouraud",
+        cmap="viridis",
+        rasterized=True,
     )
     fig.colorbar(colours, ax=axes[0], shrink=0.7, label="pressure / $\\mu$")
     for side in (-1, 1):

@@ -360,9 +360,9 @@ def prescribed(
         largest = np.abs(values[field.owned]).max(initial=0.0)
         size[field.owned] = comm.allreduce(largest, MPI.MAX)
     twice = np.flatnonzero(difference > _SAME_VALUE * size)
-    x = positions(space)[twice, : space.mesh.geometry.dim]
-    places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
-    if len(places):
+    if comm.allreduce(len(twice), MPI.SUM):
+        x = positions(space)[twice, : space.mesh.geometry.dim]
+        places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
         raise ValueError(
             f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
             "can have one value"

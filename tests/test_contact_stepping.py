@@ -28,6 +28,9 @@ from tests.contact_cases import Block, Punch, at
 from tests.contact_restart import RESUMED, fields, histories, resumed, whole
 
 PROJECT = Path(__file__).parents[1]
+# Two ways to one state: their systems are solved to 1e-13 of the load by factors of another matrix,
+# and forces of two bodies come out some ten times worse
+SAME = 1e-11
 
 
 def scale_of(name, states):
@@ -56,7 +59,7 @@ def test_a_history_resumed_is_the_history(name):
     states = whole(problem, steps)
     again, _ = histories[name]()  # another problem object: nothing but the state goes over
     rest = resumed(again, steps, states[RESUMED - 1])
-    assert distance(rest, states[RESUMED:], states) < 1e-12
+    assert distance(rest, states[RESUMED:], states) < SAME
     assert [state.increment for state in rest] == list(range(RESUMED + 1, len(steps) + 1))
     # what `start` takes it for, a guess without history, is another problem
     if name == "block":
@@ -73,7 +76,7 @@ def test_a_state_from_a_file_goes_on_as_before(name, tmp_path):
     read = again.load(tmp_path / "state.npz")
     stored = states[RESUMED - 1]
     assert (read.increment, read.unique, read.report) == (RESUMED, stored.unique, stored.report)
-    assert distance(resumed(again, steps, read), states[RESUMED:], states) < 1e-12
+    assert distance(resumed(again, steps, read), states[RESUMED:], states) < SAME
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")

@@ -31,6 +31,7 @@ COARSE = {
     "press_fit": "size = 3.0",
     "roller_on_dome": "size, zone = 0.25, 1.6",
     "rubber_punch": "cells = 4",
+    "seal": "cells = 8",
     "seepage": "size, permeability, head = 3.0, 1e-5, 6.0",
     "sphere_on_block": "size, side = 0.3, 4.0",
     "tuning_fork": "size = 8.0",
@@ -112,6 +113,16 @@ def test_rubber_punch(example):
     heights = found["mesh"].geometry.x[:, 1].max()
     assert found["forces"].force[:, 1].sum() < -2 * found["mu"] * found["depth"] * heights
     assert "force of the punch" in found["printed"]
+
+
+def test_seal(example):
+    """Lindley's force for long cords, found by experiments, and no change of volume."""
+    found = example("seal")
+    squeeze, modulus, diameter = found["squeeze"], 3 * found["mu"], 2.0
+    lindley = modulus * diameter * (1.25 * squeeze**1.5 + 50 * squeeze**6)
+    assert found["force"] / (2 * np.pi * found["ring"]) == pytest.approx(lindley, rel=0.05)
+    assert found["held"].sum() > 12
+    assert found["push"][found["held"]].min() > 0
 
 
 def test_seepage(example):

@@ -22,6 +22,7 @@ from pw_elements import (
     Spaces,
     as_function,
     assemble_matrix,
+    assemble_scalar,
     assemble_vector,
     boundary_measure,
     buckling,
@@ -369,3 +370,20 @@ def test_conditions_contradict_each_other_field_by_field():
     Reduction.dirichlet(W, held)
     with pytest.raises(ValueError, match="contradict each other"):
         Reduction.dirichlet(W, [*held, prescribe(W, 0, side(1, 0.0), 2e-3)])
+
+
+def test_von_mises_stress_and_materials_by_tag_know_the_pressure():
+    mesh = block("triangle", 2)
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    tags = meshtags(mesh, 2, cells, (cells % 2).astype(np.int32))
+    both = Material.by_tag(mesh, tags, {0: Material(3.0, 0.3), 1: Material(3.0, 0.499)})
+    body = Body.on(mesh, both, "plane strain", parts=tags)
+    assert body.spaces.is_hybrid
+    w = fem.Function(body.spaces.trial)
+    # pure shear under pressure: sqrt(3) tau, whatever the pressure
+    u, p = (SubSpace.displacements(w.function_space), SubSpace.pressure(w.function_space))
+    y = u.space.tabulate_dof_coordinates()[:, 1]
+    w.x.array[u.unknowns[:, 0]], w.x.array[p.unknowns[:, 0]] = 0.1 * y, 7.0
+    shear = (3 / 2.6 + 3 / 2.998) / 2 * 0.1
+    mean = assemble_scalar(body.von_mises(w) * ufl.dx)
+    assert mean == pytest.approx(np.sqrt(3) * shear, rel=0.02)

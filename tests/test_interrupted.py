@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from tests.toystudy import install
 
 ROOT = Path(__file__).parents[1]
 SECTIONS = ["7.1", "V1"]
+KILLS = 50
 INTERRUPTED = "study: interrupted; the results so far are kept"
 START = [sys.executable, "-X", "importtime", "-m", "study"]
 IMPORTED = "import time:"  # that is what Python tells of each import then
@@ -110,35 +112,35 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
     Now and then without compiled forms: a compilation that is killed would block its form.
     """
     if not request.config.getoption("--nightly"):
-        pytest.skip("takes ten minutes: with --nightly")
+        pytest.skip("takes ten minutes, with --nightly")
     whole, out = tmp_path / "whole", tmp_path / "results"
     start = time.monotonic()
     run = Run(whole, *SECTIONS)
     assert run.wait(600) == 0, run.told()
     seconds, expected = time.monotonic() - start, numbers(whole)
-    killed = []
-    for attempt in range(50):
+    ended, attempt = [], 0
+    while len(ended) < KILLS:
         if attempt % 10 == 0:
             compiled = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
+        attempt += 1
         for path in list(out.rglob("[!.]*.json")):
             if random.random() < 0.5 and path.parent.name in SECTIONS:
                 path.unlink()
         before = numbers(out)
         run = Run(out, *SECTIONS, *random.choice([["--force"], []]), **compiled)
         time.sleep(random.uniform(0.0, seconds))
-        chosen = random.choice([[run.process.pid], run.workers()])[:1]
-        for process in chosen:
-            os.kill(process, signal.SIGKILL)
+        victim = random.choice([run.process.pid, *run.workers()])
+        killed = run.process.poll() is None
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(victim, signal.SIGKILL)
         status = run.wait(600)
-        killed.append((len(chosen), status))
-        print(attempt, *killed[-1])
+        ended += [status] * killed
         assert status in (0, 1, -signal.SIGKILL), run.told()
         assert not run.survivors()
         assert not [line for line in run.told() if re.search("failed|Traceback", line)], run.told()
         after = numbers(out)
         assert {key: after.get(key) for key in before} == before
-    assert sum(number for number, _ in killed) > 25
-    assert {status for _, status in killed} == {0, 1, -signal.SIGKILL}
+    assert set(ended) >= {1, -signal.SIGKILL}  # workers with a case, and main processes
     run = Run(out, *SECTIONS, **compiled)
     assert run.wait(600) == 0, run.told()
     assert numbers(out) == expected

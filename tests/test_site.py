@@ -144,3 +144,12 @@ def test_links_that_lead_nowhere_are_found(tmp_path):
         "b/c.html: ../a.html#gone",
         "b/d.html: https://example.org/x.js comes from elsewhere",
     ]
+
+
+def test_figures_that_texts_place_have_scripts():
+    texts = (evidence.HERE.parent / "report" / "sections").glob("*.html")
+    text = "".join(path.read_text() for path in texts)
+    placed = re.findall(r'figure\("([^"]+)"\)', text)
+    assert len(placed) > 40
+    drawn = {path.stem for path in (evidence.ROOT / "figures").glob("*.py")}
+    assert {*placed} <= drawn

@@ -17,6 +17,8 @@ Mask = npt.NDArray[np.bool_]
 
 # Points around one, with it, by the dimension
 _NEIGHBOURS = {2: 3, 3: 7}
+# Decimals of coordinates that count, over the extent of the points
+_DIGITS = 9
 # Where the way from a point that pulls to the nearest free one is looked at, the part of it that
 # may be held, and of its length that is gone on by
 _ALONG, _MOST, _SHARE = np.linspace(0.1, 0.9, 9), 0.5, 0.99
@@ -70,7 +72,9 @@ class Edges:
             own = np.flatnonzero(pair == k)
             x = np.concatenate(comm.allgather(position[own]))
             first = sum(comm.allgather(len(own))[: comm.rank])
-            order = np.lexsort(x.T)  # the same on any number of processes
+            # the same on any number of processes, which round coordinates in their own ways
+            x = np.round(x / np.ptp(x, axis=0).max(initial=1e-300), _DIGITS)
+            order = np.lexsort(x.T)
             place = np.argsort(order)[first : first + len(own)]
             near = min(_NEIGHBOURS[x.shape[1]], len(x))
             around = cKDTree(x[order]).query(x[order], near)[1].reshape(len(x), near)

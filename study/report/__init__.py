@@ -355,11 +355,10 @@ def _faces() -> str:
 
 
 def laid_out(html: str) -> "weasyprint.Document":
-    """Return the pages of the PDF, in STIX, and with what is meant for paper only."""
+    """Return the pages of the PDF, set in STIX."""
     import weasyprint  # half a second, and its libraries are not needed to read the page's code
 
-    style = _faces() + (HERE / "paper" / "print.css").read_text()
-    printed = html.replace("</head>", f"<style>{style}</style></head>", 1)
+    printed = html.replace("</head>", f"<style>{_faces()}</style></head>", 1)
     gc.disable()  # among millions of boxes that all stay, a fifth of the time for nothing
     try:
         return weasyprint.HTML(string=printed).render(pdf_variant="pdf/ua-1")

@@ -26,6 +26,7 @@ ORDER = (
     "tuning_fork",
     "bar_impact",
     "rubber_punch",
+    "seal",
     "buckling",
     "seepage",
     "poisson",

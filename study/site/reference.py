@@ -109,6 +109,8 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "ContactFailed",
             "NoEquilibrium",
+            "NoSolution",
+            "ClosedBranch",
             "FreeBody",
             "NotUnique",
             "NotFound",
