@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements import arguments
+from pw_elements.assembly import assemble_matrix, assemble_scalar, assemble_vector
 from pw_elements.collective import collective
 from pw_elements.given import Problem
 from pw_elements.hybrid import FREE_PRESSURE, NOTHING, SubSpace, is_hybrid
@@ -24,6 +25,17 @@ from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.matrices import unbalanced
 from pw_elements.reduction import Reduction
+
+__all__ = [
+    "Reduction",
+    "assemble_matrix",
+    "assemble_scalar",
+    "assemble_vector",
+    "factorise",
+    "reactions",
+    "solve",
+    "symmetric_part",
+]
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
