@@ -171,9 +171,9 @@ def test_a_search_that_is_not_finished_proves_nothing(monkeypatch):
 # -- states ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [221, 383])
+@pytest.mark.parametrize("seed", [383, 2107])
 def test_states_that_only_a_search_finds_obey_the_law(seed):
-    """A body that slides along a polyline; an ellipse that is free, far from where it was."""
+    """An ellipse that is free, far from where it was; a sphere that is pushed, one of three."""
     stated = problem(seed)
     with pytest.raises(NotFound):
         stated.solve(remedies=("condensed", "cutback"))
