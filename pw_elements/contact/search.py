@@ -106,15 +106,17 @@ def _linear(increment: Increment, place: Kinematics) -> bool:
         for step in (sign * part * extent for part in _STEPS for sign in (-1, 1)):
             moved = place.translations.copy()
             moved[free[:, axis], axis] += step
-            follows = free[interface.pair, axis] * step
             try:
                 there, turned = interface.gaps(moved), interface.normals(moved)
             except Exception:  # a user's surface may not know its gaps so far away
-                return False
-            change = np.where(faced, there - gap + follows * normal[:, axis], 0.0)
+                wrong = True
+                continue
+            follows = free[interface.pair, axis] * step
+            still = faced & np.isfinite(there)
+            change = (there[still] - gap[still]) + (follows * normal[:, axis])[still]
             wrong |= bool(np.any(np.isfinite(there) != faced))
             wrong |= bool(np.any(np.abs(turned - normal) > _CURVED))
-            wrong |= not np.all(np.abs(change) <= _CURVED * extent)
+            wrong |= bool(np.any(np.abs(change) > _CURVED * extent))
     return not interface.comm.allreduce(int(wrong), MPI.MAX)
 
 
