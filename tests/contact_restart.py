@@ -41,9 +41,9 @@ def punch(comm=MPI.COMM_SELF):
     return problem, [(nothing, [motion]) for motion in motions]
 
 
-def mortar(comm=MPI.COMM_SELF):
+def mortar(comm=MPI.COMM_SELF, element="petrov_galerkin", nu=0.3):
     """A body on another, held by it alone: pressed, then drawn to and fro."""
-    stack = Stack((5, 4), comm=comm)
+    stack = Stack((5, 4), element=element, nu=nu, comm=comm)
     held = [prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)]
     supports = Reduction.dirichlet(stack.space, held)
     problem = ContactProblem(stack.K, supports, stack.pair("upper", 0.3), stack.space)
@@ -52,7 +52,12 @@ def mortar(comm=MPI.COMM_SELF):
     return problem, [(along * share - down,) for share in shares]
 
 
-histories = {"mortar": mortar, "block": block, "punch": punch}
+def rubber(comm=MPI.COMM_SELF):
+    """The same of incompressible bodies."""
+    return mortar(comm, "hybrid", 0.5)
+
+
+histories = {"mortar": mortar, "rubber": rubber, "block": block, "punch": punch}
 
 
 def whole(problem, steps, guess=None):
