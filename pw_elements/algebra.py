@@ -66,17 +66,20 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
     reduction = reduction.equilibrated(K).under(K, f)
     load = reduction.load(K, f)
     if isinstance(taken, Iterative):
-        prepared = ready(taken.prepare(K, supports=reduction.supports))
-        solution = prepared.solve(load)
+        krylov = taken.prepare(K, supports=reduction.supports)
+        ready(krylov)
+        solution, report = krylov.solve(load), krylov.report
+        krylov.release()
     else:
         matrix = reduction.matrix(K)
         prepared = factorise(matrix, solver=taken, reduction=reduction)
         solution = load.duplicate()
         prepared.ksp.solve(load, solution)
         _check_residual(matrix, solution, load)
-    prepared.ksp.destroy()
+        report = prepared.report
+        prepared.ksp.destroy()
     full = reduction.expand(solution)
-    full.setAttr("report", prepared.report)
+    full.setAttr("report", report)
     return full
 
 

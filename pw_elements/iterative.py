@@ -26,6 +26,7 @@ from pw_elements.linear_solver import (
     SolverReport,
     set_options,
 )
+from pw_elements.matrices import destroy
 from pw_elements.multigrid import Multigrid
 from pw_elements.projection import Supports
 from pw_elements.saddle import SaddlePoint
@@ -135,6 +136,11 @@ class Krylov:
         ksp.getPC().setType("python")
         ksp.getPC().setPythonContext(preconditioner)
         return ksp
+
+    def release(self) -> None:
+        """Frees solver and levels, on all processes: see `matrices.destroy`."""
+        destroy(self.ksp, self.operator)
+        self.multigrid.release()
 
     def _method_for(self, operator: PETSc.Mat) -> PETSc.KSP:
         ksp = PETSc.KSP().create(operator.comm)

@@ -100,24 +100,30 @@ class LinearLevel:
         order = np.argsort(nodes)
         return vertex, order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
 
+    @property
+    def keeps_pattern(self) -> bool:
+        """Whether `matrix` has the same entries again, whatever is held."""
+        return self._ties is None
+
     def matrix(self) -> PETSc.Mat:
         """The matrix under what is held now, always the same object."""
         near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
+        again = self._matrix is not None and self.keeps_pattern
         if self._matrix is None:
             self._matrix = galerkin_product(self._K, self._P)
             self._exchanged = galerkin_product(near.K, near.P) if near else None
         if self._exchanged is not None:
-            add(self._matrix, -1.0, self._exchanged)
+            add(self._matrix, -1.0, self._exchanged, within=again)
         free = self._held.all_blocks()
         part = None
         if near is not None:
             P = self._moved_near(near, free)
             part = galerkin_product(near.K, P)
             destroy(P)
-            add(self._matrix, 1.0, part, last=False)
+            add(self._matrix, 1.0, part, last=False, within=again)
         size = self._matrix.getDiagonal().sum() / columns[1]
         rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
-        add(self._matrix, 1.0, rest, last=False)
+        add(self._matrix, 1.0, rest, last=False, within=again)
         if part is None:
             part = rest
         else:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.linear_level import LinearLevel
-from pw_elements.matrices import collect_garbage, is_blocked, python_matrix
+from pw_elements.matrices import collect_garbage, destroy, is_blocked, python_matrix
 from pw_elements.projection import Masked, Projection, Supports
 from pw_elements.ties import Ties
 
@@ -176,12 +176,23 @@ class Multigrid:
         if first or counts[1] > _RENEWED * counts[0]:
             self._held_before = held
             self._linear.hold(nodes, held, weight)
-            self._forget()
+            self._forget(first)
         self.ready()
 
-    def _forget(self) -> None:
-        """Frees the hierarchy below the coarse level, before the latter is made anew."""
-        if self._coarse is not None and self._preconditioner is not None:
+    def release(self) -> None:
+        """Frees what PETSc's objects hold of Python's, on all processes."""
+        if self._preconditioner is not None:
+            destroy(self._preconditioner)
+        destroy(self.operator, self._linear.interpolation)
+
+    def _forget(self, hierarchy: bool) -> None:
+        """Has the coarse level made anew.
+
+        The hierarchy below keeps its aggregates and gets new matrices only, which is cheaper,
+        unless it is to be forgotten, or the coarse matrix changes its pattern.
+        """
+        forgotten = hierarchy or not self._linear.keeps_pattern
+        if forgotten and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
         self._coarse = None
         collect_garbage(self.blocked)

@@ -18,7 +18,7 @@ from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 from pw_elements.hybrid import FREE_PRESSURE, NOTHING, SubSpace, equilibration
 from pw_elements.linear_functions import linear_interpolation
 from pw_elements.linear_solver import SingularSystem, set_options
-from pw_elements.matrices import galerkin_product, python_matrix
+from pw_elements.matrices import destroy, galerkin_product, python_matrix
 from pw_elements.multigrid import Multigrid
 from pw_elements.projection import Masked, Projection, Supports
 
@@ -80,6 +80,11 @@ class SaddlePoint:
         self._preconditioner.setFromOptions()
         preconditioner.setType("python")
         preconditioner.setPythonContext(self)
+
+    def release(self) -> None:
+        """Frees what Python objects are in, on all processes."""
+        destroy(self._preconditioner, self.operator)
+        self._levels.release()
 
     def ready(self) -> None:
         """Makes the multigrid's coarse level.

@@ -78,7 +78,7 @@ def test_the_shell_is_the_assembled_tangent(bodies):
     m, dim = assembled.interface.position.shape
     E, C, D = rng.normal(size=(3, m, dim, dim))
     load = assembled.reduction.load(K, K.createVecLeft())
-    tangent = assembled._tangent
+    tangent = assembled.tangent
     tangent.solve(load.array_r, np.zeros(2), E, C, D)
     kept = supports.supports.free
     given = rng.normal(size=int(kept.sum()) + 2)
@@ -86,8 +86,8 @@ def test_the_shell_is_the_assembled_tangent(bodies):
     x.setArray(given)
     tangent.matrix.mult(x, y)
 
-    operator = krylov._tangent._operator
-    krylov._tangent._context.state(E, C, D)
+    operator = krylov.tangent._operator
+    krylov.tangent._context.state(E, C, D)
     full, image = operator.createVecs()
     whole = np.append(kept, [True, True])
     values = np.zeros(len(whole))
@@ -102,7 +102,7 @@ def test_points_at_nodes(solid):
     K, _, supports, pair, U = solid.arguments("tilted")
     problem = ContactProblem(K, supports, pair, U, Iterative())
     system: ContactSystem = problem._bound(())[0]
-    points: NodePoints = system._tangent._points
+    points: NodePoints = system.tangent._points
     x = U.tabulate_dof_coordinates()[points.node]
     assert x == pytest.approx(system.interface.position)
     assert np.array_equal(points.own, points.node[:, None] * 3 + np.arange(3))

@@ -14,6 +14,7 @@ from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
 from pw_elements.contact.stepping import ContactProblem
 from pw_elements.iterative import Solver
+from pw_elements.matrices import collect_garbage
 from pw_elements.progress import bar, doing
 from pw_elements.reduction import Reduction
 
@@ -68,4 +69,8 @@ def solve_contact(
             error.args = (f"increment {k}: {error}",)
             error.states = states[1:]
             raise
-    return states[1:]
+    found = states[1:]
+    problem.release()  # a finer mesh that starts from here needs the memory
+    del problem, states
+    collect_garbage(K)
+    return found

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.unassembled import Bordered, NodePoints, Tied, Unassembled
 from pw_elements.iterative import Iterative, Krylov
-from pw_elements.matrices import collect_garbage, python_matrix
+from pw_elements.matrices import collect_garbage, destroy, python_matrix
 from pw_elements.multigrid import Multigrid
 from pw_elements.projection import Supports
 
@@ -54,6 +54,8 @@ class KrylovTangent:
         own_factors: whether the last solution is as exact as any can be.
         settled: whether it is exact enough to be the last.
         always_exact: whether every solution is to be exact.
+        force: K a (m, dim) at the points, of the last solution.
+        unbalanced: largest force on this process that its other equations leave.
         factorised: None, when the next solution is to be more exact than the last.
     """
 
@@ -91,6 +93,7 @@ class KrylovTangent:
             self._ksp.setOperators(self._operator, self._multigrid.operator)
         self._solution = self._operator.createVecRight()
         self.own_factors = self.settled = self.always_exact = False
+        self.force, self.unbalanced = self._context.force, 0.0
         self.factorised: bool | None = True
         self._accuracy, self._size = _EXACT, 0.0
 
@@ -145,8 +148,17 @@ class KrylovTangent:
             raise self.solver.not_converged(left / max(known.norm(), force))
         self.settled = left <= _EXACT * force or stalled
         self.own_factors = stalled
+        self.force = self._context.force
+        others = np.abs(rest.array_r[: len(right)])
+        others[self._points.own[self._points.own >= 0]] = 0.0
+        self.unbalanced = float(others.max(initial=0.0))
         collect_garbage(known)
         return np.array(x.array_r)
+
+    def release(self) -> None:
+        """Frees the solver, on all processes."""
+        destroy(self._ksp, self._operator)
+        self.solver.release()
 
     def _target(self, left: float, reduced: float) -> float:
         """The residual to be reached; on the way `reduced`, if that is small beside the forces.
@@ -183,14 +195,11 @@ class KrylovTangent:
 
     def _land(self, known: PETSc.Vec, x: PETSc.Vec, fixed: Array) -> None:
         """Moves nodes to where they are held: the iteration then stays there."""
-        points, image = self._points, known.duplicate()
-        self._operator.mult(x, image)
-        wrong = np.where(points.own >= 0, (known.array_r - image.array_r)[points.own], 0.0)
+        points, stated = self._points, self._points.own >= 0
+        wrong = np.where(stated, known.array_r[points.own] - self._context.of_motion(x), 0.0)
         step = np.einsum("nab,nb->na", fixed, wrong) / points.scale[:, None]
-        stated = points.own >= 0
         local = x.array
         local[points.own[stated]] += step[stated]
-        image.destroy()
 
     def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
         """Row (n,) of the balance of a free translation."""

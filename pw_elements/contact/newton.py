@@ -266,7 +266,7 @@ def _iterated(
         if told:
             told(iteration, active, violation)
         if violation <= 1:
-            if not system.settled:
+            if not system.tangent.settled:
                 system.forget_factors()  # equilibrium may lag behind
                 continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
@@ -279,7 +279,7 @@ def _iterated(
         if increment.nearest is None or violation < increment.nearest[1]:
             increment.nearest = now, violation
         wanted = policy.wanted(active, now.contact)
-        if not system.own_factors and same(wanted, active, system.comm):
+        if not system.tangent.own_factors and same(wanted, active, system.comm):
             system.forget_factors()  # corrected factors leave single gaps open
             continue
         active = policy.taken(wanted, active, now.contact)

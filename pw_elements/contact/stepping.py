@@ -116,8 +116,7 @@ class ContactProblem:
         self._interface = nodal_interface(self.pairs, space, self._reduction, sibling)
         self._whole, self._space = space, self._interface.field.space
         self._watch = Watch(self._interface, self._space)
-        self._system: ContactSystem | None = None
-        self._rigid: RigidMotions | None = None
+        self._system: tuple[ContactSystem, RigidMotions] | None = None
         self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
 
     def step(
@@ -286,12 +285,16 @@ class ContactProblem:
         check_belongs(state, self.undeformed, "the file's state")
         return state
 
+    def release(self) -> None:
+        """Frees what the solver holds, on all processes; the next step makes it anew."""
+        if self._system is not None:
+            self._system[0].release()
+            self._system = None
+
     def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
         """System and rigid motions for these free translations; one factorisation is kept."""
-        if self._system is None or self._rigid is None or self._system.free != free:
-            self._system = None
-            self._system = ContactSystem(
-                self._K, self._reduction, self._interface, free, self._solver
-            )
-            self._rigid = RigidMotions(self._system, self._space)
-        return self._system, self._rigid
+        if self._system is None or self._system[0].free != free:
+            self.release()
+            system = ContactSystem(self._K, self._reduction, self._interface, free, self._solver)
+            self._system = system, RigidMotions(system, self._space)
+        return self._system

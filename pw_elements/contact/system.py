@@ -9,8 +9,7 @@ the free translations U at the end:
     (E L K + C G) a - D U   = c + E L f     theirs
     sum L K a               = totals + sum L f
 
-The nonzero pattern is that of all active sets. An iterative solver has nothing assembled:
-`krylov.KrylovTangent` takes the place of `Tangent`.
+The nonzero pattern is that of all active sets. `krylov.KrylovTangent` assembles nothing instead.
 """
 
 from collections.abc import Callable
@@ -40,6 +39,7 @@ from pw_elements.contact.state import Free
 from pw_elements.contact.unassembled import NodePoints
 from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import LinearSolver, SolverReport
+from pw_elements.matrices import destroy
 from pw_elements.reduction import Reduction
 
 Array = npt.NDArray[np.float64]
@@ -64,6 +64,7 @@ class ContactSystem:
     Attributes:
         stiffness: K reduced, L^T K R of the reduction.
         solved: number of linear systems solved so far.
+        tangent: matrix and solver of the systems.
         scale: c of the law, (m,): mean stiffness of a point's components, or 1 without any.
     """
 
@@ -78,8 +79,9 @@ class ContactSystem:
         self.reduction, self.interface, self.free = reduction, interface, free
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
-        iterative = isinstance(solver, Iterative)
-        self.stiffness = reduction.supported(K) if iterative else reduction.matrix(K)
+        self._found: tuple[PETSc.Vec, PETSc.Vec, tuple[Array, float]] | None = None
+        reduced = reduction.supported if isinstance(solver, Iterative) else reduction.matrix
+        self.stiffness = reduced(K)
         (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
         self._own = np.where(stated, interface.equation - first, -1)
         outside = stated & ((self._own < 0) | (self._own >= last - first))
@@ -87,7 +89,7 @@ class ContactSystem:
             raise ValueError("the reduction moves a contact node to another process")
         force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
         self._flexible, self._spread = read_and_spread(force, interface.equation)
-        self._tangent: Tangent | KrylovTangent
+        self.tangent: Tangent | KrylovTangent
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
         if isinstance(solver, Iterative):
@@ -97,45 +99,35 @@ class ContactSystem:
             points = NodePoints.of(
                 interface, self._spread, self._own, self._flexible, self.scale, free
             )
-            self._tangent = KrylovTangent(K, reduction.supports, points, solver)
+            self.tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
         operators = self.stiffness, force, self._flexible, self._spread
         fixed, read = tangent_rows(*operators, interface.equation, len(free))
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
-        self._tangent = Tangent(fixed, read, moved, borders, self._own, first, self.comm, solver)
-
-    @property
-    def settled(self) -> bool:
-        """Whether the last solution was as exact as the end of an iteration asks for."""
-        return self._tangent.settled
+        self.tangent = Tangent(fixed, read, moved, borders, self._own, first, self.comm, solver)
 
     def start(self, displacement: Callable[[], PETSc.Vec], translations: Array) -> None:
         """Has an iterative solver begin at displacements (n,) and surfaces (pairs, dim)."""
-        if isinstance(self._tangent, KrylovTangent):
+        if isinstance(self.tangent, KrylovTangent):
             begin = self.reduction.right * displacement()
-            self._tangent.start(begin.array_r, np.array([translations[at] for at in self.free]))
+            self.tangent.start(begin.array_r, np.array([translations[at] for at in self.free]))
 
     def insist(self) -> bool:
         """Has all solutions of an increment exact; False if they were."""
-        inexact = not self._tangent.always_exact
-        self._tangent.always_exact = True
+        inexact = not self.tangent.always_exact
+        self.tangent.always_exact = True
         return inexact
-
-    @property
-    def own_factors(self) -> bool:
-        """Whether as exact as can be; else a single gap of it may be inaccurate."""
-        return self._tangent.own_factors
 
     @property
     def report(self) -> SolverReport:
         """What the linear solver has done so far."""
-        return self._tangent.solver.report
+        return self.tangent.solver.report
 
     @property
     def orientations(self) -> frozenset[int]:
         """Signs of the determinants of all tangents factorised so far; empty if unknown."""
-        return self._tangent.solver.orientations
+        return self.tangent.solver.orientations
 
     def solve(
         self,
@@ -167,13 +159,17 @@ class ContactSystem:
         stated = self._own >= 0
         right[self._own[stated]] = (np.einsum("nab,nb->na", E, loads) + constraint)[stated]
         balance = totals + self.totals(loads)
-        solution = self._tangent.solve(right, balance, E, C, D)
+        solution = self.tangent.solve(right, balance, E, C, D)
         reduced = load.duplicate()
         reduced.setArray(solution[: len(right)])
+        if isinstance(self.tangent, KrylovTangent):
+            self._found = reduced, load, (self.tangent.force - loads, self.tangent.unbalanced)
         return reduced, np.array(self.comm.bcast(solution[len(right) :], self.comm.size - 1))
 
     def forces(self, reduced: PETSc.Vec, load: PETSc.Vec) -> tuple[Array, float]:
         """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
+        if self._found and reduced is self._found[0] and load is self._found[1]:
+            return self._found[2]
         unbalanced = load.duplicate()
         self.stiffness.mult(reduced, unbalanced)
         unbalanced.axpy(-1.0, load)
@@ -188,9 +184,13 @@ class ContactSystem:
 
     def encloses(self) -> bool:
         """Whether a constant pressure in an incompressible body acts on contact points alone."""
-        if isinstance(self._tangent, KrylovTangent):
-            return False
         return free_pressure(self.stiffness, self.reduction, self._own[self._own >= 0])
+
+    def release(self) -> None:
+        """Frees what an iterative solver holds, on all processes."""
+        if isinstance(self.tangent, KrylovTangent):
+            self.tangent.release()
+            destroy(self.stiffness)
 
     def totals(self, forces: Array) -> Array:
         """Sums of forces (m, dim) at the points of all processes, one per free translation."""
@@ -201,7 +201,7 @@ class ContactSystem:
 
     def forget_factors(self) -> None:
         """Has the next matrix factorised, whatever it is."""
-        self._tangent.factorised = None
+        self.tangent.factorised = None
 
     def _read(self, equations: PETSc.Vec) -> Array:
         """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""

@@ -91,16 +91,15 @@ class Unassembled:
         """Takes over the combinations (m, dim, dim) of an active set."""
         self._E, self._C, self._D = E, C, D
 
+    def of_motion(self, x: PETSc.Vec) -> Array:
+        """C G a - D U, (m, dim): what the law says of a motion, without its forces."""
+        return self._of_motion(x, self._unsupported(x))
+
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
         points, n = self._points, self._K.getLocalSize()[1]
-        given, motion = x.array_r, x
-        if self._motion is not None:
-            motion = self._motion
-            motion.array[:] = given[:n]
-            motion.array[self._prescribed] = 0.0
-        points.motion.mult(motion, self._moved)
-        moved = self._moved.array_r.reshape(points.own.shape).copy()
+        given, motion = x.array_r, self._unsupported(x)
+        law = self._of_motion(x, motion)
         image = y if self._image is None else self._image
         self._K.mult(motion, image)
         self.force = force = points.read(image.array_r)
@@ -108,12 +107,9 @@ class Unassembled:
             self._moved.array[:] = force.ravel()
             points.spread.multTranspose(self._moved, self._carried)
             image.axpy(1.0, self._carried)
-        law = np.einsum("nab,nb->na", self._E, force) + np.einsum("nab,nb->na", self._C, moved)
+        law += np.einsum("nab,nb->na", self._E, force)
         totals = np.zeros(0)
         if points.translations:
-            last = self._comm.size - 1
-            U = np.append(self._comm.bcast(given[n:].copy(), last), 0.0)
-            law -= np.einsum("nab,nb->na", self._D, U[points.moved])
             totals = np.zeros(points.translations)
             some = points.moved >= 0
             np.add.at(totals, points.moved[some], force[some])
@@ -124,6 +120,25 @@ class Unassembled:
             result[n:] = totals[: len(given) - n]
         result[self._prescribed] = given[self._prescribed]
         result[points.own[self._stated]] = law[self._stated]
+
+    def _unsupported(self, x: PETSc.Vec) -> PETSc.Vec:
+        """The motion a of x, zero where it is prescribed."""
+        if self._motion is None:
+            return x
+        self._motion.array[:] = x.array_r[: self._K.getLocalSize()[1]]
+        self._motion.array[self._prescribed] = 0.0
+        return self._motion
+
+    def _of_motion(self, x: PETSc.Vec, motion: PETSc.Vec) -> Array:
+        points = self._points
+        points.motion.mult(motion, self._moved)
+        moved = self._moved.array_r.reshape(points.own.shape)
+        law: Array = np.einsum("nab,nb->na", self._C, moved)
+        if points.translations:
+            n, last = self._K.getLocalSize()[1], self._comm.size - 1
+            U = np.append(self._comm.bcast(x.array_r[n:].copy(), last), 0.0)
+            law -= np.einsum("nab,nb->na", self._D, U[points.moved])
+        return law
 
 
 class Tied:

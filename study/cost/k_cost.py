@@ -1,13 +1,14 @@
 """What the elements cost: the record of `study.cost.measure`, as a section."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
 from study.core.cases import Case
 from study.core.store import Result
-from study.cost.measure import RECORD, Row
+from study.cost.measure import EXACT_DIGITS, FORCING, RECORD, Row
 from study.units import units_of
 
 TITLE = "Cost"
@@ -56,10 +57,11 @@ def recorded_of_calculix(
 def _cases() -> list[Case]:
     record: dict[str, Any] = json.loads(RECORD.read_text(encoding="utf-8"))
     known = {Row(**entry["row"]): entry["measured"] for entry in record["rows"]}
+    machines = {Row(**entry["row"]): entry["machine"] for entry in record["rows"]}
     cases = []
     for row, measured in known.items():
         run: Callable[..., Result] = recorded
-        stated = {**asdict(row), "machine": record["machine"]}
+        stated = {**asdict(row), "machine": machines[row]}
         if row.method == "CalculiX":
             run, stated["peer_element"] = recorded_of_calculix, stated.pop("element")
         measured = measured | _over_bare(row, measured, known)
@@ -70,17 +72,25 @@ def _cases() -> list[Case]:
 def _over_bare(
     row: Row, measured: dict[str, float], known: dict[Row, dict[str, float]]
 ) -> dict[str, float]:
-    """A whole run of contact over what assembly, levels and bare solutions take by themselves.
-
-    There is one solution of K in each of Newton's steps, reduced as much as these ask for; a
-    coarser mesh, what is to be exact, and what contact changes in the levels are extra.
-    """
-    bare = known.get(replace(row, task="linear", method="Iterative"))
-    if row.task != "contact" or row.method not in ("Iterative", "nested") or bare is None:
+    """A whole run of contact over what its parts take by themselves, as `measure` says."""
+    alone = replace(row, task="linear", method="Iterative")
+    if row.task != "contact" or row.method not in ("Iterative", "nested") or alone not in known:
         return {}
-    least = measured["iterations"] * bare["seconds"]
-    least += bare["assembly_seconds"] + bare["set_up_seconds"]
-    return {"over_bare": measured["whole_seconds"] / least}
+    bare, whole = known[alone], measured["whole_seconds"]
+    least = _parts(bare, measured["iterations"], measured["digits"])
+    if row.method == "nested":
+        coarse = known[replace(alone, cells=row.cells // 2)]
+        least += _parts(coarse, measured["coarse_iterations"], measured["coarse_digits"])
+    solutions = measured["iterations"] * bare["seconds"] + bare["assembly_seconds"]
+    return {"over_bare": whole / least, "over_solutions": whole / solutions}
+
+
+def _parts(bare: dict[str, float], steps: float, digits: float) -> float:
+    """Seconds of assembly, a set-up of the levels, and bare solutions to so many digits in all."""
+    first = -math.log10(FORCING)
+    each = (bare["exact_seconds"] - bare["seconds"]) / (EXACT_DIGITS - first)
+    solutions = steps * bare["seconds"] + (digits - steps * first) * each
+    return bare["assembly_seconds"] + bare["set_up_seconds"] + solutions
 
 
 CASES = _cases()
