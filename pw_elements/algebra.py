@@ -23,7 +23,7 @@ from pw_elements.given import Problem
 from pw_elements.hybrid import FREE_PRESSURE, NOTHING, SubSpace, is_hybrid
 from pw_elements.iterative import Iterative, Solver, chosen
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
-from pw_elements.matrices import unbalanced
+from pw_elements.matrices import collect_garbage, unbalanced
 from pw_elements.reduction import Reduction
 
 __all__ = [
@@ -70,6 +70,8 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
         ready(krylov)
         solution, report = krylov.solve(load), krylov.report
         krylov.release()
+        del krylov
+        collect_garbage(K)
     else:
         matrix = reduction.matrix(K)
         prepared = factorise(matrix, solver=taken, reduction=reduction)

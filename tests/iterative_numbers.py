@@ -76,6 +76,9 @@ def nested():
     fine = solid.arguments("rough floor")
     (state,) = solve_contact(*fine, solver=Iterative(), start=coarse)
     numbers["nested"] = state.displacement.norm()
+    held = solid.foot()
+    numbers["of K"] = solve(solid.K, solid.pushed(), held, Iterative()).norm()
+    numbers["users of K"] = solid.K.getRefCount()  # solvers have let go of it
 
 
 def two_bodies(case):
