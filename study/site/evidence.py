@@ -6,6 +6,7 @@ results and judged claims.
 """
 
 import html
+import math
 import re
 import shutil
 import tomllib
@@ -20,7 +21,9 @@ from study.core.sources import source
 from study.core.store import MissingResult, Results, StudyError
 from study.judge import claims as judged
 from study.paper.items import ITEMS, TITLES, Item
+from study.report.numbers import short
 from study.report.texts import Texts, names_section, provenance
+from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -83,10 +86,17 @@ class _Sheets(Texts):
             "table": self._table,
         }
         self.environment.globals |= words
+        filters: dict[str, Callable[..., Markup]] = {
+            "typeset": typeset,
+            "relation": _relation,
+            "computed": _computed,
+        }
+        self.environment.filters |= filters
 
     def sheet(self, section: str) -> str:
         """Return the page of a section."""
-        head = [f"# {section}: {title(section)}", self._facts(section)]
+        name = re.sub(r"\b([A-Z])_(\w+)", r"\1{sub}`\2`", title(section))
+        head = [f"# {section}: {name}", self._facts(section)]
         try:
             body = self.render(f"sections/{section}.html")
         except MissingResult as missing:
@@ -165,7 +175,7 @@ class _Sheets(Texts):
             raise StudyError(f"sheets.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])
         assert path is not None
-        rows = [(part.capitalize(), html.escape(sheet[part])) for part in PARTS if part in sheet]
+        rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [
             ("Computed in", f"<code>{path.relative_to(ROOT).as_posix()}</code>"),
             ("Command", f"<code>./run study {section}</code>"),
@@ -195,6 +205,52 @@ class _Sheets(Texts):
             "drawn": name,
             "alt": self.figures[name]["alt"] if name else "",
         }
+
+
+_KEYS = re.compile(rf"\b(?:{'|'.join(sorted(ELEMENTS, key=len, reverse=True))})\b(?!-)")
+_LETTERS = {"nu": "ν", "mu": "μ", "omega": "ω", "rho": "ρ", "lambda": "λ", "sigma": "σ", "eps": "ε"}
+_SIGNS = (
+    (r"&lt;=", "≤"),
+    (r"&gt;=", "≥"),
+    (r"\bsqrt\(", "√("),
+    (r"(?<=\d) x (?=\d)", " × "),
+    (r"(?<=\d) - (?=\w)", " \N{MINUS SIGN} "),
+    (r"\btan a\b", "tan α"),
+    (rf"\b({'|'.join(_LETTERS)})\b", lambda found: _LETTERS[found[1]]),
+    (r"\^T\b", "<sup>T</sup>"),
+    (r"\b([HL])([12])\b", r"\1<sup>\2</sup>"),
+    (r"\bp0\b", "p<sub>0</sub>"),
+    (r"\b([A-Z])_(\w+)", r"\1<sub>\2</sub>"),
+)
+
+
+def typeset(text: str) -> Markup:
+    """Return plain text as a page has it: mathematics as such, and names for elements' keys."""
+    made = _KEYS.sub(lambda found: ELEMENTS[found[0]].name, html.escape(text, quote=False))
+    for pattern, sign in _SIGNS:
+        made = re.sub(pattern, sign, made)
+    return Markup(made)
+
+
+def _relation(sign: str) -> Markup:
+    """Return the sign before a reference; none says that it is to be met."""
+    return Markup("" if sign == "=" else typeset(f"{sign} "))
+
+
+def _computed(row: dict[str, Any]) -> Markup:
+    """Return a judged number with the digits that its comparison needs."""
+    value, wanted, tol = row["measured"], row["value"], row["tol"]
+    if row["relation"] != "=" or None in (value, wanted) or not tol:
+        return short(value, 4)
+    return short(value, _digits(value, tol))
+
+
+def _digits(value: float, tol: float) -> int:
+    """Return how many significant digits of a number end one place below a tolerance's first."""
+    if not value:
+        return 2
+    above = math.floor(math.log10(abs(value))) - math.floor(math.log10(tol))
+    return min(max(2 + above, 2), 8)
 
 
 def _nothing(*names: str) -> Markup:
