@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 # What each sheet says at its head, in words
 SHEETS: dict[str, dict[str, str]] = tomllib.loads((HERE / "sheets.toml").read_text("utf-8"))
-PARTS = ("geometry", "material", "load", "reference", "uncertainty")
+PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
     "The paper's sections": [s for s in SECTIONS if s[0].isdigit() or s == "I"],
     "Verification": [s for s in SECTIONS if not s[0].isdigit() and s not in ("I", "P", "K")],
@@ -52,6 +52,7 @@ def write(results: Results, source_folder: Path) -> list[str]:
         (pages / f"{section}.md").write_text(texts.sheet(section), encoding="utf-8")
     (pages / "figures-and-tables.md").write_text(texts.items(stored), encoding="utf-8")
     (pages / "claims.md").write_text(texts.all_claims(stored), encoding="utf-8")
+    (pages / "paper.md").write_text(texts.paper(), encoding="utf-8")
     (pages / "index.md").write_text(texts.index(stored), encoding="utf-8")
     which = source_folder / "which-way.md"
     which.write_text(which.read_text("utf-8") + "\n" + texts.decision(), encoding="utf-8")
@@ -84,6 +85,7 @@ class _Sheets(Texts):
             "ref": _nothing,
             "cite": _nothing,
             "table": self._table,
+            "claims_table": self.claims_table,
         }
         self.environment.globals |= words
         filters: dict[str, Callable[..., Markup]] = {
@@ -104,7 +106,10 @@ class _Sheets(Texts):
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
         mine = [n for n, entry in self.figures.items() if entry["section"] == section]
         rest = Markup().join(self.figure(n) for n in mine if f'id="{n}"' not in body)
-        return "\n\n".join([*head, _as_markdown(body + rest), self._data(section)]) + "\n"
+        return (
+            "\n\n".join([*head, _as_markdown(_linked(body + rest, section)), self._data(section)])
+            + "\n"
+        )
 
     def figure(self, name: str) -> Markup:
         """Return a figure, whose file lies beside the pages."""
@@ -117,10 +122,13 @@ class _Sheets(Texts):
         entry["narrow_uri"] = f"{folder}/{name}.narrow.svg" if "narrow" in entry else None
         return self.render("figure.html", name=name, figure=entry, label=_label(name))
 
-    def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
-        """Return the quantities of a sheet, with reference, error and tolerance."""
+    def claims_table(self, rows: list[dict[str, Any]]) -> Markup:
+        """Return the quantities of a sheet, with reference, error and tolerance.
+
+        Pins are left out unless they differ.
+        """
         shown = [row for row in rows if row["kind"] != "pin" or row["differs"]]
-        return self.render("quantities.html", rows=shown, reasons=reasons) if shown else Markup()
+        return self.render("quantities.html", rows=shown) if shown else Markup()
 
     def all_claims(self, sections: list[str]) -> str:
         """Return the page of all claims and findings."""
@@ -144,6 +152,16 @@ class _Sheets(Texts):
             parts += [f"## {head}", _raw(self.render("items.html", rows=mine, kind=kind))]
         return "\n\n".join(parts) + "\n"
 
+    def paper(self) -> str:
+        """Return the page of what the paper is about and what of it holds."""
+        parts = ["# The paper, and what of it holds"]
+        for name in ("introduction", "conclusions"):
+            try:
+                parts.append(_as_markdown(_linked(self.render(f"sections/{name}.html"))))
+            except MissingResult as missing:
+                self.incomplete.append(f"{name}: {missing}")
+        return "\n\n".join(parts) + "\n"
+
     def index(self, sections: list[str]) -> str:
         """Return the page that lists all sheets."""
         parts = ["# Evidence", (HERE / "evidence.md").read_text("utf-8")]
@@ -152,7 +170,7 @@ class _Sheets(Texts):
             parts += [f"## {group}", _raw(self.render("sheets.html", rows=rows))]
         cases = [case for section in sections for case in self.results.section(section)]
         parts.append(f"## Computed with\n\n{_raw(self.render('origin.html', **provenance(cases)))}")
-        tree = "\n".join(["claims", "figures-and-tables", *sections])
+        tree = "\n".join(["paper", "claims", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{tree}\n```")
         return "\n\n".join(parts) + "\n"
 
@@ -279,6 +297,25 @@ def _shows(name: str, item: Item) -> bool:
     if not match or match[1] != item.kind[:3]:
         return False
     return int(match[2]) <= int(item.number) <= int(match[3] or match[2])
+
+
+_SECTION = rf"(?:{'|'.join(re.escape(one) for one in sorted(SECTIONS, key=len, reverse=True))})"
+_ONE = re.compile(rf"{_SECTION}(?![.\w])")
+_NAMED = re.compile(rf"\bsections? {_SECTION}\b(?:(?:, | and | to ){_SECTION}\b)*")
+
+
+def _linked(body: str, own: str = "") -> str:
+    """Make links of the sections that a text names, but for the page's own."""
+
+    def link(found: re.Match[str]) -> str:
+        return found[0] if found[0] == own else f'<a href="{found[0]}.html">{found[0]}</a>'
+
+    def links(found: re.Match[str]) -> str:
+        word, _, names = found[0].partition(" ")
+        return f"{word} {_ONE.sub(link, names)}"
+
+    parts = re.split(r"(<a .*?</a>|<[^>]*>)", body, flags=re.DOTALL)
+    return "".join(part if part.startswith("<") else _NAMED.sub(links, part) for part in parts)
 
 
 def _as_markdown(body: str) -> str:
