@@ -33,13 +33,13 @@ def draw(results: Results) -> Figure:
     ends.axhline(0, color=SUM, lw=0.7, zorder=0)
     ends.set(xlabel="elements over the height", ylabel="moment, $10^{-6}$ of magnitudes")
     ends.legend()
-    for label, n, values, color, marker in (
+    for label, sizes, values, color, marker in (
         ("punch, far from supports' ends", SIZES, series("_far"), FAR, "s"),
         ("smooth", SIZES, series("", SMOOTH), *_look("pw-T6")),
         ("smooth, loads at nodes", SIZES, series("_at_nodes", SMOOTH), NODES, "x"),
         ("smooth, in space", SPACE_SIZES, series("", SPACE, SPACE_SIZES), *_look("pw-T10")),
     ):
-        orders.loglog(n, np.abs(values), color=color, marker=marker, label=label)
+        orders.loglog(sizes, np.abs(values), color=color, marker=marker, label=label)
     for order, at in ((2, 1.2e-4), (4, 4e-8)):
         n = np.array([20.0, 50.0])
         line = at * (n / n[0]) ** -order
