@@ -58,7 +58,8 @@ class ContactFields:
         traction: vector, the tangential force of the surface on the body over the area that
             `pressure` has.
         surfaces: of each pair, areas being of what faces a deformable one; none without the body.
-        opposite: of each pair, what it faces where that is deformable, else None.
+        opposite: of each pair, what it faces where that is deformable, else None; `seen` of it has
+            the same results as arrays on every process.
         body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
             of others. Where materials meet it is that of either side.
         hybrid: trial space of hybrid bodies.
@@ -166,9 +167,9 @@ class ContactFields:
             (self.gap, seen.mean(seen.gap)),
             (self.status, seen.status),
             (self.slip, -seen.mean(seen.slip)),
-            (self.pressure, seen.over(seen.pressed, seen.area)),
-            (self.tributary_pressure, seen.over(seen.pressed, seen.tributary)),
-            (self.traction, seen.over(seen.pulled, seen.area)),
+            (self.pressure, seen.pressure),
+            (self.tributary_pressure, seen.tributary_pressure),
+            (self.traction, seen.traction),
         ):
             if out is not None:
                 out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]

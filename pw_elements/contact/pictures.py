@@ -143,9 +143,8 @@ class _Side:
         if other is None or other.surface is None:
             raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
         seen = other.seen(pair)
-        pressure, traction = (seen.over(force, seen.area) for force in (seen.pressed, seen.pulled))
         friction = seen.mean(seen.friction)
-        return cls(other.surface, other.normal, friction, seen.status, pressure, traction)
+        return cls(other.surface, other.normal, friction, seen.status, seen.pressure, seen.traction)
 
 
 def _line(axes: Axes, side: _Side, along: int | None) -> None:

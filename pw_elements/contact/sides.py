@@ -96,8 +96,22 @@ class Seen:
         """Of most of what each node faces."""
         return self.statuses.argmax(axis=1).astype(np.int8)
 
-    def over(self, force: Array, area: Array) -> Array:
-        """Forces (n,) or (n, dim) over areas; NaN where too little of these faces a closed pair."""
+    @property
+    def pressure(self) -> Array:
+        """By measure 2, (n,); NaN where too little of a node's area faces a pair that is closed."""
+        return self._over(self.pressed, self.area)
+
+    @property
+    def tributary_pressure(self) -> Array:
+        """By measure 3, (n,), likewise."""
+        return self._over(self.pressed, self.tributary)
+
+    @property
+    def traction(self) -> Array:
+        """Tangential, (n, dim), likewise."""
+        return self._over(self.pulled, self.area)
+
+    def _over(self, force: Array, area: Array) -> Array:
         closed = np.delete(self.statuses, OPEN, axis=1).any(axis=1)
         over = np.where(closed, np.where(self.share < _TRUSTED, np.nan, area), np.inf)
         return np.asarray((force.T / over).T)
