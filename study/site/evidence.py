@@ -194,13 +194,14 @@ class _Sheets(Texts):
             raise StudyError(f"sheets.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])
         assert path is not None
+        cases = len(self.results.cases(section))
         rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [
-            ("Computed in", f"<code>{path.relative_to(ROOT).as_posix()}</code>"),
-            ("Command", f"<code>./run study {section}</code>"),
-            ("Data", f'<a href="#data">{len(self.results.cases(section))} results</a>'),
+            ("Computed in", Markup("<code>{}</code>").format(path.relative_to(ROOT).as_posix())),
+            ("Command", Markup("<code>./run study {}</code>").format(section)),
+            ("Data", Markup('<a href="#data">{} results</a>').format(cases)),
         ]
-        return _raw(self.render("facts.html", rows=[(a, Markup(b)) for a, b in rows]))
+        return _raw(self.render("facts.html", rows=rows))
 
     def _data(self, section: str) -> str:
         page = self.render("data.html", section=section, cases=self.results.section(section))
