@@ -23,6 +23,7 @@ from study.judge import claims as judged
 from study.paper.items import ITEMS, TITLES, Item
 from study.report.numbers import short
 from study.report.texts import Texts, names_section, provenance
+from study.site import mathematics
 from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
@@ -97,7 +98,7 @@ class _Sheets(Texts):
 
     def sheet(self, section: str) -> str:
         """Return the page of a section."""
-        name = re.sub(r"\b([A-Z])_(\w+)", r"\1{sub}`\2`", title(section))
+        name = mathematics.typeset(title(section), "{{sub}}`{}`")
         head = [f"# {section}: {name}", self._facts(section)]
         try:
             body = self.render(f"sections/{section}.html")
@@ -193,13 +194,14 @@ class _Sheets(Texts):
             raise StudyError(f"sheets.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])
         assert path is not None
+        cases = len(self.results.cases(section))
         rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [
-            ("Computed in", f"<code>{path.relative_to(ROOT).as_posix()}</code>"),
-            ("Command", f"<code>./run study {section}</code>"),
-            ("Data", f'<a href="#data">{len(self.results.cases(section))} results</a>'),
+            ("Computed in", Markup("<code>{}</code>").format(path.relative_to(ROOT).as_posix())),
+            ("Command", Markup("<code>./run study {}</code>").format(section)),
+            ("Data", Markup('<a href="#data">{} results</a>').format(cases)),
         ]
-        return _raw(self.render("facts.html", rows=[(a, Markup(b)) for a, b in rows]))
+        return _raw(self.render("facts.html", rows=rows))
 
     def _data(self, section: str) -> str:
         page = self.render("data.html", section=section, cases=self.results.section(section))
@@ -226,28 +228,12 @@ class _Sheets(Texts):
 
 
 _KEYS = re.compile(rf"\b(?:{'|'.join(sorted(ELEMENTS, key=len, reverse=True))})\b(?!-)")
-_LETTERS = {"nu": "ν", "mu": "μ", "omega": "ω", "rho": "ρ", "lambda": "λ", "sigma": "σ", "eps": "ε"}
-_SIGNS = (
-    (r"&lt;=", "≤"),
-    (r"&gt;=", "≥"),
-    (r"\bsqrt\(", "√("),
-    (r"(?<=\d) x (?=\d)", " × "),
-    (r"(?<=\d) - (?=\w)", " \N{MINUS SIGN} "),
-    (r"\btan a\b", "tan α"),
-    (rf"\b({'|'.join(_LETTERS)})\b", lambda found: _LETTERS[found[1]]),
-    (r"\^T\b", "<sup>T</sup>"),
-    (r"\b([HL])([12])\b", r"\1<sup>\2</sup>"),
-    (r"\bp0\b", "p<sub>0</sub>"),
-    (r"\b([A-Z])_(\w+)", r"\1<sub>\2</sub>"),
-)
 
 
 def typeset(text: str) -> Markup:
     """Return plain text as a page has it: mathematics as such, and names for elements' keys."""
-    made = _KEYS.sub(lambda found: ELEMENTS[found[0]].name, html.escape(text, quote=False))
-    for pattern, sign in _SIGNS:
-        made = re.sub(pattern, sign, made)
-    return Markup(made)
+    named = _KEYS.sub(lambda found: ELEMENTS[found[0]].name, html.escape(text, quote=False))
+    return Markup(mathematics.typeset(named))
 
 
 def _relation(sign: str) -> Markup:
