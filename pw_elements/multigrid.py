@@ -20,8 +20,8 @@ from pw_elements.ties import Ties
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Part of the held nodes whose change is worth a new coarse level
-_RENEWED = 0.1
+# Part of the held nodes whose change is worth a new coarse level, and new aggregates below it
+_RENEWED, _AGGREGATED = 0.1, 0.5
 # Change of a projector that counts: open to closed is one
 _TURNED = 0.3
 
@@ -101,7 +101,8 @@ class Multigrid:
         self._smoother = _NodeBlocks(self.blocked, self._block)
         self._linear = LinearLevel(K, supports, self._projection)
         self._smoother.update(self._projection, *self._linear.carried())
-        self._held_before: Array | None = None
+        self._held_before: Array | None = None  # when the coarse level was made
+        self._aggregated: Array | None = None  # and when aggregates below it were
         self._coarse: PETSc.Mat | None = None
         self._preconditioner: PETSc.PC | None = None
         self._estimated = False
@@ -166,17 +167,24 @@ class Multigrid:
         if self._masked.ties:
             self._masked.ties.hold(held)
         first = self._held_before is None
-        before = np.zeros_like(held) if self._held_before is None else self._held_before
+        if self._held_before is None or self._aggregated is None:
+            self._held_before = self._aggregated = np.zeros_like(held)
         some = np.abs(held).max(axis=(1, 2), initial=0.0) > 0
-        other = np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
-        counts = np.array([some.sum(), other.sum()])
+        since, other = (
+            np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
+            for before in (self._aggregated, self._held_before)
+        )
+        counts = np.array([some.sum(), other.sum(), since.sum()])
         self.blocked.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         self._linear.watch(nodes)
         self._smoother.update(self._projection, *self._linear.carried())
         if first or counts[1] > _RENEWED * counts[0]:
             self._held_before = held
             self._linear.hold(nodes, held, weight)
-            self._forget(first)
+            anew = first or counts[2] > _AGGREGATED * counts[0] or not self._linear.keeps_pattern
+            if anew:
+                self._aggregated = held
+            self._forget(hierarchy=anew)
         self.ready()
 
     def release(self) -> None:
@@ -188,11 +196,9 @@ class Multigrid:
     def _forget(self, hierarchy: bool) -> None:
         """Has the coarse level made anew.
 
-        The hierarchy below keeps its aggregates and gets new matrices only, which is cheaper,
-        unless it is to be forgotten, or the coarse matrix changes its pattern.
+        The hierarchy below it is forgotten, too, or keeps its aggregates, which is cheaper.
         """
-        forgotten = hierarchy or not self._linear.keeps_pattern
-        if forgotten and self._coarse is not None and self._preconditioner is not None:
+        if hierarchy and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
         self._coarse = None
         collect_garbage(self.blocked)
