@@ -14,7 +14,7 @@ from study.core.cases import SECTIONS
 from study.core.store import CorruptResult, MissingResult, Results, StudyError, write_whole
 from study.judge import claims as judged
 from study.report import numbers
-from study.report.texts import HERE, Texts, counts, provenance, with_readings
+from study.report.texts import HERE, Texts, counts, mathematics, provenance, with_readings
 from study.vocabulary import ELEMENTS
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ PARTS = (
     ("7.6", "section", "Buckling of a beam (7.6)"),
     ("beyond", "chapter", "Beyond the paper"),
     ("bodies", "section", "Two deformable bodies"),
-    ("space", "section", "Contact and friction in space"),
+    ("space", "section", "Contact and friction in three dimensions"),
     ("friction", "section", "Friction: four benchmarks"),
     ("impact", "section", "Dynamics and impact"),
     ("fluxes", "section", "Fluxes"),
@@ -187,7 +187,7 @@ class _Paper(Texts):
             "paper/table.html",
             name=name,
             label=f"Table {self._next('table', name)}{paper}",
-            caption=caption,
+            caption=mathematics(caption),
             rows=caller(),
             long=long,
         )
