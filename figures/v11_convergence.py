@@ -39,7 +39,8 @@ def draw(results: Results) -> Figure:
     axes[2].set(xscale="log", xlabel="slave's edge over master's")
     axes[2].set_xticks(RATIOS, ["1/2", "1", "2"], minor=False)
     axes[2].minorticks_off()
-    axes[2].set_title("(c) least master force / mean", fontsize=8)
+    axes[2].set_title("(c) ratio of the meshes", fontsize=8)
+    axes[2].set_ylabel("least master force / mean")
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return fig
 

@@ -25,9 +25,11 @@ def draw(results: Results) -> Figure:
         axes[1].plot(curves["x"], curves["force"], **LOOK[element] | {"linewidth": 0.8})
         corrections = curves["corrections"]
         axes[2].semilogy(np.arange(1, len(corrections) + 1), corrections, **LOOK[element])
-    axes[1].set(title="(b) nodal force / mean", xlabel="$x$", ylim=(0, None))
+    axes[1].set(title="(b) below the punch", xlabel="$x$", ylim=(0, None))
+    axes[1].set_ylabel("nodal force / mean")
     axes[1].legend(loc="lower center", fontsize=6.5)
-    axes[2].set(title="(c) Newton's corrections", xlabel="iteration")
+    axes[2].set(title="(c) Newton's method", xlabel="iteration")
+    axes[2].set_ylabel("correction / displacement")
     return fig
 
 

@@ -31,7 +31,7 @@ def draw(results: Results) -> Figure:
     axes[0].set_ylabel("pressure / exact peak")
     for ax in axes:
         ax.set_xlabel("$x/a$" if ax in axes[:2] else "$r/a$")
-    axes[0].legend(loc="lower left", fontsize=7)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return fig
 
 

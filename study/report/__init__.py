@@ -50,6 +50,7 @@ PARTS = (
 # Sections of the paper whose statements are listed with its examples; the others' come before
 HOMES = ("3", "4", "5", "6", "7.1", "7.2", "7.3", "7.4", "7.5", "7.6")
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text())
+BREAK = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
 ROUND_OFF = 1e-9  # what a statement's number is away from a whole one without saying so
 
 
@@ -249,7 +250,8 @@ class _Paper(Texts):
     def _body(self, name: str) -> Markup:
         before = dict(self.numbers)
         try:
-            return self.render(f"paper/{name}.html")
+            body = self.render(f"paper/{name}.html")
+            return Markup(re.sub(BREAK, numbers.THIN, body))
         except MissingResult as missing:
             self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
