@@ -23,7 +23,8 @@ matrix of the weights over the part of the sub-facet that faces the master and D
 all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
 Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
 flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
-and displacements are the quadratic functions. Gaps that meshes of one curved surface leave are as
+and displacements are the quadratic functions: measures, and so pressures, are of second order,
+on cylinders and spheres alike. Gaps that meshes of one curved surface leave are as
 large as the elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
 
 What is not: psi is negative in places, so that the master's nodal forces need not have one sign
@@ -45,10 +46,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.contact.interface import DEFORMABLE, Points
 from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.overlap import Overlap, overlaps
 from pw_elements.contact.pairs import DeformableSurface
+from pw_elements.contact.points import DEFORMABLE, Points
 from pw_elements.contact.trace import facets_of, gathered_trace
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
