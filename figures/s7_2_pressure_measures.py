@@ -20,7 +20,7 @@ PANELS = {
 
 def draw(results: Results) -> Figure:
     """One panel a measure."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 1.95), sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 1.85), sharey=True)
     for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
         for element in ELEMENTS:
             curves = results.curves(f"7.2/{element}")

@@ -14,7 +14,7 @@ from study.core.cases import SECTIONS
 from study.core.store import CorruptResult, MissingResult, Results, StudyError, write_whole
 from study.judge import claims as judged
 from study.report import numbers
-from study.report.texts import HERE, Texts, counts, mathematics, provenance, with_readings
+from study.report.texts import HERE, Texts, counts, italics, provenance, with_readings
 from study.vocabulary import ELEMENTS
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ class _Paper(Texts):
             "paper/table.html",
             name=name,
             label=f"Table {self._next('table', name)}{paper}",
-            caption=mathematics(caption),
+            caption=italics(caption),
             rows=caller(),
             long=long,
         )

@@ -58,7 +58,7 @@ class Texts:
             "count": numbers.count,
             "most": numbers.most,
             "least": numbers.least,
-            "mathematics": mathematics,
+            "italics": italics,
         }
         self.environment.filters |= words
         self.environment.globals |= words | {
@@ -118,7 +118,7 @@ def load_figures(results: Results) -> dict[str, dict[str, Any]]:
         raise CorruptResult(f"{folder / 'index.json'} cannot be used ({error}): {remedy}") from None
 
 
-def mathematics(text: str) -> Markup:
+def italics(text: str) -> Markup:
     """Write a plain text, such as a caption, with its symbols in italics, matrices bold, too."""
     safe = MATRIX.sub(r"<b><i>\1</i></b>", str(Markup.escape(text)))
     return Markup(SYMBOL.sub(r"<i>\1</i>", safe))
