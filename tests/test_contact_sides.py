@@ -234,6 +234,17 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
             ContactFields.of(state, of).fill(other)
 
 
+def test_areas_that_are_not_revolved_are_named():
+    stack = Stack((4, 7), state="axisymmetric")
+    pair = stack.pair()
+    flat = replace(pair, surface=replace(pair.surface, revolved=False))
+    supports = moved_top(stack, [0.0, -0.01])
+    (state,) = solve_contact(stack.K, stack.K.createVecLeft(), supports, flat, stack.space)
+    ContactFields.of(state, stack.space)
+    with pytest.raises(ValueError, match="to be revolved=True in axisymmetry"):
+        ContactFields.of(state, stack.body)
+
+
 def test_files_and_other_solvers_give_the_same(tmp_path):
     stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83))
     problem, state = skewed(stack, 0.2)

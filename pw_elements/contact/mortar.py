@@ -41,16 +41,19 @@ import logging
 from dataclasses import dataclass
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from dolfinx import fem
 
 from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.overlap import Overlap, overlaps
 from pw_elements.contact.pairs import DeformableSurface
 from pw_elements.contact.points import DEFORMABLE, Points
 from pw_elements.contact.trace import facets_of, gathered_trace
+from pw_elements.hybrid import is_hybrid
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
 
@@ -82,6 +85,24 @@ class InitialGap:
     def normal(self, x: Array) -> Array:  # noqa: ARG002
         """Averaged normals (m, dim), out of the master, wherever the points are."""
         return self.direction
+
+
+def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a stiffness (n, n) that is known to be tested with other weights.
+
+    They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
+    """
+    form = K.getAttr("form")
+    if form is None:
+        return
+    test = form.function_spaces[0]
+    element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
+    quarter = np.eye(1, space.mesh.topology.dim) / 4
+    if K.getAttr("sibling") is not None or element.tabulate(0, quarter).min() < -0.1:
+        raise ValueError(
+            "a deformable surface hands on forces of piecewise-linear weights, with which the "
+            "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"
+        )
 
 
 def mortar_points(
