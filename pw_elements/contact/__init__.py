@@ -44,10 +44,10 @@ from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.pictures import draw_surface, plot
 from pw_elements.contact.polyline import Polyline
+from pw_elements.contact.problem import ContactProblem
 from pw_elements.contact.progress import Progress
 from pw_elements.contact.series import write
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
-from pw_elements.contact.stepping import ContactProblem
 from pw_elements.contact.surfaces import (
     FlatPunch,
     Parabola,
