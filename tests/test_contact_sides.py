@@ -234,6 +234,48 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
             ContactFields.of(state, of).fill(other)
 
 
+def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
+    """Slave below and master above, with friction that holds bodies 2 and 3."""
+    levels = [
+        create_rectangle(MPI.COMM_SELF, [(0.0, k), (1.0, k + 1.0)], (n, 3), CellType.triangle)
+        for k, n in enumerate((4, 7, 5))
+    ]
+    mesh = joined(joined(levels[0], levels[1]), levels[2])
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "plane strain")
+    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    middle = space.tabulate_dof_coordinates()[space.dofmap.list].mean(axis=1)[:, 1]
+    faces = {}
+    for height in (1.0, 2.0):
+        facets = exterior_facets(mesh, at(1, height))
+        behind = mesh.topology.connectivity(1, 2)
+        above = np.array([middle[behind.links(f)[0]] > height for f in facets])
+        faces[height] = facets[~above], facets[above]
+    sides = [[np.unique(gathered_trace(space, f).node) for f in faces[h]] for h in (1.0, 2.0)]
+    pairs = [
+        ContactPair(sides[k][1].astype(np.int32), DeformableSurface(faces[k + 1.0][0]), 0.3)
+        for k in range(2)
+    ]
+    top = boundary_measure(mesh, at(1, 3.0))
+    load = assemble_vector(body.surface_load((0.0, -PRESSURE), top))
+    held = [prescribe(space, i, at(i, 0.0)) for i in range(2)]
+    (state,) = solve_contact(K, load, Reduction.dirichlet(space, held), pairs, space)
+    fields = ContactFields.of(state, body)
+    for nodes in (nodes for of in sides for nodes in of):
+        assert values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
+        assert (values(fields.status, nodes) == STICK).all()
+
+
+def test_areas_that_are_not_revolved_are_named():
+    stack = Stack((4, 7), state="axisymmetric")
+    pair = stack.pair()
+    flat = replace(pair, surface=replace(pair.surface, revolved=False))
+    supports = moved_top(stack, [0.0, -0.01])
+    (state,) = solve_contact(stack.K, stack.K.createVecLeft(), supports, flat, stack.space)
+    ContactFields.of(state, stack.space)
+    with pytest.raises(ValueError, match="to be revolved=True in axisymmetry"):
+        ContactFields.of(state, stack.body)
+
+
 def test_files_and_other_solvers_give_the_same(tmp_path):
     stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83))
     problem, state = skewed(stack, 0.2)

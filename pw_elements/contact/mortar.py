@@ -5,15 +5,22 @@ both, N the quadratic trial functions, and psi the duals of the slave's weights,
 
     integral of psi_j w_i over the slave's face = delta_ij A_j,     A_j = integral of w_j,
 
-the contact pressure is p = sum p_j psi_j and the law is stated node by node on r_j = A_j p_j, a
-force, and on the mean gap
+body 2 acts on body 1 by the traction t = sum t_j psi_j, and body 1 on body 2 by -t at the place
+across. Tested with the weights v of both bodies these tractions do the work
 
-    g_j = integral of w_j n_j·(x_1 + u_1 - x_2 - u_2) / A_j,        n_j out of the master.
+    integral of t·(v_1 - v_2) = sum over j of t_j·(A_j v_1j - sum over k of M_jk v_2k),
 
-Equilibrium tests the contact traction with the weights: r_j enters the equations of slave node j
-and, less sums of M_jk / A_j with M_jk = integral of psi_j w_k, those of the master's nodes k. So H
-has the unit in a point's own equation, as for matching nodes; and forces, gaps and slips have the
-scales of nodal ones, A_j being the node's own area.
+M_jk = integral of psi_j w_k. So r_j = A_j t_j, a force, is all that slave node j gets, and the
+master's nodes k get - M_jk r_j / A_j. Pressure p_j = n_j·t_j and gap have the same normal, which is
+the slave's averaged one turned inwards: n_j points out of the master, p_j presses the slave along
+it, and the mean gap
+
+    g_j = integral of w_j n_j·(x_1 + u_1 - x_2 - u_2) / A_j
+
+is positive where the bodies are apart. The multiplier p_j is a pressure and the integral a length
+times an area; the law is stated node by node on p_j A_j and g_j, which have the scales of nodal
+forces and gaps, as A_j is the node's own area. H has the unit in a point's own equation, as for
+matching nodes; it is not G^T, for tractions are weighted with duals and gaps with weights.
 
 What is exact: H hands on the force, for sum w_k = 1, and the moment of a closed gap, for the
 weights reproduce positions on straight sub-facets; across a gap g friction t leaves a moment g t.
@@ -23,15 +30,15 @@ matrix of the weights over the part of the sub-facet that faces the master and D
 all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
 Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
 flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
-and displacements are the quadratic functions: measures, and so pressures, are of second order,
-on cylinders and spheres alike. Gaps that meshes of one curved surface leave are as
-large as the elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
+and displacements are the quadratic functions: measures, and so pressures, are of second order, on
+cylinders and spheres alike. Gaps that meshes of one curved surface leave are as large as the
+elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
 
 What is not: psi is negative in places, so that the master's nodal forces need not have one sign
 where neighbouring p_j differ by more than a factor of two, next to the edge of contact above all,
 and the more the coarser the slave is. Small sliding: who faces whom, and along which averaged
-normal of the slave, is settled on the undeformed bodies. Where next to
-nothing of a sub-facet is covered, a node's force is right, but not its quotient by the area.
+normal of the slave, is settled on the undeformed bodies. Where next to nothing of a sub-facet is
+covered, a node's force is right, but not its quotient by the area.
 
 The duals of straight sub-edges and flat sub-triangles that are covered all are 3 w - 1 and
 4 w - 1 (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
@@ -41,16 +48,19 @@ import logging
 from dataclasses import dataclass
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from dolfinx import fem
 
 from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.overlap import Overlap, overlaps
 from pw_elements.contact.pairs import DeformableSurface
 from pw_elements.contact.points import DEFORMABLE, Points
 from pw_elements.contact.trace import facets_of, gathered_trace
+from pw_elements.hybrid import is_hybrid
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
 
@@ -82,6 +92,24 @@ class InitialGap:
     def normal(self, x: Array) -> Array:  # noqa: ARG002
         """Averaged normals (m, dim), out of the master, wherever the points are."""
         return self.direction
+
+
+def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a stiffness (n, n) that is known to be tested with other weights.
+
+    They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
+    """
+    form = K.getAttr("form")
+    if form is None:
+        return
+    test = form.function_spaces[0]
+    element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
+    quarter = np.eye(1, space.mesh.topology.dim) / 4
+    if K.getAttr("sibling") is not None or element.tabulate(0, quarter).min() < -0.1:
+        raise ValueError(
+            "a deformable surface hands on forces of piecewise-linear weights, with which the "
+            "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"
+        )
 
 
 def mortar_points(
