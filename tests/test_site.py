@@ -25,6 +25,7 @@ NAMES = [
 ]
 # Names that say of themselves all that there is to say
 PLAIN = {*reference.CONSTANTS}
+RENAMED = {"shape"}
 MAIN = [
     "pw_elements.Spaces",
     "pw_elements.Body",
@@ -80,6 +81,21 @@ def test_every_page_says_what_its_thing_is_takes_and_refuses(full):
         assert "\nArgs:\n" in text
         told = text.partition("\nArgs:\n")[2]
         assert all(f"    {name}:" in told for name in inspect.signature(one).parameters)
+
+
+@pytest.mark.parametrize("full", reference.public())
+def test_methods_say_what_they_take(full):
+    one = thing(full)
+    if not inspect.isclass(one):
+        return
+    for name, member in vars(one).items():
+        method = member.__func__ if isinstance(member, classmethod) else member
+        if name.startswith("_") or not inspect.isfunction(method) or name in RENAMED:
+            continue
+        text = inspect.getdoc(method) or ""
+        taken = {*inspect.signature(method).parameters} - {"self", "cls"}
+        assert text, name
+        assert all(f"    {one}:" in text or f" {one} (n, " in text for one in taken), name
 
 
 @pytest.mark.parametrize("full", MAIN)

@@ -37,16 +37,14 @@ _STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 class ContactFields:
     """A state as functions: vectors in the trial space, scalars in the space of its components.
 
-    What lives on the contact surface is zero elsewhere, except for the gap, which is NaN: zero
-    would be contact. ParaView draws NaN in a colour of its own and leaves it out of ranges. Where
-    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors;
-    a deformable surface has its nodal forces, all else is stated at the nodes of the pair.
+    Fields of the contact surface are zero elsewhere, except for the gap, which is NaN, because zero
+    would mean contact. ParaView shows NaN in a separate colour. Where nodes match, the opposite
+    nodes have the same scalars and opposite vectors; a deformable surface has its nodal forces.
 
-    Pressures are forces over areas and need the body (thickness, circumference), see
-    `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
-    is given. They are nodal values: interpolated by the *test* functions, linearly between nodes
-    where the weights are, their integral over the surface is the total force. These functions
-    interpolate by the trial functions, and their integrals are near it.
+    Pressures are forces over areas and need the body; they are None if only the space is given.
+    `recovery.SurfaceNodes` explains the measures of pressure. These are nodal values: interpolated
+    by the *test* functions, they integrate to the total force. The functions here interpolate by
+    the trial functions, and their integrals are only close to it.
 
     Args:
         displacement: vector.
@@ -86,7 +84,7 @@ class ContactFields:
             body: whose contact it is; its trial space serves all but the pressures.
 
         Raises:
-            TypeError: for things of another kind.
+            TypeError: for arguments of the wrong type.
             ValueError: for a state of another space, or if pressures are asked for and a node
                 belongs to no facet that has all of its nodes in the pair.
         """
@@ -113,7 +111,10 @@ class ContactFields:
         return fields
 
     def fill(self, state: ContactState) -> None:
-        """Takes over the values of another state of the same problem.
+        """Updates the functions.
+
+        Args:
+            state: another one of the same problem.
 
         Raises:
             ValueError: for one of another space or other pairs.
@@ -143,7 +144,7 @@ class ContactFields:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
     def functions(self) -> list[fem.Function]:
-        """All of them."""
+        """All of these functions."""
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
 
 
@@ -153,22 +154,22 @@ def write(
     body: Body | fem.FunctionSpace,
     times: Sequence[float] | None = None,
 ) -> None:
-    """Writes all fields of states as a time series for ParaView, whole or not at all.
+    """Writes all fields of states as a time series for ParaView, completely or not at all.
 
         states = solve_contact(K, loads, supports, [floor, punch], U)
         write("punch.bp", states, body)
 
-    The file, a folder in truth, is in ADIOS2's VTX format, which keeps quadratic functions and
-    curved cells: open it by ParaView's "ADIOS2 VTX Reader". What is there by this name is replaced.
+    The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
+    curved cells: open it with ParaView's "ADIOS2 VTX Reader". Anything of this name is replaced.
 
     Args:
         path: ends in ".bp".
         states: of one problem, or one of them.
         body: see `ContactFields`; without pressures where it is the space.
-        times: of the states, increasing; their increments' numbers unless given.
+        times: of the states, increasing; by default their increments' numbers.
 
     Raises:
-        TypeError: for things of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for another ending, no states, times that do not increase or are not one per
             state, states of another space, and elements without quadratic Lagrange functions.
         RuntimeError: if DOLFINx has been built without ADIOS2.

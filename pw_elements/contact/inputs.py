@@ -39,7 +39,7 @@ def checked_problem(
     """The pairs of a problem, one or several.
 
     Raises:
-        TypeError: for arguments of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for what does not make one problem (see `given.Problem`), no iterations, or
             what differs between processes.
     """
@@ -95,7 +95,7 @@ def checked_paths(
     """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
 
     Raises:
-        TypeError: for what is no function of time.
+        TypeError: for anything but functions of time.
         ValueError: for another number than that of the pairs, or pairs of two bodies.
     """
     with collective(space.mesh.comm):
@@ -158,7 +158,7 @@ def checked_step(
         guess: to start from.
 
     Raises:
-        TypeError: for arguments of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for a load that is not finite or not of the problem, another number or
             dimension of motions, states of other pairs or that are not finite, or what differs
             between processes.
