@@ -188,7 +188,8 @@ class Body:
         if mesh.topology.dim != dimension:
             raise ValueError(
                 f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
-                "its nodes as many coordinates as its cells have dimensions"
+                "its nodes as many coordinates as its cells have dimensions (from Gmsh by "
+                f"from_gmsh(comm, source, dim={mesh.topology.dim}))"
             )
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
@@ -284,7 +285,11 @@ class Body:
 
         Args:
             u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+
+        Raises:
+            TypeError: for anything but such an expression.
         """
+        arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
         u, _ = self._split(u)
         plane = ufl.sym(ufl.grad(u))
         if self.state is not StressState.AXISYMMETRIC:
@@ -533,6 +538,10 @@ def prescribe(
     value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
     """Prescribes one displacement component at all nodes, mid-side ones too, that a marker selects.
+
+        held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
+
+    On tagged facets `fem.dirichletbc` prescribes, see the guide's page on meshes and tags.
 
     Args:
         space: trial space.

@@ -29,8 +29,8 @@ from pw_elements import (
     split,
     vibration_modes,
 )
+from pw_elements.choice import chosen
 from pw_elements.contact import ContactPair, Plane, solve_contact
-from pw_elements.iterative import chosen
 from tests.contact_cases import at
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

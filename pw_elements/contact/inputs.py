@@ -10,13 +10,14 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements import arguments
+from pw_elements.choice import chosen
 from pw_elements.collective import agree, collective
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
 from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.hybrid import is_hybrid
-from pw_elements.iterative import Iterative, Solver, chosen
+from pw_elements.iterative import Iterative, Solver
 from pw_elements.linear_solver import LinearSolver
 from pw_elements.reduction import Reduction
 from pw_elements.values import whole
@@ -70,8 +71,8 @@ def checked_problem(
     return stated
 
 
-def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Reduction]:
-    """The solver that is meant, and the reduction in the form in which it takes it.
+def solver_for(solver: Solver, reduction: Reduction) -> LinearSolver:
+    """The solver that is meant.
 
     Raises:
         ValueError: if an iterative solver does not serve the reduction.
@@ -80,11 +81,9 @@ def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Redu
     if reduction.space is not None and is_hybrid(reduction.space):
         why = "contact of hybrid bodies needs factors"
     taken = chosen(solver, reduction.supports, why)
-    if not isinstance(taken, Iterative):
-        return taken, reduction
-    if why:
+    if why and isinstance(taken, Iterative):
         raise ValueError(f"Iterative() knows contact of displacements alone, {why}: take Direct()")
-    return taken, reduction.masked()
+    return taken
 
 
 def checked_paths(
@@ -119,10 +118,8 @@ def checked_paths(
     return each
 
 
-def checked_remedies(
-    remedies: Collection[Remedy], space: fem.FunctionSpace, solver: Solver
-) -> tuple[Remedy, ...]:
-    """The remedies of a problem, less those that condense the body if its solver is iterative.
+def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:
+    """The remedies of a problem.
 
     Raises:
         ValueError: for one that there is not, or what differs between processes.
@@ -134,7 +131,7 @@ def checked_remedies(
                 f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
             )
     agree(space.mesh.comm, {"the remedies": each})
-    return tuple(one for one in each if one == "cutback" or not isinstance(solver, Iterative))
+    return each
 
 
 def checked_step(
