@@ -41,7 +41,7 @@ def checked_problem(
     """The pairs of a problem, one or several.
 
     Raises:
-        TypeError: for arguments of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for what does not make one problem (see `given.Problem` and, of two bodies,
             `mortar.check_weights`), no iterations, or what differs between processes.
     """
@@ -96,7 +96,7 @@ def checked_paths(
     """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
 
     Raises:
-        TypeError: for what is no function of time.
+        TypeError: for anything but functions of time.
         ValueError: for another number than that of the pairs, or pairs of two bodies.
     """
     with collective(space.mesh.comm):
@@ -157,7 +157,7 @@ def checked_step(
         guess: to start from.
 
     Raises:
-        TypeError: for arguments of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for a load that is not finite or not of the problem, another number or
             dimension of motions, states of other pairs or that are not finite, or what differs
             between processes.
