@@ -480,6 +480,28 @@ def test_a_body_held_by_nothing_is_named():
         )
 
 
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_friction_on_a_slave_that_is_moved_along_is_refused(cell):
+    """The law is not stated there: exchanged, the other body feels it."""
+    stack = Stack((3, 2), cell)
+    up = stack.up
+    moved = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
+    held = [prescribe(stack.space, i, at(up, 0.0)) for i in range(stack.dim)]
+    held += [prescribe(stack.space, i, at(up, 2.0), moved[i]) for i in range(stack.dim)]
+    for i in range(up):
+        part = stack.space.sub(i)
+        dofs = fem.locate_dofs_topological(part, up, stack.sides["upper"])
+        held.append(fem.dirichletbc(moved[i], dofs, part))
+    problem = stack.K, stack.K.createVecLeft(), Reduction.dirichlet(stack.space, held)
+    with pytest.raises(ValueError, match="would get no friction: exchange both sides"):
+        solve_contact(*problem, stack.pair("upper", 0.3), stack.space)
+    solve_contact(*problem, stack.pair("upper"), stack.space)
+    (state,) = solve_contact(*problem, stack.pair("lower", 0.3), stack.space)
+    (pair,) = state.pairs
+    assert pair.force[0] == pytest.approx(-0.3 * pair.force[up], rel=5e-3)
+    assert pair.opposite_force.sum(axis=0) == pytest.approx(-pair.force, rel=1e-9, abs=1e-12)
+
+
 def test_bodies_that_overlap_are_named():
     stack = Stack((3, 2), shape=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
     supports, load = moved_top(stack, [0.0, 0.0]), stack.K.createVecLeft()

@@ -65,6 +65,7 @@ from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 # Cosine up to which a normal is turned into a symmetry plane
 _NEARLY = 0.9
@@ -133,7 +134,7 @@ def mortar_points(
     Raises:
         ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
             has no facets, both parts share a node, no part of the pair's facets faces the
-            opposite part, or sides that are to coincide do not.
+            opposite part, friction at supports would be lost, or sides that are to coincide do not.
     """
     space, comm = body.space, body.space.mesh.comm
     own = node + np.int64(space.dofmap.index_map.local_range[0])
@@ -175,6 +176,13 @@ def mortar_points(
     motion = overlap.integrals(overlap.weight, at1, N1, (m, nodes))
     motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
     force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
+    meets = overlap.integrals(overlap.weight, at3, w2, (m, nodes))[:, other.nodes] > 0
+    lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
+    body.refuse(
+        node[faced & (friction > 0) & lone.any(axis=1)],
+        "have a prescribed displacement that none of the nodes which they face has, so that these "
+        "would get no friction: exchange both sides",
+    )
     into = -one.normals(own)
     into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
@@ -201,6 +209,16 @@ def mortar_points(
         other.nodes[by_position(at)],
     )
     return points, InitialGap(body.x[node], gap, into)
+
+
+def _prescribed(node: Indices, body: BodyNodes) -> npt.NDArray[np.bool_]:
+    """Which displacements (n, dim) of global nodes are, of whichever process."""
+    first, last = body.space.dofmap.index_map.local_range
+    mine = (node >= first) & (node < last)
+    held = np.zeros((len(node), body.x.shape[1]), dtype=np.int8)
+    held[mine] = body.column[node[mine] - first] == -1
+    body.space.mesh.comm.Allreduce(MPI.IN_PLACE, held, MPI.MAX)
+    return held > 0
 
 
 def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:

@@ -15,7 +15,7 @@ from pw_elements.contact.law import OPEN
 Array = npt.NDArray[np.float64]
 
 # Part of a node's area that has to face the other side for quotients by it. Where the pressure is
-# linear, they are off by up to 0.3 % at an eighth, 1 % at a twentieth, and 10 % at a 200th
+# linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
 TRUSTED = 0.1
 STATUSES = 3
 

@@ -123,7 +123,8 @@ def sides(
         whose: body, or space of the displacements.
 
     Raises:
-        ValueError: for a node that belongs to no facet that has all of its nodes in the pair.
+        ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
+            two of the opposite surface at one place.
     """
     body = whose if isinstance(whose, Body) else None
     own = None if body is None else _surface(number, pair, body)
@@ -149,6 +150,8 @@ def sides(
     barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
     part = (handed @ covered) / other[facing.places(1, pair.opposite)]
     opposite = SurfaceNodes.of(body, facets_between(displacements(body), pair.opposite))
+    if not np.array_equal(opposite.node, pair.opposite):
+        raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
     own = replace(own, own_area=own.own_area * counts, tributary_area=own.tributary_area * counts)
     return own, Opposite(*nodes, means, handed, barely, area, tributary, part, opposite)
