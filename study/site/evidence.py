@@ -140,8 +140,8 @@ class _Sheets(Texts):
         page = self.render("all_claims.html", rows=rows, grades=judged.GRADES, sections=sections)
         text = (
             "Statements of the paper, each with one grade, and findings of this study, each with "
-            "the number it is judged by. A tolerance is in favour of the statement; each says "
-            "whether it was set before or after its number was first seen."
+            "the number it is judged by. Tolerances count in favour of the statement; each entry "
+            "says whether its tolerance was set before or after the first value was seen."
         )
         return f"# Claims and findings\n\n{text}\n\n{_raw(page)}\n"
 
