@@ -119,6 +119,7 @@ class _Sheets(Texts):
             return Markup()
         entry = dict(self.figures[name])
         folder = "../_static/figures"
+        entry["caption"] = typeset(entry["caption"])
         entry["uri"] = f"{folder}/{name}.svg"
         entry["narrow_uri"] = f"{folder}/{name}.narrow.svg" if "narrow" in entry else None
         return self.render("figure.html", name=name, figure=entry, label=_label(name))
