@@ -55,8 +55,9 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G,
     too, since piecewise-linear and quadratic weight functions see the same averages of a linear
     stress field. The identity has no counterpart on other cells: there T K_G is another
-    stiffness than K_PW, though both even out forces. T is the 1/8 basis transformation of
-    B. Wohlmuth's quadratic mortar spaces, applied to equations.
+    stiffness than K_PW, though both even out forces. A transformation of this form, but with 1/5
+    in place of 1/8, gives quadratic mortar methods their dual multipliers (A. Popp et al.,
+    https://doi.org/10.1137/110848190).
 
         even = force_transfer(U) * reactions(K, a, f)  # of the standard element
 

@@ -17,6 +17,7 @@ from dolfinx import fem
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.matrices import unblocked
 from pw_elements.mesh_checks import listed
 from pw_elements.recovery import transposed_transfer
 from pw_elements.reduction import Reduction
@@ -78,7 +79,7 @@ class Sibling:
         with collective(self.space.mesh.comm):
             arguments.matrix("the matrix", standard)
             self._check("the matrix", standard, standard.getSizes()[0])
-        return self._marked(standard.ptap(self.basis), standard)
+        return self._marked(unblocked(standard).ptap(self.basis), standard)
 
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).

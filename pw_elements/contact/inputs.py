@@ -12,6 +12,7 @@ from dolfinx import fem
 from pw_elements import arguments
 from pw_elements.choice import chosen
 from pw_elements.collective import agree, collective
+from pw_elements.contact.mortar import check_weights
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
@@ -41,8 +42,8 @@ def checked_problem(
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for what does not make one problem (see `given.Problem`), no iterations, or
-            what differs between processes.
+        ValueError: for what does not make one problem (see `given.Problem` and, of two bodies,
+            `mortar.check_weights`), no iterations, or what differs between processes.
     """
     arguments.space(space)
     comm = space.mesh.comm
@@ -58,6 +59,7 @@ def checked_problem(
         if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
             shape, offset = surface.shape, surface.offset
         if isinstance(surface, DeformableSurface):  # whose facets have
+            check_weights(K, space)
             shape = surface.revolved, surface.coincident
         agree(
             comm,
