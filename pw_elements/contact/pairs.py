@@ -151,7 +151,7 @@ class ContactPair:
             each node, (n,). It also assigns a node between a smooth and a rough part to one of
             them.
         motions: one per increment of `solve_contact`; without them the surface rests. A
-            single one needs no list.
+            single one need not be in a list.
         interference: whether the surface may cut the body before any motion, as in a shrink fit;
             the first increment then pushes the nodes out of it.
 
