@@ -53,7 +53,7 @@ def impatient(monkeypatch):
 def test_contact_goes_on_with_factors(caplog):
     arguments = nearly_sliding(Solid(n=2))
     known = solve_contact(*arguments, solver=Direct())
-    with pytest.raises(SolverNotConverged, match=r"take Direct\(\)") as failed:
+    with pytest.raises(SolverNotConverged, match=r"use Direct\(\)") as failed:
         solve_contact(*arguments, solver=Iterative())
     assert "auto" not in str(failed.value)
     told = []
@@ -75,7 +75,7 @@ def test_contact_goes_on_with_factors(caplog):
 def test_without_memory_for_factors_the_error_stays(monkeypatch):
     arguments = nearly_sliding(Solid(n=2))
     monkeypatch.setattr(memory, "free", lambda _: 1e6)
-    with pytest.raises(SolverNotConverged, match=r"\"auto\" does not take .* 0\.001 GB left"):
+    with pytest.raises(SolverNotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
         solve_contact(*arguments)
 
 
