@@ -1,7 +1,7 @@
 """The choice between factors and Krylov's method, where the user leaves it to "auto".
 
 Factors serve every body, as long as there is memory for them; Krylov's method takes little, and
-gives up where supports or contact hardly hold the body. Then factors go on, if they fit.
+may give up where supports or contact hardly hold the body. Then factors go on, if they fit.
 """
 
 import logging
