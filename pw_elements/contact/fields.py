@@ -35,10 +35,10 @@ class ContactFields:
     nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair; the law is not stated there, so that gap and slip are means of those of the
-    pair's nodes, and the status is that of which they face most (see `sides`). On both sides
-    pressures and tractions are NaN at nodes with forces of whose areas less than a tenth faces the
-    other: forces are right there, their quotients are not.
+    that face the pair (see `sides`). The law is not stated there: gap and slip are means of those
+    of the pair's nodes, and the status is that of which they face most. On both sides pressures
+    and tractions are NaN at closed nodes of whose areas less than a tenth faces the other side:
+    forces are right there, their quotients are not.
 
     Pressures are forces over areas and need the body (thickness, circumference), see
     `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
