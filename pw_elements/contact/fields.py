@@ -35,7 +35,7 @@ class ContactFields:
     nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair. The law is not stated there: gap and slip are means of those of the pair's
+    that face the pair (see `sides`). The law is not stated there: gap and slip are means of those of the pair's
     nodes that they face, and the status is the prevailing one. On both sides, pressures and
     tractions are NaN at loaded nodes of whose area less than a tenth faces the other side: the
     forces are right there, but not their quotients by such an area.
