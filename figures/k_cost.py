@@ -4,9 +4,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from figures.style import FULL, LOOK
+from figures.style import FULL, LOOK, plain_ticks
 from study.core.store import Results
 
 SECTION = "K"
@@ -40,9 +39,7 @@ def draw(results: Results) -> Figure:
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
     for ax in axes[1]:
-        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.yaxis.set_minor_locator(NullLocator())
+        plain_ticks(ax)
     words = {
         "Direct": "direct",
         "Iterative": "Krylov",

@@ -3,9 +3,8 @@
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from figures.style import FULL, LOOK
+from figures.style import FULL, LOOK, plain_ticks
 from study.core.store import Results
 
 SECTION = "V15"
@@ -34,9 +33,7 @@ def draw(results: Results) -> Figure:
     titles = ("(a) square: H1 error / %", "(b) square: pressure error / %")
     for ax, title in zip(axes, titles, strict=False):
         ax.set(title=title, xlabel="cells along a side")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        ax.yaxis.set_minor_locator(NullLocator())
+        plain_ticks(ax)
         ax.set_xticks(SIDES, map(str, SIDES))
         ax.set_xticks([], minor=True)
     axes[2].set(
