@@ -61,8 +61,8 @@ class Iterative:
     The coarse level is the stiffness of linear elements, P^T K P, under one cycle of algebraic
     multigrid that knows the rigid motions; the smoother treats nodes as blocks. Some 25 iterations
     per ten digits whatever the size of the mesh, at Poisson's ratio 0.3; near 1/2 several times as
-    many, but for hybrid spaces, see `saddle`, whose `solve` it serves at any ratio. It takes
-    supports of `Reduction.dirichlet`, no condensation, and knows no determinants.
+    many, but in hybrid spaces, see `saddle`, some 50 at any ratio. It takes supports of
+    `Reduction.dirichlet`, no condensation, and knows no determinants.
 
     Args:
         tolerance: residual over load, both in the Euclidean norm, at which a solution is done.
@@ -115,12 +115,15 @@ class Krylov:
     """
 
     def __init__(self, matrix: PETSc.Mat, supports: Supports, how: Iterative) -> None:
-        self._how, self._supports = how, supports
-        self._matrix = matrix
+        self._how, self._matrix = how, matrix
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
-        hybrid = is_hybrid(supports.space)
-        levels = SaddlePoint if hybrid else Multigrid
-        self.multigrid: Multigrid | SaddlePoint = levels(matrix, supports)
+        self.multigrid: Multigrid | SaddlePoint
+        if hybrid := is_hybrid(supports.space):
+            self.multigrid = SaddlePoint(matrix, supports)
+            self._elastic = self.multigrid.elastic
+        else:
+            self.multigrid = Multigrid(matrix, supports)
+            self._elastic = matrix, supports
         self.operator = self.multigrid.operator
         self.ksp = self._method_for(self.operator)
         # the levels take over the prefix
@@ -171,10 +174,7 @@ class Krylov:
         Raises:
             SingularSystem: if a rigid motion is free.
         """
-        elastic = self._matrix, self._supports
-        if isinstance(self.multigrid, SaddlePoint):
-            elastic = self.multigrid.elastic
-        if free_motion(*elastic):
+        if free_motion(*self._elastic):
             raise SingularSystem("the system matrix is singular")
         self.multigrid.ready()
 
@@ -203,7 +203,8 @@ class Krylov:
 
     def round_off(self, size: float) -> float:
         """Residual that may be nothing but round-off, of a solution with the norm `size`."""
-        return float(_DRIFT * _EPSILON * self._matrix.norm(PETSc.NormType.INFINITY) * size)
+        stiffness = self._elastic[0].norm(PETSc.NormType.INFINITY)
+        return float(_DRIFT * _EPSILON * stiffness * size)
 
     def not_converged(self, left: float) -> SolverNotConverged:
         """What is to be raised where the relative residual `left` remains."""

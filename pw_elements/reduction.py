@@ -195,8 +195,10 @@ class Reduction:
         """
         if self.supports is None:
             raise ValueError(NO_SUPPORTS)
-        projection = Projection(self.supports.free, self.supports.space.dofmap.index_map_bs)
-        return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
+        space = self.supports.space
+        projection = Projection(self.supports.free, space.dofmap.index_map_bs)
+        scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
+        return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
 
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
         """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.

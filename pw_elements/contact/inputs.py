@@ -76,15 +76,8 @@ def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Redu
     Raises:
         ValueError: if an iterative solver does not serve the reduction.
     """
-    why = ""
-    if reduction.space is not None and is_hybrid(reduction.space):
-        why = "contact of hybrid bodies needs factors"
-    taken = chosen(solver, reduction.supports, why)
-    if not isinstance(taken, Iterative):
-        return taken, reduction
-    if why:
-        raise ValueError(f"Iterative() knows contact of displacements alone, {why}: take Direct()")
-    return taken, reduction.masked()
+    taken = chosen(solver, reduction.supports)
+    return taken, reduction.masked() if isinstance(taken, Iterative) else reduction
 
 
 def checked_paths(

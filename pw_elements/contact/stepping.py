@@ -45,7 +45,7 @@ from pw_elements.contact.refusals import no_equilibrium, refusal
 from pw_elements.contact.remedies import REMEDIES, Remedy, otherwise
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.search import search
-from pw_elements.contact.starts import first_active_set, first_displacement
+from pw_elements.contact.starts import first_active_set, first_unknowns
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.storage import read_state, write_state
@@ -233,7 +233,7 @@ class ContactProblem:
         )
         policy = partial(Policy.of, rigid.left_free, interface)
         translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
-        system.start(lambda: first_displacement(state, guess, self._space), translations)
+        system.start(lambda: first_unknowns(state, guess, self._whole), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
@@ -246,7 +246,7 @@ class ContactProblem:
         self._interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
-        now.full.setAttr("space", self._space)  # for who starts from it on another mesh
+        now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, report, smallness)
 
     def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:

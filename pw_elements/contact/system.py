@@ -115,11 +115,13 @@ class ContactSystem:
         """Whether the last solution was as exact as the end of an iteration asks for."""
         return self._tangent.settled
 
-    def start(self, displacement: Callable[[], PETSc.Vec], translations: Array) -> None:
-        """Has an iterative solver begin at displacements (n,) and surfaces (pairs, dim)."""
+    def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
+        """Has an iterative solver begin at unknowns (n,) and surfaces (pairs, dim)."""
         if isinstance(self._tangent, KrylovTangent):
-            begin = self.reduction.right * displacement()
-            self._tangent.start(begin.array_r, np.array([translations[at] for at in self.free]))
+            scale = self.reduction.right.getDiagonal().array_r
+            some = scale != 0
+            begin = np.divide(unknowns().array_r, scale, out=np.zeros(len(scale)), where=some)
+            self._tangent.start(begin, np.array([translations[at] for at in self.free]))
 
     def insist(self) -> bool:
         """Has all solutions of an increment exact; False if they were."""
@@ -194,7 +196,7 @@ class ContactSystem:
     def encloses(self) -> bool:
         """Whether a constant pressure in an incompressible body acts on contact points alone."""
         if isinstance(self._tangent, KrylovTangent):
-            return False
+            return self._tangent.encloses
         return free_pressure(self.stiffness, self.reduction, self._own[self._own >= 0])
 
     def totals(self, forces: Array) -> Array:
