@@ -86,6 +86,23 @@ def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> P
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
+def selection(free: npt.NDArray[np.bool_], rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+    """Columns of the identity that belong to those of the owned rows that are free.
+
+    Those of the others are left out, or else zero.
+    """
+    comm = rows.comm.tompi4py()
+    count = int(free.sum()) if renumbered else len(free)
+    first = comm.scan(count) - count
+    indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
+    columns = np.arange(count) if renumbered else np.flatnonzero(free)
+    return PETSc.Mat().createAIJ(
+        (rows.getSizes(), (count, PETSc.DETERMINE)),
+        csr=(indptr, (first + columns).astype(PETSc.IntType), np.ones(len(columns))),
+        comm=rows.comm,
+    )
+
+
 def python_matrix(
     sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm
 ) -> PETSc.Mat:

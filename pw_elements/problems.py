@@ -21,13 +21,13 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements import arguments
 from pw_elements.assembly import compiled_form
 from pw_elements.collective import agree, answer, collective
+from pw_elements.conditions import prescribed
 from pw_elements.given import check_solver
 from pw_elements.hybrid import is_hybrid, is_split
 from pw_elements.iterative import Iterative
 from pw_elements.linear_solver import Direct, LinearSolver, SingularSystem
 from pw_elements.progress import doing
 from pw_elements.quadrature import with_cell_rules, with_degrees
-from pw_elements.reduction import prescribed
 from pw_elements.snes import Increment, Newton, NotConverged, System, told
 from pw_elements.spaces import Spaces
 from pw_elements.values import whole

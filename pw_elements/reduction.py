@@ -14,20 +14,14 @@ from dolfinx import fem
 
 from pw_elements import arguments
 from pw_elements.collective import collective
-from pw_elements.given import Problem, check_reduction
-from pw_elements.hybrid import equilibration, fields_of, is_hybrid, is_split, positions, tied
+from pw_elements.condensation import condensed
+from pw_elements.conditions import check_any, prescribed
+from pw_elements.given import check_reduction
+from pw_elements.hybrid import equilibration, is_split, tied
 from pw_elements.iterative import NO_SUPPORTS
-from pw_elements.linear_solver import SingularSystem
-from pw_elements.matrices import python_matrix, unbalanced, unblocked
-from pw_elements.mesh_checks import listed
-from pw_elements.parts import numbered
+from pw_elements.matrices import python_matrix, selection, unbalanced, unblocked
 from pw_elements.projection import Masked, Projection, Supports
 from pw_elements.spaces import Spaces
-
-# Largest difference of values that are prescribed as the same, over the largest of them
-_SAME_VALUE = 1e-9
-# Entries of a matrix below this, over its largest, are zeros
-_ROUND_OFF = 1e-13
 
 
 @dataclass(frozen=True)
@@ -95,12 +89,12 @@ class Reduction:
         if isinstance(space, Spaces):
             space, parts = space.trial, space.parts
         free, offset = prescribed(space, conditions)
-        _check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
+        check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
         if is_split(space):
-            selection = tied(space, parts, free)
-            return cls(selection, selection, offset, space=space)
-        selection = _selection(free, offset)
-        return cls(selection, selection, offset, space=space, supports=Supports(space, free))
+            kept = tied(space, parts, free)
+            return cls(kept, kept, offset, space=space)
+        kept = selection(free, offset)
+        return cls(kept, kept, offset, space=space, supports=Supports(space, free))
 
     @classmethod
     def condensation(
@@ -127,28 +121,8 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
-        Problem({"the stiffness": K}, space=space)
-        if is_hybrid(space):
-            raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
-        K = unblocked(K)
-        free, offset = prescribed(space, conditions)
-        block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
-        comm = space.mesh.comm
-        inner = np.zeros(len(free), dtype=bool)
-        with collective(comm):
-            known = index_map.size_local + index_map.num_ghosts
-            chosen = numbered(comm, "the nodes to be condensed", nodes, known)
-            inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
-            if np.any(inner & ~free):
-                raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
-        _check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
-        Q = _inner_flexibility(K, inner, block)
-        kept = _selection(free & ~inner, offset)
-        right, left = kept.copy(), kept.copy()
-        different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
-        right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
-        left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
-        return cls(left, right, offset, Q, space)
+        left, right, offset, inner = condensed(K, space, nodes, conditions)
+        return cls(left, right, offset, inner, space)
 
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """This reduction for a load f (n,) that acts on inner nodes, too.
@@ -184,7 +158,7 @@ class Reduction:
         comm = self.offset.comm.tompi4py()
         if comm.allreduce(bool(self.supports.free.all()), MPI.LAND):
             return self
-        kept = _selection(self.supports.free, self.offset, renumbered=False)
+        kept = selection(self.supports.free, self.offset, renumbered=False)
         return replace(self, left=kept, right=kept)
 
     def supported(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -324,122 +298,3 @@ class Reduction:
             Q,
             self.space,
         )
-
-
-def prescribed(
-    space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
-) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
-    """Which owned degrees of freedom are free, and the prescribed values (zero where free).
-
-    Raises:
-        TypeError: for what is no space, or are no conditions.
-        ValueError: if a prescribed value is not finite, two of them contradict each other, or a
-            condition is another space's.
-    """
-    arguments.space(space)
-    each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    owned, comm = index_map.size_local * block, space.mesh.comm
-    values = np.zeros(owned + index_map.num_ghosts * block)
-    free = np.ones(owned, dtype=bool)
-    difference = np.zeros(owned)
-    with collective(comm):
-        arguments.of_type("the list of conditions", each, Sequence, "`prescribe` makes its items")
-        for condition in each:
-            _check_condition(condition, space)
-            own = np.zeros(len(values))
-            condition.set(own)
-            dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
-            dofs = dofs[dofs < owned]
-            again = dofs[~free[dofs]]
-            difference[again] = np.maximum(difference[again], np.abs(own - values)[again])
-            free[dofs] = False
-            values[dofs] = own[dofs]
-        if not np.isfinite(values[:owned]).all():
-            raise ValueError("a prescribed value is not a finite number")
-    size = np.zeros(owned)
-    for field in fields_of(space):
-        largest = np.abs(values[field.owned]).max(initial=0.0)
-        size[field.owned] = comm.allreduce(largest, MPI.MAX)
-    twice = np.flatnonzero(difference > _SAME_VALUE * size)
-    if comm.allreduce(len(twice), MPI.SUM):
-        x = positions(space)[twice, : space.mesh.geometry.dim]
-        places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
-        raise ValueError(
-            f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
-            "can have one value"
-        )
-    offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
-    offset.setArray(values[:owned])
-    return free, offset
-
-
-def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
-    """Raises ValueError for a condition on another mesh, or on a space with other nodes; local."""
-    arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
-    theirs = condition.function_space
-    other, own = theirs.dofmap.index_map, space.dofmap.index_map
-    same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
-    if theirs.mesh is not space.mesh._cpp_object or not same_nodes:
-        raise ValueError(
-            "a Dirichlet condition was made on another space: its degrees of freedom would be "
-            "taken for others here; make it on the trial space"
-        )
-
-
-def _check_any(chosen: npt.NDArray[np.bool_], space: fem.FunctionSpace, otherwise: str) -> None:
-    if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
-        raise ValueError(otherwise)
-
-
-def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -> PETSc.Mat:
-    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros.
-
-    Raises:
-        ValueError: if K couples inner nodes.
-        SingularSystem: if a block is singular.
-    """
-    comm: MPI.Comm = K.comm.tompi4py()
-    chosen = _selection(inner, K.createVecLeft())
-    K_ii = chosen.transposeMatMult(K.matMult(chosen))
-    first, last = K_ii.getOwnershipRange()
-    indptr, column, value = K_ii.getValuesCSR()
-    row = np.repeat(np.arange(first, last), np.diff(indptr))
-    own = row // block == column // block
-    blocks = np.zeros(((last - first) // block, block, block))
-    blocks[(row[own] - first) // block, row[own] % block, column[own] % block] = value[own]
-    size = comm.allreduce(np.abs(blocks).max(initial=0.0), MPI.MAX)
-    with collective(comm):
-        if not np.isfinite(value).all():
-            raise ValueError("the stiffness of a node that is to be condensed is not finite")
-        if np.abs(value[~own]).max(initial=0.0) > _ROUND_OFF * size:
-            raise ValueError(
-                "the stiffness couples nodes that are to be condensed: no two of them may share a "
-                "cell"
-            )
-        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF):
-            raise SingularSystem("a node that is to be condensed has no stiffness")
-    inverse = np.linalg.inv(blocks)
-
-    width = np.where(inner, block, 0)
-    indptr = np.concatenate(([0], np.cumsum(width))).astype(PETSc.IntType)
-    dofs = np.flatnonzero(inner).reshape(-1, block) + K.getOwnershipRange()[0]
-    indices = np.repeat(dofs, block, axis=0).ravel().astype(PETSc.IntType)
-    return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
-
-
-def _selection(free: np.ndarray, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
-    """Columns of the identity that belong to the free ones of the owned rows.
-
-    Those of the others are left out, or else zero.
-    """
-    comm = rows.comm.tompi4py()
-    count = int(free.sum()) if renumbered else len(free)
-    first = comm.scan(count) - count
-    indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
-    columns = np.arange(count) if renumbered else np.flatnonzero(free)
-    return PETSc.Mat().createAIJ(
-        (rows.getSizes(), (count, PETSc.DETERMINE)),
-        csr=(indptr, (first + columns).astype(PETSc.IntType), np.ones(len(columns))),
-        comm=rows.comm,
-    )

@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.hybrid import FREE_PRESSURE, NOTHING, SubSpace, equilibration
-from pw_elements.linear_level import linear_interpolation
+from pw_elements.linear_functions import linear_interpolation
 from pw_elements.linear_solver import SingularSystem, set_options
 from pw_elements.matrices import destroy, galerkin_product, python_matrix
 from pw_elements.multigrid import Multigrid

@@ -11,10 +11,11 @@ import scipy.sparse as sp
 from pw_elements import Direct, Reduction, SolverReport, prescribe, reactions
 from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, Smallness
 from pw_elements.contact.globalisation import LastHold, Policy
-from pw_elements.contact.interface import Interface, Points
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import sticking
 from pw_elements.contact.newton import Increment, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
+from pw_elements.contact.points import Points
 from pw_elements.contact.results import contact_state, undeformed
 from pw_elements.contact.system import ContactSystem
 from pw_elements.hybrid import SubSpace

@@ -58,6 +58,15 @@ def test_package_imports_nothing_from_above(package, forbidden):
     }
 
 
+def test_modules_of_contact_fit_on_a_few_pages():
+    lines = {
+        path.name: len(path.read_text().splitlines())
+        for path in (ROOT / "pw_elements" / "contact").glob("*.py")
+    }
+    assert len(lines) > 40
+    assert {name: n for name, n in lines.items() if n > 300} == {}
+
+
 def test_oracle_shares_no_code_with_what_it_judges():
     names = modules("tests/oracle")
     assert len(names) > 2

@@ -43,6 +43,7 @@ from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHist
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.pictures import draw_surface, plot
+from pw_elements.contact.polyline import Polyline
 from pw_elements.contact.progress import Progress
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
 from pw_elements.contact.stepping import ContactProblem
@@ -50,7 +51,6 @@ from pw_elements.contact.surfaces import (
     FlatPunch,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     Surface,

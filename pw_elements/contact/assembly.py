@@ -38,9 +38,17 @@ class PointRows:
     row: Indices
 
     @classmethod
-    def of(cls, parts: Sequence[sp.csr_matrix], own: Indices) -> "PointRows":
-        """Rows `own` (m, dim) of a matrix, -1 for none, from parts (m dim, unknowns)."""
+    def of(
+        cls, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
+    ) -> "PointRows":
+        """Rows `own` (m, dim) of a matrix, -1 for none, of E L K + C G - D, as `Tangent` has them.
+
+        The columns of D are the last ones.
+        """
         m, dim = own.shape
+        moved = borders.T.tocsr()
+        last = moved.indices + forces.shape[1] - borders.shape[0]
+        parts = forces, motion, -sp.csr_matrix((moved.data, last, moved.indptr), forces.shape)
         pattern = sum(_structure(part, np.repeat(np.arange(m), dim), m) for part in parts)
         pattern.sort_indices()
         point = np.repeat(np.arange(m), np.diff(pattern.indptr))
@@ -57,6 +65,28 @@ class PointRows:
             pattern.indices[entry],
             rows,
         )
+
+    def place(self, first: int) -> list[npt.NDArray]:
+        """Pointers, columns and rows for PETSc, in a matrix whose first row here has a number."""
+        parts = self.pointers, self.column, first + self.row
+        return [part.astype(PETSc.IntType) for part in parts]
+
+
+def tangent_rows(
+    stiffness: PETSc.Mat,
+    force: PETSc.Mat,
+    flexible: Array,
+    spread: PETSc.Mat | None,
+    equation: Indices,
+    more: int,
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Rows of K' and of L K on this process, with empty columns for the free translations."""
+    forces = reading(force, flexible, equation).matMult(stiffness)
+    fixed = stiffness
+    if spread is not None:
+        fixed = spread.transposeMatMult(forces)
+        fixed.axpy(1.0, stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return local_rows(fixed, more), local_rows(forces, more)
 
 
 def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
@@ -89,9 +119,9 @@ def _blocks(rows: sp.csr_matrix, pattern: sp.csr_matrix, dim: int) -> Array:
 
 
 def with_points(
-    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix
-) -> tuple[npt.NDArray, npt.NDArray, npt.NDArray]:
-    """Arrays of a CSR matrix: `rows` with those of the points replaced, a border below."""
+    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix, comm: MPI.Comm
+) -> PETSc.Mat:
+    """Square matrix: `rows` of this process with those of the points replaced, a border below."""
     replaced = np.zeros(rows.shape[0], dtype=bool)
     replaced[points.row] = True
     number = np.diff(rows.indptr)
@@ -104,7 +134,8 @@ def with_points(
     indices[fixed] = np.concatenate([rows.indices[kept], border.indices])
     indices[~fixed] = points.column
     data[fixed] = np.concatenate([rows.data[kept], border.data])
-    return indptr, indices, data
+    sizes = (len(indptr) - 1, rows.shape[1])
+    return PETSc.Mat().createAIJ((sizes, sizes), csr=(indptr, indices, data), comm=comm)
 
 
 def border_columns(

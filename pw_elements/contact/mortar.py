@@ -45,10 +45,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.contact.interface import DEFORMABLE, Points
 from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.overlap import Overlap, overlaps
 from pw_elements.contact.pairs import DeformableSurface
+from pw_elements.contact.points import DEFORMABLE, Points
 from pw_elements.contact.trace import facets_of, gathered_trace
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position

@@ -10,12 +10,14 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from pw_elements.collective import answer, collective
-from pw_elements.contact.interface import RIGID, Interface, Points
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.matching import opposite_nodes
 from pw_elements.contact.mortar import mortar_points
 from pw_elements.contact.nodes import BodyNodes, owned_nodes
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes
-from pw_elements.contact.surfaces import Polyline, Surface
+from pw_elements.contact.points import RIGID, Points
+from pw_elements.contact.polyline import Polyline
+from pw_elements.contact.surfaces import Surface
 from pw_elements.hybrid import is_hybrid
 from pw_elements.reduction import Reduction
 from pw_elements.sibling import Sibling

@@ -22,9 +22,10 @@ from pw_elements.collective import collective
 from pw_elements.contact.errors import SurfacePassed, listed
 from pw_elements.contact.facets import Exterior, Facets
 from pw_elements.contact.gradients import with_ghosts
-from pw_elements.contact.interface import RIGID, Interface
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import OPEN
 from pw_elements.contact.newton import Iterate, Reference
+from pw_elements.contact.points import RIGID
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -30,8 +30,8 @@ from pw_elements.contact.assembly import (
     local_rows,
     own_entries,
     read_and_spread,
-    reading,
     stated_mean,
+    tangent_rows,
     with_points,
 )
 from pw_elements.contact.interface import Interface
@@ -99,16 +99,11 @@ class ContactSystem:
             )
             self._tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
-        forces = reading(force, self._flexible, interface.equation).matMult(self.stiffness)
-        fixed = self.stiffness
-        if self._spread is not None:
-            fixed = self._spread.transposeMatMult(forces)
-            fixed.axpy(1.0, self.stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        read = local_rows(forces, len(free))
+        operators = self.stiffness, force, self._flexible, self._spread
+        fixed, read = tangent_rows(*operators, interface.equation, len(free))
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
-        all_rows = local_rows(fixed, len(free)), read, moved, borders
-        self._tangent = Tangent(*all_rows, self._own, first, self.comm, solver)
+        self._tangent = Tangent(fixed, read, moved, borders, self._own, first, self.comm, solver)
 
     @property
     def settled(self) -> bool:
@@ -257,19 +252,12 @@ class Tangent:
         comm: MPI.Comm,
         solver: LinearSolver,
     ) -> None:
-        self._comm, first_free = comm, fixed.shape[1] - borders.shape[0]
-        moved = borders.T.tocsr()
-        moved = sp.csr_matrix((moved.data, moved.indices + first_free, moved.indptr), forces.shape)
-        self._points = PointRows.of((forces, motion, -moved), own)
+        self._comm = comm
+        self._points = PointRows.of(forces, motion, borders, own)
         border = balance_rows(borders @ forces, comm)
         self._borders = border.shape[0]
-        csr = with_points(fixed, self._points, border)
-        sizes = (len(csr[0]) - 1, fixed.shape[1])
-        self.matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
-        self._place = tuple(
-            part.astype(PETSc.IntType)
-            for part in (self._points.pointers, self._points.column, first + self._points.row)
-        )
+        self.matrix = with_points(fixed, self._points, border, comm)
+        self._place = self._points.place(first)
         self.solver = solver.prepare(self.matrix)
         self.factorised: Array | None = None
         self.own_factors, self.settled, self.always_exact = False, True, True

@@ -9,10 +9,11 @@ from dolfinx import fem
 
 from pw_elements.contact.facets import Exterior, Facets
 from pw_elements.contact.gradients import Gradients
-from pw_elements.contact.interface import RIGID, Interface
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.law import OPEN
 from pw_elements.contact.newton import Increment, Iterate
 from pw_elements.contact.passage import Passage
+from pw_elements.contact.points import RIGID
 from pw_elements.contact.state import ContactState, Smallness
 
 # Second-order terms are left out: strains e err by e/2 of themselves, a rotation w turns forces
