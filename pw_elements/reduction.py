@@ -17,7 +17,7 @@ from pw_elements.collective import collective
 from pw_elements.condensation import condensed
 from pw_elements.conditions import check_any, prescribed
 from pw_elements.given import check_reduction
-from pw_elements.hybrid import equilibration, is_split, tied
+from pw_elements.hybrid import equilibration, is_hybrid, is_split, tied
 from pw_elements.iterative import NO_SUPPORTS
 from pw_elements.matrices import python_matrix, selection, unbalanced, unblocked
 from pw_elements.projection import Masked, Projection, Supports

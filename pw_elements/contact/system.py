@@ -94,9 +94,8 @@ class ContactSystem:
             assert reduction.supports is not None, "other reductions are refused before"
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)
-            points = NodePoints.of(
-                interface, self._spread, self._own, self._flexible, self.scale, free
-            )
+            of_points = self._own, self._flexible, self.scale, free
+            points = NodePoints.of(interface, self._spread, *of_points)
             self._tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
         operators = self.stiffness, force, self._flexible, self._spread
@@ -114,8 +113,7 @@ class ContactSystem:
         """Has an iterative solver begin at unknowns (n,) and surfaces (pairs, dim)."""
         if isinstance(self._tangent, KrylovTangent):
             scale = self.reduction.right.getDiagonal().array_r
-            some = scale != 0
-            begin = np.divide(unknowns().array_r, scale, out=np.zeros(len(scale)), where=some)
+            begin = np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
             self._tangent.start(begin, np.array([translations[at] for at in self.free]))
 
     def insist(self) -> bool:
