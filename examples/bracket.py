@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from pw_elements import (
-    Body, Direct, Material, Reduction, Spaces, as_function, assemble_matrix, assemble_vector,
+    Body, Material, Reduction, Spaces, as_function, assemble_matrix, assemble_vector,
     boundary_measure, draw,
 )
 from pw_elements.contact import OPEN, ContactPair, Plane, plot, solve_contact
@@ -61,8 +61,7 @@ eye_load = (pull / (np.pi * 8 * 8), 0, 0)
 pulled = assemble_vector(bracket.surface_load(eye_load, boundary_measure(mesh, in_the_eye)))
 plate = ContactPair(lambda x: np.isclose(x[2], 0), Plane((0, 0, 0), (0, 0, 1)), friction=0.2)
 free = Reduction.dirichlet(U, [])  # friction alone holds it
-# nothing but contact holds it: factors need no supports, multigrid does
-state = solve_contact(K, [tightened, tightened + pulled], free, plate, U, solver=Direct())[-1]
+state = solve_contact(K, [tightened, tightened + pulled], free, plate, U)[-1]
 u = as_function(U, state.displacement)
 foot = state.pairs[0]
 closed = 100 * np.mean(foot.status != OPEN)

@@ -53,11 +53,14 @@ draw(mesh, joint.von_mises(u), u, scale=20, axes=left, edges=False,
      limits=(0, 120), label="von Mises stress [MPa]")
 left.set(ylim=(-4, 75), xlabel="r [mm]", ylabel="z [mm]", title="Displacements × 20")
 for state, name in zip(states, ("bolted", "under pressure"), strict=True):
-    (surface,) = ContactFields.of(state, joint).surfaces
-    on_gasket = surface.pressure(state.pairs[0].force_normal)
-    right.plot(surface.position[:, 0], on_gasket, ".-", label=name)
+    fields = ContactFields.of(state, joint)
+    (own,), (opposite,), (contact,) = fields.surfaces, fields.opposite, state.pairs
+    on_gasket, on_flange = own.pressure(contact.force_normal), opposite.seen(contact).pressure
+    (line,) = right.plot(own.position[:, 0], on_gasket, ".-", label=f"gasket, {name}")
+    right.plot(opposite.surface.position[:, 0], on_flange, "o", mfc="none", c=line.get_color(),
+               label=f"flange, {name}")
 right.axhline(pressure, color="k", ls="--", label="pressure to be sealed")
-right.set(xlabel="r [mm]", ylabel="pressure on the gasket [MPa]", ylim=0)
+right.set(xlabel="r [mm]", ylabel="pressure [MPa]", ylim=0)
 right.legend(frameon=False)
 if mesh.comm.rank == 0:
     figure.savefig("gasket.png", dpi=150)

@@ -11,6 +11,8 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
     a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
 """
 
+from functools import partial
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -18,10 +20,11 @@ import numpy.typing as npt
 
 from pw_elements import arguments
 from pw_elements.assembly import assemble_matrix, assemble_scalar, assemble_vector
+from pw_elements.choice import by_chosen, chosen
 from pw_elements.collective import collective
 from pw_elements.given import Problem
 from pw_elements.hybrid import FREE_PRESSURE, NOTHING, SubSpace, is_hybrid
-from pw_elements.iterative import Iterative, Solver, chosen
+from pw_elements.iterative import Iterative, Solver
 from pw_elements.linear_solver import Direct, LinearSolver, PreparedSolver, SingularSystem
 from pw_elements.matrices import unbalanced
 from pw_elements.reduction import Reduction
@@ -51,7 +54,8 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
         f: load (n,).
         reduction: supports, condensation.
         solver: `Direct()`, `Iterative()`, or "auto" for the latter in space from 15 000 unknowns
-            on, which is taken unless one is given.
+            on, which is taken unless one is given. Where "auto" sees `Iterative()` fail, it takes
+            `Direct()` if there is memory for it, and says so in the log.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
@@ -61,16 +65,20 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
     """
     Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
     taken = chosen(solver, reduction.supports)
-    if isinstance(taken, Iterative):
+    return by_chosen(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
+
+
+def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
+    if isinstance(solver, Iterative):
         reduction = reduction.masked()
     reduction = reduction.equilibrated(K).under(K, f)
     load = reduction.load(K, f)
-    if isinstance(taken, Iterative):
-        prepared = ready(taken.prepare(K, supports=reduction.supports))
+    if isinstance(solver, Iterative):
+        prepared = ready(solver.prepare(K, supports=reduction.supports))
         solution = prepared.solve(load)
     else:
         matrix = reduction.matrix(K)
-        prepared = factorise(matrix, solver=taken, reduction=reduction)
+        prepared = factorise(matrix, solver=solver, reduction=reduction)
         solution = load.duplicate()
         prepared.ksp.solve(load, solution)
         _check_residual(matrix, solution, load)

@@ -5,6 +5,7 @@ Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buck
 
 import logging
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 from petsc4py import PETSc
@@ -16,10 +17,11 @@ import numpy.typing as npt
 from pw_elements._compat import renamed
 from pw_elements.algebra import factorise, ready, symmetric_part
 from pw_elements.arguments import flag, processes
+from pw_elements.choice import by_chosen, chosen
 from pw_elements.collective import collective
 from pw_elements.given import Problem, check_weights, refuse_negative
 from pw_elements.hybrid import is_hybrid
-from pw_elements.iterative import MANY_FOR_MODES, Iterative, Solver, chosen
+from pw_elements.iterative import Iterative, Solver
 from pw_elements.linear_solver import (
     Direct,
     LinearSolver,
@@ -133,8 +135,8 @@ def vibration_modes(
         shift: a number below the wanted eigenvalues, at which the pair is inverted: the nearer
             to them the faster; a small negative one unless given.
         solver: of the systems with K - shift M; `Direct()`, by LDL^T where they are symmetric,
-            `Iterative()`, or "auto" for the latter in space from 200 000 unknowns on, which is
-            taken unless one is given. A symmetrised pair needs factors.
+            `Iterative()`, or "auto" as in `solve`, from 200 000 unknowns on. A symmetrised pair
+            needs factors.
 
     Raises:
         TypeError, ValueError: for things that do not make one problem, see `given.Problem`; for
@@ -149,8 +151,20 @@ def vibration_modes(
     if shift is not None:
         shift = number("shift", shift)
     taken = _chosen(solver, reduction, symmetrised)
-    K, M = unblocked(K), unblocked(M)
-    A, B, reduced_by, supports = _pair(M, K, reduction.equilibrated(K), taken)
+    every = partial(_vibrations, unblocked(K), unblocked(M), reduction, count, symmetrised, shift)
+    return by_chosen(taken, solver, reduction.supports, every)
+
+
+def _vibrations(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    reduction: Reduction,
+    count: int,
+    symmetrised: bool,
+    shift: float | None,
+    solver: LinearSolver,
+) -> VibrationModes:
+    A, B, reduced_by, supports = _pair(M, K, reduction.equilibrated(K), solver)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
@@ -168,7 +182,7 @@ def vibration_modes(
         reduced_by = reduction.masked().equilibrated(B)  # by which the solver scales pressures
     indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
     mu, reduced, residuals, report = _largest(
-        A, B, count, symmetrised, indefinite, taken, reduced_by, supports, loose=True
+        A, B, count, symmetrised, indefinite, solver, reduced_by, supports, loose=True
     )
     if mu.real.min() <= 0:
         raise NoModes(
@@ -179,7 +193,7 @@ def vibration_modes(
     elastic = values[~rigid]
     lowest = elastic.real.min(initial=np.inf)
     if not given and 0 < lowest < -_SLENDER * shift:
-        again = vibration_modes(K, M, reduction, count, symmetrised, -lowest, solver)
+        again = _vibrations(K, M, reduction, count, symmetrised, -lowest, solver)
         return replace(again, report=again.report.after(report))
     return VibrationModes(
         values.real,
@@ -220,8 +234,19 @@ def buckling(
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
     check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
     taken = _chosen(solver, reduction, symmetrised)
-    K = unblocked(K)
-    A, B, reduced_by, supports = _pair(K_sigma, K, reduction.equilibrated(K), taken)
+    every = partial(_buckles, unblocked(K), K_sigma, reduction, count, symmetrised)
+    return by_chosen(taken, solver, reduction.supports, every)
+
+
+def _buckles(
+    K: PETSc.Mat,
+    K_sigma: PETSc.Mat,
+    reduction: Reduction,
+    count: int,
+    symmetrised: bool,
+    solver: LinearSolver,
+) -> BucklingModes:
+    A, B, reduced_by, supports = _pair(K_sigma, K, reduction.equilibrated(K), solver)
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     size = A.norm(PETSc.NormType.FROBENIUS)
@@ -232,7 +257,7 @@ def buckling(
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
     mu, reduced, residuals, report = _largest(
-        A, B, count, symmetrised, _UNSTABLE, taken, reduced_by, supports, loose=False
+        A, B, count, symmetrised, _UNSTABLE, solver, reduced_by, supports, loose=False
     )
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
@@ -268,7 +293,7 @@ def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSo
     hybrid = reduction.space is not None and is_hybrid(reduction.space)
     if hybrid and symmetrised:
         raise ValueError("a pair of hybrid spaces has no symmetrised twin: it is never definite")
-    return chosen(solver, reduction.supports, why, MANY_FOR_MODES)
+    return chosen(solver, reduction.supports, why, modes=True)
 
 
 def _pair(

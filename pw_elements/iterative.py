@@ -1,10 +1,9 @@
-"""Krylov's method with two-level p-multigrid, and the choice between it and factors.
+"""Krylov's method with two-level p-multigrid.
 
 In space, factors of quadratic elements take memory that grows faster than the power 4/3 of the
 number of unknowns; this method takes a few times that of the matrix, and time in proportion to it.
 """
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -16,10 +15,10 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements import memory
 from pw_elements.connected import connected_pieces
 from pw_elements.hybrid import is_hybrid
 from pw_elements.linear_solver import (
-    Direct,
     LinearSolver,
     SingularSystem,
     SolverNotConverged,
@@ -37,14 +36,7 @@ NO_SUPPORTS = (
     "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
     "other reductions, and a pressure that is split, need Direct()"
 )
-log = logging.getLogger("pw_elements")
 
-# Unknowns in space from which on "auto" takes Krylov's method; for modes, which take some 50
-# solutions, it is slower than factors until these take several gigabytes
-_MANY, MANY_FOR_MODES = 15_000, 200_000
-# Bytes of MUMPS' LU factors and work space in space: coefficient and power of the unknowns,
-# fitted to what MUMPS says of blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
-_BYTES, _POWER = 160.0, 1.42
 # Iterations allowed, and vectors kept to be orthogonal to
 _MOST, _KEPT = 1000, 100
 # The true residual over what the method takes it for
@@ -213,53 +205,12 @@ class Krylov:
             f"{self.report.method} left the relative residual {left:.1e} after "
             f"{self.ksp.getIterationNumber()} iterations: Poisson's ratio near 1/2, flat cells or "
             "supports that hardly hold make it slow; take Direct() "
-            f"(some {_direct_memory(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
+            f"(some {memory.of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
 
     def solve_changed(self, right: PETSc.Vec, rows: int) -> None:  # noqa: ARG002
         """Nothing: there are no old factors."""
         return
-
-
-def chosen(
-    solver: Solver, supports: Supports | None, needs_factors: str = "", many: int = _MANY
-) -> LinearSolver:
-    """The solver that is meant: factors in the plane and of small bodies by "auto", or None.
-
-    Args:
-        solver: as the user gives it.
-        supports: of the problem; None where its reduction is more than supports.
-        needs_factors: why only factors will do, if so.
-        many: unknowns in space from which on factors are not taken.
-
-    Raises:
-        ValueError: for another word.
-    """
-    if solver is not None and not isinstance(solver, str):
-        return solver
-    if solver not in (None, "auto"):
-        raise ValueError(f'solver {solver!r}: take Direct(), Iterative() or "auto"')
-    if supports is None:
-        return Direct()
-    mesh, index_map = supports.space.mesh, supports.space.dofmap.index_map
-    dofs = index_map.size_global * supports.space.dofmap.index_map_bs
-    if mesh.geometry.dim < 3 or dofs < many:
-        return Direct()
-    taken: LinearSolver = Direct() if needs_factors else Iterative()
-    if mesh.comm.rank == 0:
-        log.info(
-            "auto: %s for %d unknowns in space%s; factors take some %.2g GB",
-            type(taken).__name__,
-            dofs,
-            f" ({needs_factors})" if needs_factors else "",
-            _direct_memory(dofs) / 1e9,
-        )
-    return taken
-
-
-def _direct_memory(dofs: int) -> float:
-    """Bytes that LU factors in space take, by a fit: within a factor of two."""
-    return float(_BYTES * dofs**_POWER)
 
 
 def free_motion(K: PETSc.Mat, supports: Supports) -> bool:

@@ -181,6 +181,11 @@ class PetrovGalerkinProblem:
         """Residual (n,) at all nodes: at prescribed ones what the supports exert on the body.
 
         That is K a - f, as of `reactions`, if the residual is linear.
+
+        Reactions and loads add up to zero. Their moments about deformed nodes do so exactly with
+        standard elements only; with piecewise-linear weights, where the deformation is smooth, to
+        third order in the size of cells, if a load's moment is that of its density (with nodal
+        loads at deformed nodes: to second order).
         """
         return self._system.forces()
 

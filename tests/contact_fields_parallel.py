@@ -26,6 +26,7 @@ from pw_elements import (
 from pw_elements.contact import ContactFields, ContactPair, Motion, Sphere, solve_contact, write
 from tests.contact_cases import Block, at
 from tests.test_contact_matching import Blocks
+from tests.two_bodies import Stack
 
 
 def blocks_apart(comm):
@@ -56,6 +57,17 @@ def ball(cell, method, comm=MPI.COMM_SELF):
     return body, K, solve_contact(K, [K.createVecLeft()] * 2, foot, [pair], U)
 
 
+def two_bodies(comm, cell, divisions):
+    """A block pressed and pushed on a wider one, on meshes that do not match; body and state."""
+    stack = Stack(divisions, cell, upper=(0.13, 0.83), comm=comm)
+    held = [prescribe(stack.space, i, at(stack.up, 0.0)) for i in range(stack.dim)]
+    moved = [0.01] * stack.up + [-0.02]
+    held += [prescribe(stack.space, i, at(stack.up, 2.0), moved[i]) for i in range(stack.dim)]
+    supports, load = Reduction.dirichlet(stack.space, held), stack.K.createVecLeft()
+    pair = stack.pair("lower", 0.2)
+    return stack.body, solve_contact(stack.K, load, supports, pair, stack.space)
+
+
 if __name__ == "__main__":
     comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
     block = Block(12, comm=comm)
@@ -69,3 +81,6 @@ if __name__ == "__main__":
     wrong, force = unbalanced(blocks, state, load)
     assert comm.allreduce(wrong, MPI.MAX) < 1e-9 * comm.allreduce(force, MPI.MAX)
     write(folder / "blocks.bp", state, blocks.body, times=[2.5])
+    for cell, divisions in (("triangle", (5, 4)), ("tetrahedron", (3, 2))):
+        body, states = two_bodies(comm, cell, divisions)
+        write(folder / f"{cell}.bp", states, body)

@@ -60,6 +60,26 @@ class Solid:
         return load
 
 
+def nearly_sliding(solid, push=0.57):
+    """K, loads, supports and pairs of a block that is pressed on a floor, pushed, pushed by less.
+
+    The last nodes that stick let a singular tangent come near, on which GMRES gives up.
+
+    Args:
+        solid: the block.
+        push: over the pressure; the floor's friction bears 0.6.
+    """
+    mesh = solid.body.spaces.mesh
+    side, top = (boundary_measure(mesh, at(*place)) for place in ((0, 0.0), (2, 1.0)))
+    loads = []
+    for share in (0.0, push, 0.3):
+        load = assemble_vector(solid.body.surface_load((0.0, 0.0, -1.0), top))
+        load.axpy(share, assemble_vector(solid.body.surface_load((1.0, 0.0, 0.0), side)))
+        loads.append(load)
+    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    return solid.K, loads, solid.free, floor, solid.space
+
+
 def _rough_floor(solid):
     floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
     return solid.pushed(), solid.free, floor  # held by contact alone

@@ -2,6 +2,7 @@
 
 from mpi4py import MPI
 
+import gmsh
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -21,6 +22,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.mechanics import exterior_facets
 from pw_elements.meshes import curved
+from study.verification.c_mesh_families import meshed
 from tests.contact_cases import at
 from tests.two_bodies import joined
 
@@ -71,11 +73,24 @@ def _octant(low, high, n, cell):
     return curved(mesh, blown)
 
 
+def _octant_of_gmsh(low, high, n, cell):  # noqa: ARG001
+    """Of a hollow sphere, in tetrahedra of any shape with nodes on both spheres."""
+
+    def build():
+        ball, core = (
+            gmsh.model.occ.addSphere(0, 0, 0, r, -1, 0, np.pi / 2, np.pi / 2) for r in (high, low)
+        )
+        gmsh.model.occ.cut([(3, ball)], [(3, core)])
+
+    return meshed(build, 3, 1 / n, 2)
+
+
 # How each is built, the number of coordinates that make the radius, and the power in its stresses
 _KINDS = {
     "tube": (_tube_2d, 2, 2),
     "tube in space": (_tube_3d, 2, 2),
     "sphere": (_octant, 3, 3),
+    "sphere of Gmsh": (_octant_of_gmsh, 3, 3),
     "revolved": (_tube_2d, 2, 3),
 }
 

@@ -110,11 +110,11 @@ def test_parts_of_a_fit_are_parts_of_its_depth():
     ring = Ring(3)
     problem = ContactProblem(ring.K, ring.reduction, ring.pair(), ring.space)
     whole = problem.step(problem.undeformed, ring.nothing)
-    start = held_by(problem.undeformed, ring.K, problem._interface)
-    end = Target.of(ring.nothing, (), problem._interface)
+    start = held_by(problem.undeformed, ring.K, problem._stepping.interface)
+    end = Target.of(ring.nothing, (), problem._stepping.interface)
     state = problem.undeformed
     for share in (0.25, 0.5, 1.0):
-        state = problem._solved(state, between(start, end, share))
+        state = problem._stepping._solved(state, between(start, end, share))
         part = state.pairs[0]
         assert part.force == pytest.approx(share * whole.pairs[0].force, rel=1e-10)
         assert np.all(part.status == SLIP)
@@ -124,13 +124,13 @@ def test_a_fit_in_parts_obeys_the_law_in_each_of_them():
     ring = Ring(3)
     pair = ring.pair(mu=0.2)
     problem = ContactProblem(ring.K, ring.reduction, pair, ring.space)
-    start = held_by(problem.undeformed, ring.K, problem._interface)
-    end = Target.of(ring.nothing, (), problem._interface)
+    start = held_by(problem.undeformed, ring.K, problem._stepping.interface)
+    end = Target.of(ring.nothing, (), problem._stepping.interface)
 
     def timid(state, target):
         if target.stated - (0.0 if state is problem.undeformed else 0.5) > 0.5:
             raise NotFound("too much")
-        return problem._solved(state, target)
+        return problem._stepping._solved(state, target)
 
     cut = in_parts(timid, problem.undeformed, start, end)
     stated = Stated(ring.K, ring.space, [ring.nothing], ring.conditions, [pair])

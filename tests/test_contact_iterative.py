@@ -73,7 +73,7 @@ def test_the_shell_is_the_assembled_tangent(bodies):
         )
     exact, shell = (ContactProblem(K, supports, pair, U, s) for s in (Direct(), Iterative()))
     free = ((0, 0), (0, 2))
-    assembled, krylov = (problem._bound(free)[0] for problem in (exact, shell))
+    assembled, krylov = (problem._stepping._bound(free)[0] for problem in (exact, shell))
     rng = np.random.default_rng(3)
     m, dim = assembled.interface.position.shape
     E, C, D = rng.normal(size=(3, m, dim, dim))
@@ -101,12 +101,12 @@ def test_the_shell_is_the_assembled_tangent(bodies):
 def test_points_at_nodes(solid):
     K, _, supports, pair, U = solid.arguments("tilted")
     problem = ContactProblem(K, supports, pair, U, Iterative())
-    system: ContactSystem = problem._bound(())[0]
+    system: ContactSystem = problem._stepping._bound(())[0]
     points: NodePoints = system._tangent._points
     x = U.tabulate_dof_coordinates()[points.node]
     assert x == pytest.approx(system.interface.position)
     assert np.array_equal(points.own, points.node[:, None] * 3 + np.arange(3))
-    direct = ContactProblem(K, supports, pair, U, Direct())._bound(())[0]
+    direct = ContactProblem(K, supports, pair, U, Direct())._stepping._bound(())[0]
     assert points.scale == pytest.approx(direct.scale, rel=1e-12)
 
 

@@ -121,8 +121,8 @@ def test_lemke_ends_on_a_ray_where_there_is_no_solution():
 def started(case, pair, reduction, load, motions=(), free=()):
     """An increment from the undeformed body, its first place, and the condensed body."""
     stated = ContactProblem(case.K, reduction, pair, case.space)
-    interface = stated._interface
-    system, rigid = stated._bound(free)
+    interface = stated._stepping.interface
+    system, rigid = stated._stepping._bound(free)
     target = Target.of(load, motions, interface)
     past = Reference.of(stated.undeformed, interface)
     increment = Increment(system, case.K, load, target.translations, target.totals, past)
@@ -184,14 +184,13 @@ def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
     assert found == pytest.approx(z, rel=1e-8, abs=1e-10 * np.abs(z).max())
     translations, moved, force = small.split(found)
     assert translations[0] == pytest.approx(known.translation, rel=1e-8)
-    assert gathered(stated._interface, moved) == pytest.approx(
+    assert gathered(stated._stepping.interface, moved) == pytest.approx(
         known.displacement, abs=1e-9 * np.abs(known.displacement).max()
     )
-    assert gathered(stated._interface, force)[:, 1].sum() == pytest.approx(-217.3)
+    assert gathered(stated._stepping.interface, force)[:, 1].sum() == pytest.approx(-217.3)
     order = np.arange(len(force))
-    assert gathered(stated._interface, scattered(stated._interface, order)).tolist() == (
-        order.tolist()
-    )
+    interface = stated._stepping.interface
+    assert gathered(interface, scattered(interface, order)).tolist() == order.tolist()
 
 
 def test_the_remedy_alone_finds_what_the_iteration_finds():
@@ -334,13 +333,13 @@ def test_parts_are_the_increments_that_a_user_would_make():
     stated = ContactProblem(case.K, case.foot, pair, case.space)
     nothing = case.K.createVecLeft()
     pressed = stated.step(stated.undeformed, nothing, [Motion((0, -0.1))])
-    start = held_by(pressed, case.K, stated._interface)
-    end = Target.of(nothing, [Motion((0.08, -0.2))], stated._interface)
+    start = held_by(pressed, case.K, stated._stepping.interface)
+    end = Target.of(nothing, [Motion((0.08, -0.2))], stated._stepping.interface)
 
     def timid(state, target):
         if np.abs(target.translations - state.translations).max() > 0.034:
             raise NotFound("too far")
-        return stated._solved(state, target)
+        return stated._stepping._solved(state, target)
 
     cut = in_parts(timid, pressed, start, end)
     by_hand, slip = pressed, 0.0
@@ -372,9 +371,9 @@ def test_a_state_holds_its_load():
     case = Block(8)
     stated = ContactProblem(case.K, case.free, case.pair(0.3), case.space)
     state = stated.step(stated.undeformed, case.pressure)
-    start = held_by(state, case.K, stated._interface)
+    start = held_by(state, case.K, stated._stepping.interface)
     assert (start.load - case.pressure).norm() < 1e-10 * case.pressure.norm()
-    assert held_by(stated.undeformed, case.K, stated._interface).stated == 0
+    assert held_by(stated.undeformed, case.K, stated._stepping.interface).stated == 0
     twice = Target(2 * case.pressure, np.full((1, 2), np.nan), np.array([[4.0, 8.0]]))
     middle = between(start, twice, 0.25)
     assert (middle.load - 1.25 * case.pressure).norm() < 1e-10 * case.pressure.norm()

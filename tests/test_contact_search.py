@@ -100,9 +100,9 @@ class Pressed:
     def searched(self):
         """By the search alone, without any iteration before."""
         stated = self.stated()
-        target = Target.of(self.loads[0], self.pairs[0].motions, stated._interface)
-        increment, place, _ = stated._begun(stated.undeformed, target)
-        return searched(CondensedIncrement(increment, stated._condensed, place), None)
+        target = Target.of(self.loads[0], self.pairs[0].motions, stated._stepping.interface)
+        increment, place, _ = stated._stepping._begun(stated.undeformed, target)
+        return searched(CondensedIncrement(increment, stated._stepping._condensed, place), None)
 
 
 KINDS = {seed: bool(equilibria(Pressed(seed).linear())) for seed in range(24)}

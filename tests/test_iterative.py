@@ -38,8 +38,8 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements._compat import cell_nodes
+from pw_elements.choice import chosen
 from pw_elements.inner_nodes import centre_nodes
-from pw_elements.iterative import chosen
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.multigrid import Multigrid
 from tests.contact_cases import at

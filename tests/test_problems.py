@@ -1,12 +1,16 @@
 """Problems stated by a residual: known solutions, increments, and what is refused."""
 
+from inspect import signature
+
 from mpi4py import MPI
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc
 from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
+from dolfinx.nls.petsc import NewtonSolver
 
 from pw_elements import (
     Iterative,
@@ -127,6 +131,28 @@ def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
     assert difference.norm() < 1e-13
     (increment,) = problem.increments
     assert (increment.share, increment.corrections) == (1.0, ())
+
+
+def test_dolfinx_own_problems_do_not_serve():
+    V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 4))
+    condition, w = fem.dirichletbc(0.0, rim, V), ufl.TrialFunction(V)
+    a, L = ufl.inner(ufl.grad(w), ufl.grad(v)) * ufl.dx, 10.0 * v * ufl.dx
+    F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - L
+    newer = "petsc_options_prefix" in signature(petsc.LinearProblem).parameters
+    prefix = {"petsc_options_prefix": "own_"} if newer else {}
+    options = {"ksp_type": "preonly", "pc_type": "lu"}
+    found = petsc.LinearProblem(a, L, bcs=[condition], petsc_options=options, **prefix).solve()
+    assert not np.isfinite(found.x.array).any()  # and nobody said so
+    if newer:
+        own = petsc.NonlinearProblem(F, u, bcs=[condition], **prefix)
+        own.solve()
+        assert own.solver.getConvergedReason() < 0
+    else:
+        with pytest.raises(RuntimeError, match="did not converge"):
+            NewtonSolver(MPI.COMM_SELF, petsc.NonlinearProblem(F, u, [condition])).solve(u)
+    for residual in (a - L, F):
+        u.x.array[:] = 0
+        assert np.isfinite(PetrovGalerkinProblem(residual, u, condition).solve().x.array).all()
 
 
 @pytest.mark.parametrize("cell", [CellType.triangle, CellType.tetrahedron, CellType.hexahedron])

@@ -11,7 +11,7 @@ from pypdf import PdfReader
 from study import report
 from study.core.store import MissingResult, Results, StudyError
 from study.report import build, numbers, render
-from study.report.texts import Texts, names_section
+from study.report.texts import names_section
 from tests.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
@@ -455,13 +455,6 @@ def test_no_measured_number_is_typed_into_the_first_page():
     text = (TEXTS / "paper" / "answer.html").read_text()
     plain = re.sub(r"\{\{.*?\}\}|\{%.*?%\}|<[^>]*>", " ", text)
     assert re.findall(r"\d[\d.]*", plain) == ["0.48", "0.4999"]  # Poisson's ratios of the hybrid
-
-
-def test_texts_of_the_sections_can_be_written(own):
-    """They are pages of their own elsewhere; here it is seen that all they ask for is there."""
-    texts = Texts(own[0])
-    for path in sorted((TEXTS / "sections").glob("*.html")):
-        assert texts.render(f"sections/{path.name}").strip(), path.name
 
 
 def test_every_reference_is_cited(own):

@@ -4,17 +4,20 @@ import ast
 import inspect
 import re
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 import pw_elements
 import pw_elements.contact
 from study.core.cases import SECTIONS
+from study.core.store import Results
 from study.paper.items import ITEMS
 from study.site import evidence, gallery, reference
 from study.site.evidence import SHEETS
 from tests.browser import dead
 
+RESULTS = Path(__file__).parents[1] / "results"
 NAMES = [
     f"{module.__name__}.{name}"
     for module in (pw_elements, pw_elements.contact)
@@ -128,6 +131,42 @@ def test_examples_are_in_the_gallery_with_title_and_text():
     for one in every:
         assert one.title.endswith((".", "?")), one.name
         ast.parse((gallery.EXAMPLES / f"{one.name}.py").read_text())
+
+
+@pytest.mark.skipif(not (RESULTS / "claims.json").exists(), reason="./run study makes results")
+def test_sheets_have_all_that_their_texts_ask_for():
+    sheets = evidence._Sheets(Results(RESULTS))
+    assert all("## Verdicts" in sheets.sheet(section) for section in SECTIONS)
+    assert "## When to use it" in sheets.paper()
+    assert sheets.incomplete == []
+
+
+def test_mathematics_of_statements_is_set():
+    assert evidence.typeset("pw-T6: 0.4 <= x, nu = 0 on 8 x 8, K_PW = T K^T") == (
+        "new T6: 0.4 ≤ x, ν = 0 on 8 × 8, K<sub>PW</sub> = T K<sup>T</sup>"
+    )
+    assert evidence.typeset("menu & 2 x") == "menu &amp; 2 x"
+
+
+@pytest.mark.parametrize(
+    ("value", "tol", "written"),
+    [
+        (0.998516, 0.02, "0.999"),
+        (3.3e-11, 2.0, "3.3"),
+        (218.892, 5.0, "218.9"),
+        (800.0, 1e-6, "800"),
+    ],
+)
+def test_a_computed_number_has_the_digits_that_count(value, tol, written):
+    row = {"measured": value, "value": 1.0, "tol": tol, "relation": "="}
+    assert evidence._computed(row).startswith(written)
+
+
+def test_sections_that_a_text_names_are_links():
+    assert evidence._linked("see sections V1, 7.2 and C; section 8", "C") == (
+        'see sections <a href="V1.html">V1</a>, <a href="7.2.html">7.2</a> and C; section 8'
+    )
+    assert evidence._linked('<a href="x">section V1</a>') == '<a href="x">section V1</a>'
 
 
 def test_links_that_lead_nowhere_are_found(tmp_path):

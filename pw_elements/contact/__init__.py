@@ -37,16 +37,17 @@ from pw_elements.contact.errors import (
     SurfacePassed,
 )
 from pw_elements.contact.explicit import solve_impact
-from pw_elements.contact.fields import ContactFields, write
+from pw_elements.contact.fields import ContactFields
 from pw_elements.contact.history import solve_contact
 from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory
 from pw_elements.contact.law import OPEN, SLIP, STICK
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.pictures import draw_surface, plot
 from pw_elements.contact.polyline import Polyline
+from pw_elements.contact.problem import ContactProblem
 from pw_elements.contact.progress import Progress
+from pw_elements.contact.series import write
 from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
-from pw_elements.contact.stepping import ContactProblem
 from pw_elements.contact.surfaces import (
     FlatPunch,
     Parabola,

@@ -1,36 +1,29 @@
-"""States as functions on the body, and as a time series that ParaView opens.
+"""States as functions on the body.
 
-Both take a line:
-
-    fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
-    write("punch.bp", states, body)
+fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
 """
 
-import os
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, io
+from dolfinx import fem
 
 from pw_elements import arguments
 from pw_elements.collective import collective
-from pw_elements.contact.errors import listed
+from pw_elements.contact.sides import Opposite, displacements, over_areas, sides
 from pw_elements.contact.state import ContactState, PairState
-from pw_elements.elements import quadratic_element
-from pw_elements.hybrid import SubSpace, is_hybrid
+from pw_elements.hybrid import is_hybrid
 from pw_elements.mechanics import Body
-from pw_elements.recovery import SurfaceNodes, facets_between
+from pw_elements.recovery import SurfaceNodes
 from pw_elements.spaces import as_function, scalar_space, split
 
 Array = npt.NDArray[np.float64]
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _SAME = 1e-9
-_STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
+STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 
 @dataclass(frozen=True)
@@ -39,8 +32,13 @@ class ContactFields:
 
     What lives on the contact surface is zero elsewhere, except for the gap, which is NaN: zero
     would be contact. ParaView draws NaN in a colour of its own and leaves it out of ranges. Where
-    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors;
-    a deformable surface has its nodal forces, all else is stated at the nodes of the pair.
+    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
+
+    Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
+    that face the pair; the law is not stated there, so that gap and slip are means of those of the
+    pair's nodes, and the status is that of which they face most (see `sides`). On both sides
+    pressures and tractions are NaN at nodes with forces of whose areas less than a tenth faces the
+    other: forces are right there, their quotients are not.
 
     Pressures are forces over areas and need the body (thickness, circumference), see
     `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
@@ -59,7 +57,9 @@ class ContactFields:
         tributary_pressure: scalar, the same over the node's tributary area (measure 3).
         traction: vector, the tangential force of the surface on the body over the area that
             `pressure` has.
-        surfaces: of each pair; none without the body.
+        surfaces: of each pair, areas being of what faces a deformable one; none without the body.
+        opposite: of each pair, what it faces where that is deformable, else None; `seen` of it has
+            the same results as arrays on every process.
         body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
             of others. Where materials meet it is that of either side.
         hybrid: trial space of hybrid bodies.
@@ -74,6 +74,7 @@ class ContactFields:
     tributary_pressure: fem.Function | None
     traction: fem.Function | None
     surfaces: tuple[SurfaceNodes, ...]
+    opposite: tuple[Opposite | None, ...]
     body_pressure: fem.Function | None = None
     hybrid: fem.FunctionSpace | None = None
 
@@ -90,7 +91,7 @@ class ContactFields:
             ValueError: for a state of another space, or if pressures are asked for and a node
                 belongs to no facet that has all of its nodes in the pair.
         """
-        space = _trial(body)
+        space = trial(body)
         check_state(state, space)
         scalars = scalar_space(space)
         displacement, force, slip, traction = (
@@ -104,11 +105,13 @@ class ContactFields:
         always = displacement, force, gap, slip, status
         whole = body.spaces.trial if isinstance(body, Body) else body
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
+        both = [sides(k, pair, body) for k, pair in enumerate(state.pairs)]
+        opposite = tuple(other for _, other in both)
         if isinstance(body, Body):
-            surfaces = tuple(surface_of(k, pair, body) for k, pair in enumerate(state.pairs))
-            fields = cls(*always, pressure, tributary, traction, surfaces, *own)
+            surfaces = tuple(surface for surface, _ in both if surface is not None)
+            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
         else:
-            fields = cls(*always, None, None, None, (), *own)
+            fields = cls(*always, None, None, None, (), opposite, *own)
         fields.fill(state)
         return fields
 
@@ -122,7 +125,10 @@ class ContactFields:
         check_state(state, space)
         pairs = state.pairs
         known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
-        if known and known != given:
+        alike = len(pairs) == len(self.opposite) and (not known or known == given)
+        for other, pair in zip(self.opposite, pairs, strict=False):
+            alike &= other is None or other.is_of(pair)
+        if not alike:
             raise ValueError("the state has other contact nodes than the fields")
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
@@ -135,94 +141,42 @@ class ContactFields:
         _spread(self.slip, pairs, [pair.slip for pair in pairs])
         _spread(self.status, pairs, [pair.status for pair in pairs])
         each = list(zip(self.surfaces, pairs, strict=False))
-        _spread(self.pressure, pairs, [s.pressure(p.force_normal) for s, p in each])
-        values = [s.tributary_pressure(p.force_normal) for s, p in each]
-        _spread(self.tributary_pressure, pairs, values)
-        _spread(self.traction, pairs, [s.pressure(p.force_tangential) for s, p in each])
+        quotients = [over_areas(s, p) for s, p in each]
+        for k, out in enumerate((self.pressure, self.tributary_pressure, self.traction)):
+            _spread(out, pairs, [values[k] for values in quotients])
+        self._fill_opposite(pairs)
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
+
+    def _fill_opposite(self, pairs: Sequence[PairState]) -> None:
+        """Scalars, slips and tractions at nodes that face pairs and are in none."""
+        space, n = self.displacement.function_space, len(self.gap.x.array)
+        each = [
+            other.seen(pair).on(_here(space, pair.opposite), n)
+            for other, pair in zip(self.opposite, pairs, strict=True)
+            if other is not None
+        ]
+        if not each:
+            return
+        seen = sum(each[1:], each[0])
+        at = seen.faced
+        for pair in pairs:
+            here = _here(space, np.concatenate([pair.node, pair.faced]))
+            at[here[here >= 0]] = False
+        for out, values in (
+            (self.gap, seen.mean(seen.gap)),
+            (self.status, seen.status),
+            (self.slip, -seen.mean(seen.slip)),
+            (self.pressure, seen.pressure),
+            (self.tributary_pressure, seen.tributary_pressure),
+            (self.traction, seen.traction),
+        ):
+            if out is not None:
+                out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]
 
     def functions(self) -> list[fem.Function]:
         """All of them."""
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
-
-
-def write(
-    path: str | Path,
-    states: ContactState | Sequence[ContactState],
-    body: Body | fem.FunctionSpace,
-    times: Sequence[float] | None = None,
-) -> None:
-    """Writes all fields of states as a time series for ParaView, whole or not at all.
-
-        states = solve_contact(K, loads, supports, [floor, punch], U)
-        write("punch.bp", states, body)
-
-    The file, a folder in truth, is in ADIOS2's VTX format, which keeps quadratic functions and
-    curved cells: open it by ParaView's "ADIOS2 VTX Reader". What is there by this name is replaced.
-
-    Args:
-        path: ends in ".bp".
-        states: of one problem, or one of them.
-        body: see `ContactFields`; without pressures where it is the space.
-        times: of the states, increasing; their increments' numbers unless given.
-
-    Raises:
-        TypeError: for things of another kind.
-        ValueError: for another ending, no states, times that do not increase or are not one per
-            state, states of another space, and elements without quadratic Lagrange functions.
-        RuntimeError: if DOLFINx has been built without ADIOS2.
-        OSError: if something else is there, or the folder cannot be written in.
-    """
-    path, space = Path(path), _trial(body)
-    states = [states] if isinstance(states, ContactState) else list(states)
-    comm = space.mesh.comm
-    with collective(comm):
-        for state in states:
-            arguments.of_type("a state", state, ContactState, _STATE)
-        given = [float(s.increment) for s in states] if times is None else list(times)
-        _check_series(path, states, given, space)
-    fields = ContactFields.of(states[0], body)
-    unfinished, old = (path.with_name(f".{comm.bcast(os.getpid())}-{k}-{path.name}") for k in "ab")
-    with collective(comm):
-        if comm.rank == 0:
-            unfinished.mkdir()
-    try:
-        with io.VTXWriter(comm, unfinished, fields.functions()) as file:
-            for time, state in zip(given, states, strict=True):
-                fields.fill(state)
-                file.write(float(time))
-        comm.barrier()
-        with collective(comm):
-            if comm.rank == 0:
-                if path.exists():
-                    path.rename(old)
-                unfinished.rename(path)
-                shutil.rmtree(old, ignore_errors=True)
-    finally:
-        if comm.rank == 0:
-            shutil.rmtree(unfinished, ignore_errors=True)
-
-
-def surface_of(number: int, pair: PairState, body: Body) -> SurfaceNodes:
-    """The surface of a pair: the facets that have all their nodes in it.
-
-    Raises:
-        ValueError: for a node that belongs to none of them.
-    """
-    space = _trial(body)
-    facets = facets_between(space, pair.node)
-    lone = pair.position
-    if space.mesh.comm.allreduce(len(facets)):
-        surface = SurfaceNodes.of(body, facets)
-        if np.array_equal(surface.node, pair.node):
-            return surface
-        lone = pair.position[~np.isin(pair.node, surface.node)]
-    raise ValueError(
-        f"contact pair {number}: its nodes at {listed(lone)} belong to no facet that has all of "
-        "its nodes in the pair, so that they have no pressure: let the pair end at vertices, or "
-        "give it the nodes of whole facets, fem.locate_dofs_topological(space, dim - 1, facets)"
-    )
 
 
 def _spread(
@@ -250,11 +204,11 @@ def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray
     return np.where(nodes < 0, -1, local)
 
 
-def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+def trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+    """The space of the displacements; raises TypeError for what is no body and no space."""
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
-    space = body.spaces.trial if isinstance(body, Body) else body
-    return SubSpace.displacements(space).space
+    return displacements(body)
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
@@ -263,7 +217,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
     first, last = index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective(space.mesh.comm):
-        arguments.of_type("state", state, ContactState, _STATE)
+        arguments.of_type("state", state, ContactState, STATE)
         alike = state.displacement.getSizes() == (
             index_map.size_local * block,
             index_map.size_global * block,
@@ -274,26 +228,3 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             alike &= bool(away.max(initial=0.0) <= _SAME * np.abs(pair.position).max(initial=0.0))
         if not alike:
             raise ValueError("the state belongs to another space, or other processes, than this")
-
-
-def _check_series(
-    path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
-) -> None:
-    if not hasattr(io, "VTXWriter"):
-        raise RuntimeError("this DOLFINx was built without ADIOS2, which files for ParaView need")
-    if path.suffix != ".bp":
-        raise ValueError(f"{path}: the name of a VTX file ends in .bp")
-    if not states:
-        raise ValueError(f"{path}: there is no state to write")
-    if len(times) != len(states) or not np.all(np.diff(times) > 0) or not np.isfinite(times).all():
-        raise ValueError(f"{path}: {len(states)} states need as many times, each after the last")
-    cell, dim = space.mesh.topology.cell_name(), space.mesh.geometry.dim
-    if space.ufl_element() != quadratic_element(cell, (dim,)):
-        raise ValueError(
-            f"{path}: the element {space.ufl_element()} is not Lagrange's of degree 2, which is "
-            "what VTX files hold: write an interpolation of each field by io.VTXWriter"
-        )
-    if path.exists() and not (path / "md.idx").exists():
-        raise FileExistsError(f"{path} is there and no VTX file: it is not replaced")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path}: its folder does not exist")

@@ -9,10 +9,10 @@ from dolfinx import fem
 from pw_elements.contact.errors import ContactFailed
 from pw_elements.contact.inputs import checked_increments
 from pw_elements.contact.pairs import ContactPair
+from pw_elements.contact.problem import ContactProblem
 from pw_elements.contact.progress import Callback
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
-from pw_elements.contact.stepping import ContactProblem
 from pw_elements.iterative import Solver
 from pw_elements.progress import bar, doing
 from pw_elements.reduction import Reduction

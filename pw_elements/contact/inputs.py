@@ -16,8 +16,7 @@ from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
 from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.hybrid import is_hybrid
-from pw_elements.iterative import Iterative, Solver, chosen
-from pw_elements.linear_solver import LinearSolver
+from pw_elements.iterative import Solver
 from pw_elements.reduction import Reduction
 from pw_elements.values import whole
 
@@ -70,16 +69,6 @@ def checked_problem(
     return stated
 
 
-def solver_for(solver: Solver, reduction: Reduction) -> tuple[LinearSolver, Reduction]:
-    """The solver that is meant, and the reduction in the form in which it takes it.
-
-    Raises:
-        ValueError: if an iterative solver does not serve the reduction.
-    """
-    taken = chosen(solver, reduction.supports)
-    return taken, reduction.masked() if isinstance(taken, Iterative) else reduction
-
-
 def checked_paths(
     paths: PathInTime | Sequence[PathInTime | None],
     pairs: Sequence[ContactPair],
@@ -112,10 +101,8 @@ def checked_paths(
     return each
 
 
-def checked_remedies(
-    remedies: Collection[Remedy], space: fem.FunctionSpace, solver: Solver
-) -> tuple[Remedy, ...]:
-    """The remedies of a problem, less those that condense the body if its solver is iterative.
+def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:
+    """The remedies of a problem.
 
     Raises:
         ValueError: for one that there is not, or what differs between processes.
@@ -127,7 +114,7 @@ def checked_remedies(
                 f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
             )
     agree(space.mesh.comm, {"the remedies": each})
-    return tuple(one for one in each if one == "cutback" or not isinstance(solver, Iterative))
+    return each
 
 
 def checked_step(

@@ -23,7 +23,8 @@ matrix of the weights over the part of the sub-facet that faces the master and D
 all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
 Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
 flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
-and displacements are the quadratic functions. Gaps that meshes of one curved surface leave are as
+and displacements are the quadratic functions: measures, and so pressures, are of second order,
+on cylinders and spheres alike. Gaps that meshes of one curved surface leave are as
 large as the elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
 
 What is not: psi is negative in places, so that the master's nodal forces need not have one sign

@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 _SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
+# Sub-facets of so many corners
+_CELLS = {**_SIMPLEX, 4: basix.CellType.quadrilateral}
 # Of products of weights, quadratic functions and, in axisymmetry, the radius, on sub-facets of so
 # many corners; and where quadrilaterals are no parallelograms, so that nothing is a polynomial
 _DEGREE, _TWISTED = {2: 4, 3: 4, 4: 6}, 10
@@ -122,6 +124,21 @@ def overlaps(one: Trace, other: Trace, own: Indices, outward: Array) -> tuple[Se
     normal = one.normals(nodes[mine]).mean(axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return segments(corners[mine], other.parts[1], normal, outward), mine
+
+
+def whole_areas(trace: Trace, revolved: bool) -> Array:
+    """Integrals (n,) of the weights of a trace's nodes over all of it, seen as an overlap's are."""
+    nodes, corners, _ = trace.parts
+    k = corners.shape[1]
+    points, rule = basix.make_quadrature(_CELLS[k], _DEGREE[k])
+    hats = basix.create_element(basix.ElementFamily.P, _CELLS[k], 1).tabulate(0, points)[0, :, :, 0]
+    part, w = np.repeat(np.arange(len(corners)), len(rule)), np.tile(hats, (len(corners), 1))
+    measure = stretches(corners[part], w) * np.tile(rule, len(corners))
+    if revolved:
+        _, N = trace.functions(part, w)
+        measure = measure * 2 * np.pi * trace.positions(part, N)[:, 0]
+    place = np.searchsorted(trace.nodes, nodes[part])
+    return np.asarray(np.bincount(place.ravel(), (w * measure[:, None]).ravel()), dtype=float)
 
 
 def _twisted(corners: Array) -> bool:

@@ -110,9 +110,9 @@ class DeformableSurface:
         own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
         pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
 
-    Pressure, gap, slip and status are those of the pair's own nodes; nodal forces of the opposite
-    side are `PairState.opposite_force`, and in `ContactFields.force`. See `mortar` for what is
-    exact, and what is not.
+    Contact is stated at the pair's own nodes, `PairState` has their results, and the nodal forces
+    of the opposite side; `ContactFields` has pressures, gaps, slips and statuses of both, see
+    `sides`. See `mortar` for what is exact, and what is not.
 
     Args:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or

@@ -10,14 +10,16 @@ Labels name no units:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pw_elements import arguments
-from pw_elements.contact.fields import check_state, surface_of
+from pw_elements.contact.fields import check_state
 from pw_elements.contact.law import OPEN, SLIP, STICK
+from pw_elements.contact.sides import over_areas, sides
 from pw_elements.contact.state import ContactState, PairState
 from pw_elements.contact.surfaces import Surface
 from pw_elements.mechanics import Body, StressState
@@ -43,6 +45,7 @@ def plot(
     pair: int = 0,
     axes: Axes | None = None,
     along: int | None = None,
+    opposite: bool = False,
 ) -> Axes:
     """Draws pressure and shear of one pair, by Matplotlib; every process calls it.
 
@@ -61,31 +64,33 @@ def plot(
         axes: to draw in; those of a new figure unless given.
         along: coordinate (0 or 1) that the line is drawn along; its arc length unless given,
             from the end with the least coordinates. Faces know no such thing.
+        opposite: whether to draw them on the deformable surface that the pair faces.
 
     Returns:
         The axes. Each process has its own; let one of them save the figure.
 
     Raises:
         TypeError: for things of another kind.
-        ValueError: for a pair or coordinate that there is not, and as `ContactFields.of`.
+        ValueError: for a pair, coordinate or opposite surface that there is not, and as
+            `ContactFields.of`.
     """
     import matplotlib.pyplot as plt
 
     arguments.of_type("body", body, Body, "pressures need the body's surface measure")
+    arguments.flag("opposite", opposite)
     check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
     if not 0 <= pair < len(state.pairs):
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
     if along is not None and (dim == 3 or along not in (0, 1)):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
-    contact = state.pairs[pair]
-    surface = surface_of(pair, contact, body)
+    side = _Side.of(pair, state.pairs[pair], body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     if dim == 3:
-        _face(axes, contact, surface)
+        _face(axes, side)
     else:
         names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
-        _line(axes, contact, surface, along)
+        _line(axes, side, along)
         axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
     return axes
 
@@ -117,13 +122,37 @@ def draw_surface(
     axes.set(xlim=ends[0], ylim=ends[1])
 
 
-def _line(axes: Axes, contact: PairState, surface: SurfaceNodes, along: int | None) -> None:
-    pressure = surface.pressure(contact.force_normal)
-    traction = surface.pressure(contact.force_tangential)
-    rough, bounds = bool(np.any(contact.friction > 0)), r"$\pm\mu\,\times$ pressure"
+@dataclass(frozen=True)
+class _Side:
+    """What is drawn of one side of a pair, at its nodes (m)."""
+
+    surface: SurfaceNodes
+    normal: Array
+    friction: Array
+    status: npt.NDArray[np.int8]
+    pressure: Array
+    traction: Array
+
+    @classmethod
+    def of(cls, number: int, pair: PairState, body: Body, opposite: bool) -> _Side:
+        own, other = sides(number, pair, body)
+        assert own is not None
+        if not opposite:
+            pressure, _, traction = over_areas(own, pair)
+            return cls(own, pair.normal, pair.friction, pair.status, pressure, traction)
+        if other is None or other.surface is None:
+            raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
+        seen = other.seen(pair)
+        friction = seen.mean(seen.friction)
+        return cls(other.surface, other.normal, friction, seen.status, seen.pressure, seen.traction)
+
+
+def _line(axes: Axes, side: _Side, along: int | None) -> None:
+    pressure, traction = side.pressure, side.traction
+    rough, bounds = bool(np.any(side.friction > 0)), r"$\pm\mu\,\times$ pressure"
     end = 0.0
-    for chain in _chains(surface.edges):
-        x, normal = contact.position[chain], contact.normal[chain]
+    for chain in _chains(side.surface.edges):
+        x, normal = side.surface.position[chain], side.normal[chain]
         onwards = np.gradient(x, axis=0)
         if along is None:
             steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
@@ -134,11 +163,11 @@ def _line(axes: Axes, contact: PairState, surface: SurfaceNodes, along: int | No
             onwards *= np.sign(onwards[:, along, None])
         tangent = np.column_stack([normal[:, 1], -normal[:, 0]])
         tangent *= np.sign(np.sum(tangent * onwards, axis=1, keepdims=True))
-        closed = contact.status[chain] != OPEN
+        closed = side.status[chain] != OPEN
         if rough:
-            bound = contact.friction[chain] * pressure[chain]
+            bound = side.friction[chain] * pressure[chain]
             shear = np.sum(traction[chain] * tangent, axis=1)
-            sticks, slips = (contact.status[chain] == status for status in (STICK, SLIP))
+            sticks, slips = (side.status[chain] == status for status in (STICK, SLIP))
             axes.fill_between(where, -bound, bound, color="0.88", lw=0, label=bounds)
             axes.plot(where, shear, color=_ORANGE, lw=1)
             style: dict[str, Any] = {"color": _ORANGE, "ls": "", "marker": "o", "ms": 4}
@@ -152,13 +181,13 @@ def _line(axes: Axes, contact: PairState, surface: SurfaceNodes, along: int | No
     axes.legend(once.values(), once.keys(), frameon=False)
 
 
-def _face(axes: Axes, contact: PairState, surface: SurfaceNodes) -> None:
+def _face(axes: Axes, side: _Side) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
 
-    seen = np.delete(np.arange(3), np.abs(contact.normal.sum(axis=0)).argmax())
-    x, y = contact.position[:, seen].T
-    pressure = surface.pressure(contact.force_normal)
+    surface, pressure = side.surface, side.pressure
+    seen = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
+    x, y = surface.position[:, seen].T
     known = np.isfinite(pressure)
     triangles = surface.facets[:, SUB_TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
     face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
@@ -167,13 +196,13 @@ def _face(axes: Axes, contact: PairState, surface: SurfaceNodes) -> None:
     axes.figure.colorbar(shown, ax=axes, label="pressure")
     legend = []
     for status, text, style in ((OPEN, "edge of contact", "--"), (STICK, "edge of stick", "-")):
-        inside = (contact.status == status).astype(float)
+        inside = (side.status == status).astype(float)
         if 0 < inside.sum() < len(inside):
             axes.tricontour(face, inside, [0.5], colors="0.2", linestyles=style)
             legend.append(Line2D([], [], color="0.2", ls=style, label=text))
-    traction = surface.pressure(contact.force_tangential)[:, seen]
+    traction = side.traction[:, seen]
     size = np.linalg.norm(np.nan_to_num(traction), axis=1)
-    if np.any(contact.friction > 0) and size.max() > 0:
+    if np.any(side.friction > 0) and size.max() > 0:
         spacing = np.sqrt(np.ptp(x) * np.ptp(y) / len(x))
         pulled = size > _INVISIBLE * size.max()
         axes.quiver(

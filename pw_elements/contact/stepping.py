@@ -14,7 +14,6 @@ over time join here: `step` changes no state. `explicit.solve_impact` needs no `
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from pathlib import Path
 from time import perf_counter
 from typing import TypeAlias
 
@@ -27,33 +26,22 @@ from pw_elements.contact.condensed import Condensation
 from pw_elements.contact.cutback import Target, held_by, homogeneous, in_parts
 from pw_elements.contact.errors import ContactFailed, NoSolution, NotFound, NotUnique
 from pw_elements.contact.globalisation import Policy
-from pw_elements.contact.inputs import (
-    check_belongs,
-    check_state,
-    checked_path,
-    checked_problem,
-    checked_remedies,
-    checked_step,
-    solver_for,
-)
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.newton import Increment, Iterate, Reference, newton
 from pw_elements.contact.nodal import nodal_interface
 from pw_elements.contact.pairs import ContactPair, Motion
-from pw_elements.contact.progress import Callback, Reporter, checked_callback
+from pw_elements.contact.progress import Callback, Reporter
 from pw_elements.contact.refusals import no_equilibrium, refusal
-from pw_elements.contact.remedies import REMEDIES, Remedy, otherwise
-from pw_elements.contact.results import contact_state, undeformed
+from pw_elements.contact.remedies import Remedy, otherwise
+from pw_elements.contact.results import contact_state
 from pw_elements.contact.search import search
 from pw_elements.contact.starts import first_active_set, first_unknowns
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
-from pw_elements.contact.storage import read_state, write_state
 from pw_elements.contact.system import ContactSystem
 from pw_elements.contact.watch import Watch
-from pw_elements.iterative import Solver
-from pw_elements.linear_solver import SolverReport
-from pw_elements.mesh_checks import check_mesh
+from pw_elements.iterative import Iterative
+from pw_elements.linear_solver import LinearSolver, SolverNotConverged, SolverReport
 from pw_elements.progress import doing
 from pw_elements.reduction import Reduction
 
@@ -62,100 +50,60 @@ Spent: TypeAlias = tuple[int, SolverReport]
 _NOTHING: Spent = (0, SolverReport("nothing", 0))
 
 
-class ContactProblem:
-    """A body, its supports and contact pairs; `step` takes it from one state to the next.
-
-        problem = ContactProblem(K, supports, [floor, punch], U)
-        pressed = problem.step(problem.undeformed, load, [None, Motion((0, -0.1))])
-        pushed = problem.step(pressed, load, [None, Motion((0.02, -0.1))])
-        problem.save(pushed, "pushed.npz")
-
-    States are never changed: any of them can be gone on from, any number of times.
+class Stepping:
+    """The increments of a `ContactProblem` by one linear solver.
 
     Args:
-        K: stiffness (n, n), all rows and columns free; unsymmetric ones are welcome.
-        reduction: supports (or condensation) that keep the contact nodes' displacements, or
-            prescribe some that are tangential.
-        pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
-            `solve_contact` and do not count here.
-        space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as `solve` takes it.
+        K: stiffness (n, n), free.
+        reduction: supports, or condensation.
+        pairs: contact pairs.
+        space: trial space.
         max_iterations: linear systems of one iteration.
-        callback: called with a `Progress` after each iteration and each increment, on each process
-            that has one; what it raises ends the computation.
-        remedies: what is tried where the iteration fails: "condensed" does without active sets,
-            on the contact points alone (see `remedies`), "cutback" halves the increment (see
-            `cutback` and `ContactState.substates`), which with friction is another path, and
-            "search" looks through all statuses of few points in the plane (see `search`).
+        callback: the user's function, if there is one.
+        remedies: what is tried where the iteration fails, as far as the solver lets it.
+        solver: of the linear systems.
 
-    Raises:
-        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
-            `nodal.nodal_interface`.
-        DegenerateMesh: for cells without volume or turned inside out.
+    Attributes:
+        interface: contact points.
+        space: of the displacements.
     """
 
     def __init__(
         self,
         K: PETSc.Mat,
         reduction: Reduction,
-        pairs: ContactPair | Sequence[ContactPair],
+        pairs: Sequence[ContactPair],
         space: fem.FunctionSpace,
-        solver: Solver = None,
-        max_iterations: int = 50,
-        callback: Callback | None = None,
-        remedies: Collection[Remedy] = REMEDIES,
+        max_iterations: int,
+        callback: Callback | None,
+        remedies: Collection[Remedy],
+        solver: LinearSolver,
     ) -> None:
-        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
-        check_mesh(space.mesh)
-        self._solver, reduction = solver_for(solver, reduction)
-        self._K, self._reduction = K, reduction.equilibrated(K)
-        self._most = max_iterations
-        self._callback = checked_callback(space.mesh.comm, callback)
-        self._remedies = checked_remedies(remedies, space, self._solver)
-        sibling = K.getAttr("sibling")
-        self._interface = nodal_interface(self.pairs, space, self._reduction, sibling)
-        self._whole, self._space = space, self._interface.field.space
-        self._watch = Watch(self._interface, self._space)
+        self.solver = solver
+        iterative = isinstance(solver, Iterative)
+        self._K = K
+        self._reduction = (reduction.masked() if iterative else reduction).equilibrated(K)
+        self._most, self._callback = max_iterations, callback
+        # others condense the body
+        self._remedies = [one for one in remedies if one == "cutback" or not iterative]
+        self.interface = nodal_interface(pairs, space, self._reduction, K.getAttr("sibling"))
+        self._whole, self.space = space, self.interface.field.space
+        self._watch = Watch(self.interface, self.space)
         self._system: ContactSystem | None = None
         self._rigid: RigidMotions | None = None
-        self.undeformed: ContactState = undeformed(self._interface, K.createVecRight())
 
     def step(
         self,
         state: ContactState,
         load: PETSc.Vec,
-        motions: Motion | Sequence[Motion | None] | None = (),
+        moved: Sequence[Motion | None],
         guess: ContactState | None = None,
     ) -> ContactState:
-        """The state at the end of one increment.
-
-        Args:
-            state: at its start, of this problem or one like it; slip counts from there.
-            load: load vector (n,) at its end, in all.
-            motions: of each pair's surface from its initial place, None for one that rests
-                there; all rest unless given. A single pair's needs no list.
-            guess: state from whose active set to start, of a coarser mesh, say: each node takes
-                the status of the nearest; an iterative solver takes its displacements, too (unless
-                it was read from a file). It is no history.
-
-        Raises:
-            ValueError: for a load that is not finite, a number of motions that is not that of
-                the pairs, motions of another dimension, a state of other contact nodes, arguments
-                that differ between processes, a surface that fails, or a prescribed normal
-                displacement of a node in contact.
-            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
-            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
-            NoSolution: if a search of all statuses proves that the increment has no state.
-            NotUnique: if the tangent is singular at a solution: friction too large, or body loose.
-            NotFound: if none has been found, whether there is one or not; `state` came nearest.
-            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
-            SolverNotConverged: if an iterative solver fails, singular tangents among the reasons.
-        """
-        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
+        """The state at the end of one increment, as `ContactProblem.step` gives it."""
         begun = perf_counter()
-        end = Target.of(load, moved, self._interface)
-        reporter = Reporter(self._interface.comm, state.increment, self._callback)
-        with doing(self._interface.comm, f"contact increment {state.increment}"):
+        end = Target.of(load, moved, self.interface)
+        reporter = Reporter(self.interface.comm, state.increment, self._callback)
+        with doing(self.interface.comm, f"contact increment {state.increment}"):
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
@@ -172,7 +120,7 @@ class ContactProblem:
         """The state at a target, in parts; None if it is not found that way."""
         if "cutback" not in self._remedies or homogeneous(state):
             return None
-        start = held_by(state, self._K, self._interface)
+        start = held_by(state, self._K, self.interface)
         return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
 
     def _searched(self, state: ContactState, end: Target, failure: NotFound) -> ContactState | None:
@@ -204,10 +152,12 @@ class ContactProblem:
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
             now = newton(increment, active, place, policy(), self._most, told)
-        except ContactFailed as failure:
+        except (ContactFailed, SolverNotConverged) as failure:
             proof, unproved = no_equilibrium(increment, place, rigid)
             if proof is not None:
                 raise proof from None
+            if isinstance(failure, SolverNotConverged):
+                raise
             found, last = None, failure
             if "condensed" in self._remedies:
                 found, last = otherwise(
@@ -225,7 +175,7 @@ class ContactProblem:
         self, state: ContactState, target: Target, guess: ContactState | None = None
     ) -> tuple[Increment, Kinematics, Callable[[], Policy]]:
         """The equations from a state to a target, where they start, and a policy's maker."""
-        interface, prescribed = self._interface, target.translations
+        interface, prescribed = self.interface, target.translations
         system, rigid = self._bound(target.free)
         past = Reference.of(state, interface)
         increment = Increment(
@@ -243,7 +193,7 @@ class ContactProblem:
         self, increment: Increment, now: Iterate, state: ContactState, before: Spent
     ) -> ContactState:
         """The state that a solution is."""
-        self._interface.check_supports(now.translations)
+        self.interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
         now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
@@ -259,39 +209,14 @@ class ContactProblem:
 
     @cached_property
     def _condensed(self) -> Condensation:
-        return Condensation(self._K, self._reduction, self._interface, self._solver)
-
-    def save(self, state: ContactState, path: str | Path) -> None:
-        """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
-
-        Everything that the next increment needs is there; `substates` are left out.
-
-        Raises:
-            TypeError: for what is no state or path.
-            ValueError: for a state of other contact nodes.
-            OSError: if the file cannot be written.
-        """
-        check_state(state, self.undeformed, self._space)
-        write_state(checked_path(path, self._space), state, self._whole)
-
-    def load(self, path: str | Path) -> ContactState:
-        """Reads a state that `save` wrote for the same problem, on any number of processes.
-
-        Raises:
-            TypeError: for what is no path.
-            ValueError: if the file holds no state, or one of another mesh or other pairs.
-            OSError: if the file cannot be read.
-        """
-        state = read_state(checked_path(path, self._space), self._whole)
-        check_belongs(state, self.undeformed, "the file's state")
-        return state
+        return Condensation(self._K, self._reduction, self.interface, self.solver)
 
     def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
         """System and rigid motions for these free translations; one factorisation is kept."""
         if self._system is None or self._rigid is None or self._system.free != free:
             self._system = None
             self._system = ContactSystem(
-                self._K, self._reduction, self._interface, free, self._solver
+                self._K, self._reduction, self.interface, free, self.solver
             )
-            self._rigid = RigidMotions(self._system, self._space)
+            self._rigid = RigidMotions(self._system, self.space)
         return self._system, self._rigid

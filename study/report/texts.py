@@ -63,7 +63,6 @@ class Texts:
             "curves": self.curves,
             "measure": self.measure,
             "claims_of": self.claims_of,
-            "claims_table": self.claims_table,
             "figure": self.figure,
         }
 
@@ -93,22 +92,6 @@ class Texts:
     def claims_of(self, section: str) -> list[dict[str, Any]]:
         """Return the claims whose source names the section."""
         return [claim for claim in self.claims if names_section(claim["source"], section)]
-
-    def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
-        """Return tables of the paper's claims and of findings, with or without their reasons.
-
-        Pins are left out unless they differ.
-        """
-        paper = with_readings([row for row in rows if row["kind"] in judged.PAPER])
-        findings = [row for row in rows if row["kind"] == "finding"]
-        pins = [row for row in rows if row["kind"] == "pin" and row["differs"]]
-        titles = ("Statements of the paper", "Findings of this study", "Recorded numbers")
-        parts = zip(titles, (paper, findings, pins), strict=True)
-        return Markup().join(
-            self.render("claims.html", title=title, rows=some, reasons=reasons)
-            for title, some in parts
-            if some
-        )
 
 
 def load_figures(results: Results) -> dict[str, dict[str, Any]]:

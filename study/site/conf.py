@@ -1,5 +1,6 @@
 """Sphinx' settings; it reads this file from the folder of the sources."""
 
+import ast
 import re
 
 from docutils import nodes
@@ -8,6 +9,7 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 import pw_elements
+from study.site.mathematics import typeset
 
 project = "pw-elements"
 author = "pw-elements developers"
@@ -47,19 +49,74 @@ _PLURAL = re.compile(r"`([^`]+)`(?=\w)")  # as in `name`s, which needs a separat
 def readable(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
-    """Make reStructuredText of a docstring: code of what is indented, |x| and `names` in prose."""
+    """Make reStructuredText of a docstring: code or formulas of what is indented, and prose."""
     made: list[str] = []
+    block: list[str] = []
     section = before = ""
-    inside = False
-    for line in lines:
+    for line in [*lines, ""]:
+        if line.startswith("    ") and not section and (block or not before):
+            block.append(line)
+            continue
+        if block and line:
+            made += _shown(block)
+            block = []
         if line and not line.startswith(" "):
-            inside, section = False, line if _SECTION.match(line) else ""
-        elif line.startswith("    ") and not (inside or section or before):
-            made += [".. code-block:: python", ""]
-            inside = True
-        made.append(line if inside else _PLURAL.sub(r"`\1`\\ ", line.replace("|", r"\|")))
+            section = line if _SECTION.match(line) else ""
+        if block:
+            block.append(line)
+        else:
+            made.append(_prose(line, bool(section)))
         before = line
-    lines[:] = made
+    lines[:] = [*made, *_shown(block)]
+
+
+def _shown(block: list[str]) -> list[str]:
+    """Write an indented block: Python as such, all else as a formula."""
+    try:
+        ast.parse("\n".join(line.removeprefix("    ") for line in block))
+    except SyntaxError:
+        formulas = [_marked(line) for line in block if line]
+        return [".. rst-class:: formula", "", *(f"| {_apart(line)}" for line in formulas), ""]
+    return [".. code-block:: python", "", *block, ""] if block else []
+
+
+def _apart(formulas: str) -> str:
+    return re.sub(r" {2,}", " \N{EM SPACE} ", formulas.strip())
+
+
+def _prose(line: str, section: bool) -> str:
+    """Write a line of text; in a section, the name before a colon stays as it is."""
+    name = re.match(r"    [\w, ]+: ", line) if section else None
+    head = name[0] if name else ""
+    parts = re.split(r"(`[^`]*`)", line[len(head) :].replace("|", r"\|"))
+    text = "".join(part if part.startswith("`") else _marked(part) for part in parts)
+    return head + _PLURAL.sub(r"`\1`\\ ", text)
+
+
+def _marked(text: str) -> str:
+    return typeset(text, "\\ :sub:`{}`\\ ", "\\ :sup:`{}`\\ ")
+
+
+def short_types(
+    app: Sphinx,
+    what: str,
+    name: str,
+    thing: object,
+    options: object,
+    signature: str | None,
+    returned: str | None,
+) -> tuple[str | None, str | None]:
+    """Write arrays' types without the types of their shapes and entries."""
+
+    def shorter(text: str | None) -> str | None:
+        if text is None:
+            return None
+        text = re.sub(
+            r"~?numpy\.ndarray\[tuple\[.*?\], ~?numpy\.dtype\[.*?\]\]", "~numpy.ndarray", text
+        )
+        return re.sub(r"(~numpy\.ndarray)(?: \| ~numpy\.ndarray)+", r"\1", text)
+
+    return shorter(signature), shorter(returned)
 
 
 def _inline(page: HTML5Translator, node: nodes.Element) -> None:
@@ -79,3 +136,4 @@ def setup(app: Sphinx) -> None:
     ways = {"inline_renderers": (_inline, None), "block_renderers": (_block, None)}
     app.add_html_math_renderer("mathml", **ways)
     app.connect("autodoc-process-docstring", readable, priority=100)
+    app.connect("autodoc-process-signature", short_types)

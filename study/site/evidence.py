@@ -6,6 +6,7 @@ results and judged claims.
 """
 
 import html
+import math
 import re
 import shutil
 import tomllib
@@ -20,13 +21,16 @@ from study.core.sources import source
 from study.core.store import MissingResult, Results, StudyError
 from study.judge import claims as judged
 from study.paper.items import ITEMS, TITLES, Item
+from study.report.numbers import short
 from study.report.texts import Texts, names_section, provenance
+from study.site import mathematics
+from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 # What each sheet says at its head, in words
 SHEETS: dict[str, dict[str, str]] = tomllib.loads((HERE / "sheets.toml").read_text("utf-8"))
-PARTS = ("geometry", "material", "load", "reference", "uncertainty")
+PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
     "The paper's sections": [s for s in SECTIONS if s[0].isdigit() or s == "I"],
     "Verification": [s for s in SECTIONS if not s[0].isdigit() and s not in ("I", "P", "K")],
@@ -49,6 +53,7 @@ def write(results: Results, source_folder: Path) -> list[str]:
         (pages / f"{section}.md").write_text(texts.sheet(section), encoding="utf-8")
     (pages / "figures-and-tables.md").write_text(texts.items(stored), encoding="utf-8")
     (pages / "claims.md").write_text(texts.all_claims(stored), encoding="utf-8")
+    (pages / "paper.md").write_text(texts.paper(), encoding="utf-8")
     (pages / "index.md").write_text(texts.index(stored), encoding="utf-8")
     which = source_folder / "which-way.md"
     which.write_text(which.read_text("utf-8") + "\n" + texts.decision(), encoding="utf-8")
@@ -81,12 +86,20 @@ class _Sheets(Texts):
             "ref": _nothing,
             "cite": _nothing,
             "table": self._table,
+            "claims_table": self.claims_table,
         }
         self.environment.globals |= words
+        filters: dict[str, Callable[..., Markup]] = {
+            "typeset": typeset,
+            "relation": _relation,
+            "computed": _computed,
+        }
+        self.environment.filters |= filters
 
     def sheet(self, section: str) -> str:
         """Return the page of a section."""
-        head = [f"# {section}: {title(section)}", self._facts(section)]
+        name = mathematics.typeset(title(section), "{{sub}}`{}`")
+        head = [f"# {section}: {name}", self._facts(section)]
         try:
             body = self.render(f"sections/{section}.html")
         except MissingResult as missing:
@@ -94,7 +107,10 @@ class _Sheets(Texts):
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
         mine = [n for n, entry in self.figures.items() if entry["section"] == section]
         rest = Markup().join(self.figure(n) for n in mine if f'id="{n}"' not in body)
-        return "\n\n".join([*head, _as_markdown(body + rest), self._data(section)]) + "\n"
+        return (
+            "\n\n".join([*head, _as_markdown(_linked(body + rest, section)), self._data(section)])
+            + "\n"
+        )
 
     def figure(self, name: str) -> Markup:
         """Return a figure, whose file lies beside the pages."""
@@ -107,10 +123,13 @@ class _Sheets(Texts):
         entry["narrow_uri"] = f"{folder}/{name}.narrow.svg" if "narrow" in entry else None
         return self.render("figure.html", name=name, figure=entry, label=_label(name))
 
-    def claims_table(self, rows: list[dict[str, Any]], reasons: bool = True) -> Markup:
-        """Return the quantities of a sheet, with reference, error and tolerance."""
+    def claims_table(self, rows: list[dict[str, Any]]) -> Markup:
+        """Return the quantities of a sheet, with reference, error and tolerance.
+
+        Pins are left out unless they differ.
+        """
         shown = [row for row in rows if row["kind"] != "pin" or row["differs"]]
-        return self.render("quantities.html", rows=shown, reasons=reasons) if shown else Markup()
+        return self.render("quantities.html", rows=shown) if shown else Markup()
 
     def all_claims(self, sections: list[str]) -> str:
         """Return the page of all claims and findings."""
@@ -134,6 +153,16 @@ class _Sheets(Texts):
             parts += [f"## {head}", _raw(self.render("items.html", rows=mine, kind=kind))]
         return "\n\n".join(parts) + "\n"
 
+    def paper(self) -> str:
+        """Return the page of what the paper is about and what of it holds."""
+        parts = ["# The paper, and what of it holds"]
+        for name in ("introduction", "conclusions"):
+            try:
+                parts.append(_as_markdown(_linked(self.render(f"sections/{name}.html"))))
+            except MissingResult as missing:
+                self.incomplete.append(f"{name}: {missing}")
+        return "\n\n".join(parts) + "\n"
+
     def index(self, sections: list[str]) -> str:
         """Return the page that lists all sheets."""
         parts = ["# Evidence", (HERE / "evidence.md").read_text("utf-8")]
@@ -142,7 +171,7 @@ class _Sheets(Texts):
             parts += [f"## {group}", _raw(self.render("sheets.html", rows=rows))]
         cases = [case for section in sections for case in self.results.section(section)]
         parts.append(f"## Computed with\n\n{_raw(self.render('origin.html', **provenance(cases)))}")
-        tree = "\n".join(["claims", "figures-and-tables", *sections])
+        tree = "\n".join(["paper", "claims", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{tree}\n```")
         return "\n\n".join(parts) + "\n"
 
@@ -165,13 +194,14 @@ class _Sheets(Texts):
             raise StudyError(f"sheets.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])
         assert path is not None
-        rows = [(part.capitalize(), html.escape(sheet[part])) for part in PARTS if part in sheet]
+        cases = len(self.results.cases(section))
+        rows = [(part.capitalize(), typeset(sheet[part])) for part in PARTS if part in sheet]
         rows += [
-            ("Computed in", f"<code>{path.relative_to(ROOT).as_posix()}</code>"),
-            ("Command", f"<code>./run study {section}</code>"),
-            ("Data", f'<a href="#data">{len(self.results.cases(section))} results</a>'),
+            ("Computed in", Markup("<code>{}</code>").format(path.relative_to(ROOT).as_posix())),
+            ("Command", Markup("<code>./run study {}</code>").format(section)),
+            ("Data", Markup('<a href="#data">{} results</a>').format(cases)),
         ]
-        return _raw(self.render("facts.html", rows=[(a, Markup(b)) for a, b in rows]))
+        return _raw(self.render("facts.html", rows=rows))
 
     def _data(self, section: str) -> str:
         page = self.render("data.html", section=section, cases=self.results.section(section))
@@ -195,6 +225,36 @@ class _Sheets(Texts):
             "drawn": name,
             "alt": self.figures[name]["alt"] if name else "",
         }
+
+
+_KEYS = re.compile(rf"\b(?:{'|'.join(sorted(ELEMENTS, key=len, reverse=True))})\b(?!-)")
+
+
+def typeset(text: str) -> Markup:
+    """Return plain text as a page has it: mathematics as such, and names for elements' keys."""
+    named = _KEYS.sub(lambda found: ELEMENTS[found[0]].name, html.escape(text, quote=False))
+    return Markup(mathematics.typeset(named))
+
+
+def _relation(sign: str) -> Markup:
+    """Return the sign before a reference; none says that it is to be met."""
+    return Markup("" if sign == "=" else typeset(f"{sign} "))
+
+
+def _computed(row: dict[str, Any]) -> Markup:
+    """Return a judged number with the digits that its comparison needs."""
+    value, wanted, tol = row["measured"], row["value"], row["tol"]
+    if row["relation"] != "=" or None in (value, wanted) or not tol:
+        return short(value, 4)
+    return short(value, _digits(value, tol))
+
+
+def _digits(value: float, tol: float) -> int:
+    """Return how many significant digits of a number end one place below a tolerance's first."""
+    if not value:
+        return 2
+    above = math.floor(math.log10(abs(value))) - math.floor(math.log10(tol))
+    return min(max(2 + above, 2), 8)
 
 
 def _nothing(*names: str) -> Markup:
@@ -223,6 +283,25 @@ def _shows(name: str, item: Item) -> bool:
     if not match or match[1] != item.kind[:3]:
         return False
     return int(match[2]) <= int(item.number) <= int(match[3] or match[2])
+
+
+_SECTION = rf"(?:{'|'.join(re.escape(one) for one in sorted(SECTIONS, key=len, reverse=True))})"
+_ONE = re.compile(rf"{_SECTION}(?![.\w])")
+_NAMED = re.compile(rf"\bsections? {_SECTION}\b(?:(?:, | and | to ){_SECTION}\b)*")
+
+
+def _linked(body: str, own: str = "") -> str:
+    """Make links of the sections that a text names, but for the page's own."""
+
+    def link(found: re.Match[str]) -> str:
+        return found[0] if found[0] == own else f'<a href="{found[0]}.html">{found[0]}</a>'
+
+    def links(found: re.Match[str]) -> str:
+        word, _, names = found[0].partition(" ")
+        return f"{word} {_ONE.sub(link, names)}"
+
+    parts = re.split(r"(<a .*?</a>|<[^>]*>)", body, flags=re.DOTALL)
+    return "".join(part if part.startswith("<") else _NAMED.sub(links, part) for part in parts)
 
 
 def _as_markdown(body: str) -> str:

@@ -5,6 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 from study.site.gallery import Example, short
+from study.site.mathematics import typeset
 
 # The names that pages are grouped by; each group has a module's public names, or some of them
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -154,7 +155,8 @@ def write(pages: Path, used: dict[str, list[Example]]) -> None:
             full = f"{module}.{name}"
             (pages / f"{full}.rst").write_text(_page(module, name, thing, used), encoding="utf-8")
             line = (inspect.getdoc(thing) or "").partition("\n\n")[0]
-            rows.append(f"[`{name}`]({full}.rst)\n: {' '.join(line.split())}")
+            what = typeset(" ".join(line.split()), "{{sub}}`{}`", "{{sup}}`{}`")
+            rows.append(f"[`{name}`]({full}.rst)\n: {what}")
             tree.append(full)
         parts += [f"## {group}", f"`{module}`", "\n\n".join(rows)]
     entries = "\n".join(tree)

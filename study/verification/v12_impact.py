@@ -8,6 +8,7 @@ at the time 8; then the bar flies off at the speed 1.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import basix
@@ -16,7 +17,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh
+from dolfinx.mesh import Mesh, create_unit_cube
 from scipy.sparse.linalg import eigs
 
 from pw_elements import (
@@ -34,6 +35,7 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
 from pw_elements.recovery import SurfaceNodes, by_position
+from pw_elements.stability import critical_step
 from study.core.cases import Case
 from study.core.store import Result
 from study.units import dimensionless
@@ -193,6 +195,14 @@ def frequency(scheme: str, dimension: int, cells: tuple[int, ...]) -> Result:
     return Result(numbers, dimensionless(numbers), curves, dofs=found.K.getSize()[0])
 
 
+def regular_step(scheme: str, cells: int) -> Result:
+    """Critical step of a free unit cube whose small cubes are all cut alike."""
+    found = Scheme.of(scheme, create_unit_cube(MPI.COMM_SELF, cells, cells, cells))
+    free = Reduction.dirichlet(found.space, [])
+    scalars = {"critical_step_over_h": critical_step(found.K, found.M, free) * cells}
+    return Result(scalars, dimensionless(scalars), {}, dofs=found.K.getSize()[0])
+
+
 def _by_library(found: Scheme, held: Reduction, end: float = END) -> Motion:
     dim = found.body.spaces.mesh.geometry.dim
     axis = np.eye(dim)[-1]
@@ -331,6 +341,16 @@ CASES = [
         *(_bar(scheme, dimension, n) for n in BARS[dimension]),
         _frequency(scheme, dimension, CUBES[dimension]),
     )
+]
+CASES += [
+    Case(
+        "V12",
+        f"step-cube-{scheme}",
+        regular_step,
+        {"scheme": scheme, "cells": 4},
+        {"element": f"{SCHEMES[scheme]}-T10"},
+    )
+    for scheme in ("hrz", "sibling", "sibling-pwmass")
 ]
 LONGER = [
     *(_bar(scheme, 2, n) for scheme in ("hrz", "sibling") for n in (32, 64)),

@@ -10,6 +10,7 @@ In the plane a strip, in space a square block below a square punch.
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -17,7 +18,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 from scipy.spatial.transform import Rotation
 
-from pw_elements import PetrovGalerkinProblem, cell_measure, prescribe
+from pw_elements import PetrovGalerkinProblem, prescribe
 from pw_elements.meshes import triangles
 from pw_elements.recovery import forces_along
 from study.core.cases import Case
@@ -25,17 +26,26 @@ from study.core.store import Result
 from study.discretisation import spaces
 from study.units import dimensionless
 from study.verification.recorded import longer
+from study.verification.v14_moment import (
+    Stress,
+    internal_work,
+    linear_stress,
+    moments,
+    moments_of_triangles,
+    neo_hookean,
+    smooth,
+)
 
 TITLE = "Large strains: a rubber block below a punch"
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Lengths over the block's height, stresses over the shear modulus; plane strain
+# Lengths over the block's height; plane strain
 HALF_WIDTH, HALF_PUNCH = 1.0, 0.5
-LAME = 1.5
 DOWN, ASIDE = 0.2, 0.1
 ROUND_OFF = 1e-11  # corrections below this are rounded off in their fourth digit
+NEAR = 0.25  # to where the support of the boundary ends
 ANGLE = 0.7  # by which the deformed block is turned
 DEGREE = {2: 6, 3: 4}  # of quadrature: above it nothing changes but round-off and some 1e-6
 
@@ -44,12 +54,7 @@ def punch(element: str, elements: int) -> Result:
     """The block with `elements` over its height, pressed, and pressed while it is turned."""
     block = _Block(element, elements)
     space, dim = block.space, block.dim
-    down, aside = fem.Constant(space.mesh, -DOWN), fem.Constant(space.mesh, ASIDE)
-    moves = [prescribe(space, dim - 1, block.above, down), prescribe(space, 0, block.above, aside)]
-    moves += [prescribe(space, axis, block.above) for axis in range(1, dim - 1)]
-    held = [prescribe(space, axis, block.below) for axis in range(dim)]
-    problem = PetrovGalerkinProblem(block.residual, block.u, [*moves, *held])
-    problem.solve([down, aside])
+    problem = block.press()
     forces = problem.reactions()
     (increment,) = problem.increments
     corrections = np.array(increment.corrections)
@@ -70,14 +75,24 @@ def punch(element: str, elements: int) -> Result:
         "cells": space.dofmap.list.copy(),
     }
     evenness, of_forces = (_along if dim == 2 else _across)(block, forces)
+    if element == "pw-T6":
+        evenness |= block.moment_defect_by_place(forces)
+        evenness["volume_min"] = block.smallest_volume()
     numbers = {name: float(value) for name, value in (scalars | evenness).items()}
     return Result(numbers, dimensionless(numbers), curves | of_forces, dofs=block.x.size)
+
+
+def linear(element: str, elements: int) -> Result:
+    """The block of a material whose stress is linear in F, pressed."""
+    block = _Block(element, elements, linear_stress)
+    scalars = {"moment_defect": block.moment_defect(block.press().reactions())}
+    return Result(scalars, dimensionless(scalars), {}, dofs=block.x.size)
 
 
 class _Block:
     """Spaces, unknown and residual of a block on an element."""
 
-    def __init__(self, element: str, elements: int) -> None:
+    def __init__(self, element: str, elements: int, stress: Stress = neo_hookean) -> None:
         wide = round(2 * HALF_WIDTH * elements)
         if element.endswith("T6"):
             ends = (-HALF_WIDTH, 0.0), (HALF_WIDTH, 1.0)
@@ -91,7 +106,7 @@ class _Block:
         pair = spaces(element, mesh)
         self.space, self.u = pair.trial, fem.Function(pair.trial)
         self.x: Array = self.space.tabulate_dof_coordinates()[:, : self.dim]
-        self._weights = ufl.TestFunction(pair.test)
+        self._weights, self._stress = ufl.TestFunction(pair.test), stress
         self.residual = self.residual_of(self.u)
 
     @property
@@ -109,13 +124,20 @@ class _Block:
         return np.isclose(x[self.dim - 1], 0.0)
 
     def residual_of(self, u: fem.Function) -> ufl.Form:
-        """First Piola-Kirchhoff stress times the weights' gradients."""
-        F = ufl.Identity(self.dim) + ufl.grad(u)
-        inverse = ufl.inv(F).T
-        stress = F - inverse + LAME * ufl.ln(ufl.det(F)) * inverse
-        return ufl.inner(stress, ufl.grad(self._weights)) * cell_measure(
-            self._weights.ufl_function_space(), DEGREE[self.dim]
-        )
+        """The weak form, without loads."""
+        return internal_work(u, self._weights, DEGREE[self.dim], self._stress)
+
+    def press(self) -> PetrovGalerkinProblem:
+        """The problem, solved for the punch's whole way."""
+        space = self.space
+        down, aside = fem.Constant(space.mesh, -DOWN), fem.Constant(space.mesh, ASIDE)
+        last = self.dim - 1
+        moves = [prescribe(space, last, self.above, down), prescribe(space, 0, self.above, aside)]
+        moves += [prescribe(space, axis, self.above) for axis in range(1, last)]
+        held = [prescribe(space, axis, self.below) for axis in range(self.dim)]
+        problem = PetrovGalerkinProblem(self.residual, self.u, [*moves, *held])
+        problem.solve([down, aside])
+        return problem
 
     def objectivity(self, forces: PETSc.Vec) -> float:
         """Largest difference of forces when the block is turned, too, over the largest one."""
@@ -136,12 +158,27 @@ class _Block:
 
     def moment_defect(self, forces: PETSc.Vec) -> float:
         """Sum of the moments of nodal forces about deformed nodes, over that of magnitudes."""
-        place, force = (
-            np.pad(values, ((0, 0), (0, 3 - self.dim)))
-            for values in (self.x + self.displacement, forces.array_r.reshape(-1, self.dim))
-        )
-        moments = np.cross(place, force)
-        return float(np.linalg.norm(moments.sum(axis=0)) / np.linalg.norm(moments, axis=1).sum())
+        each = self._moments(forces)
+        return float(np.linalg.norm(each.sum(axis=0)) / np.linalg.norm(each, axis=1).sum())
+
+    def moment_defect_by_place(self, forces: PETSc.Vec) -> dict[str, float]:
+        """What triangles add to it near both ends of the punch, and far from where supports end."""
+        middle = self.x[self.space.dofmap.list[:, :3]].mean(axis=1)
+        corners = np.array([(-HALF_PUNCH, 1), (HALF_PUNCH, 1), (-HALF_WIDTH, 0), (HALF_WIDTH, 0)])
+        near = np.linalg.norm(middle[:, None] - corners, axis=2) < NEAR
+        share = moments_of_triangles(self.u, DEGREE[2], self._stress)
+        share /= np.linalg.norm(self._moments(forces), axis=1).sum()
+        places = {"left": near[:, 0], "right": near[:, 1], "far": ~near.any(axis=1)}
+        return {f"moment_defect_{name}": share[cells].sum() for name, cells in places.items()}
+
+    def smallest_volume(self) -> float:
+        """Least det F, at the rule's points."""
+        points, _ = basix.make_quadrature(self.space.mesh.basix_cell(), DEGREE[self.dim])
+        volume = fem.Expression(ufl.det(ufl.Identity(self.dim) + ufl.grad(self.u)), points)
+        return float(volume.eval(self.space.mesh, np.arange(len(self.space.dofmap.list))).min())
+
+    def _moments(self, forces: PETSc.Vec) -> Array:
+        return moments(self.x + self.displacement, forces.array_r.reshape(-1, self.dim))
 
 
 def _along(block: _Block, forces: PETSc.Vec) -> tuple[dict[str, float], dict[str, Array]]:
@@ -183,7 +220,18 @@ def _cases(cell: str, sizes: tuple[int, ...]) -> list[Case]:
     ]
 
 
+def _smooth(cell: str, sizes: tuple[int, ...]) -> list[Case]:
+    element = f"pw-{cell}"
+    return [
+        Case("V14", f"smooth-{element}-{n}", smooth, {"element": element, "elements": n})
+        for n in sizes
+    ]
+
+
 CASES = [*_cases("T6", (4, 8, 16)), *_cases("T10", (2, 4))]
+CASES += [*_smooth("T6", (4, 8, 16, 32)), *_smooth("T10", (2, 4))]
+CASES += [Case("V14", "linear-pw-T6-8", linear, {"element": "pw-T6", "elements": 8})]
 LONGER = [*_cases("T6", (32, 64)), *_cases("T10", (8,))]
+LONGER += [*_smooth("T6", (64,)), *_smooth("T10", (8,))]
 """Computed by `longer`."""
 CASES += longer("V14")

@@ -1,0 +1,151 @@
+"""A contact problem as the user states it: `ContactProblem`."""
+
+from collections.abc import Collection, Sequence
+from functools import partial
+from pathlib import Path
+
+from petsc4py import PETSc
+
+from dolfinx import fem
+
+from pw_elements.choice import by_chosen, chosen
+from pw_elements.contact.inputs import (
+    check_belongs,
+    check_state,
+    checked_path,
+    checked_problem,
+    checked_remedies,
+    checked_step,
+)
+from pw_elements.contact.pairs import ContactPair, Motion
+from pw_elements.contact.progress import Callback, checked_callback
+from pw_elements.contact.remedies import REMEDIES, Remedy
+from pw_elements.contact.results import undeformed
+from pw_elements.contact.state import ContactState
+from pw_elements.contact.stepping import Stepping
+from pw_elements.contact.storage import read_state, write_state
+from pw_elements.iterative import Solver
+from pw_elements.linear_solver import LinearSolver
+from pw_elements.mesh_checks import check_mesh
+from pw_elements.reduction import Reduction
+
+
+class ContactProblem:
+    """A body, its supports and contact pairs; `step` takes it from one state to the next.
+
+        problem = ContactProblem(K, supports, [floor, punch], U)
+        pressed = problem.step(problem.undeformed, load, [None, Motion((0, -0.1))])
+        pushed = problem.step(pressed, load, [None, Motion((0.02, -0.1))])
+        problem.save(pushed, "pushed.npz")
+
+    States are never changed: any of them can be gone on from, any number of times.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free; unsymmetric ones are welcome.
+        reduction: supports (or condensation) that keep the contact nodes' displacements, or
+            prescribe some that are tangential.
+        pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
+            `solve_contact` and do not count here.
+        space: trial space of the displacements, or of the hybrid element.
+        solver: of the linear systems, as `solve` takes it.
+        max_iterations: linear systems of one iteration.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; what it raises ends the computation.
+        remedies: what is tried where the iteration fails: "condensed" does without active sets,
+            on the contact points alone (see `remedies`), "cutback" halves the increment (see
+            `cutback` and `ContactState.substates`), which with friction is another path, and
+            "search" looks through all statuses of few points in the plane (see `search`).
+
+    Raises:
+        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
+            `nodal.nodal_interface`.
+        DegenerateMesh: for cells without volume or turned inside out.
+    """
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        reduction: Reduction,
+        pairs: ContactPair | Sequence[ContactPair],
+        space: fem.FunctionSpace,
+        solver: Solver = None,
+        max_iterations: int = 50,
+        callback: Callback | None = None,
+        remedies: Collection[Remedy] = REMEDIES,
+    ) -> None:
+        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        check_mesh(space.mesh)
+        self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
+        callback = checked_callback(space.mesh.comm, callback)
+        each = checked_remedies(remedies, space)
+        self._by = partial(
+            Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
+        )
+        self._stepping = self._by(chosen(solver, reduction.supports))
+        self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
+
+    def step(
+        self,
+        state: ContactState,
+        load: PETSc.Vec,
+        motions: Motion | Sequence[Motion | None] | None = (),
+        guess: ContactState | None = None,
+    ) -> ContactState:
+        """The state at the end of one increment.
+
+        Args:
+            state: at its start, of this problem or one like it; slip counts from there.
+            load: load vector (n,) at its end, in all.
+            motions: of each pair's surface from its initial place, None for one that rests
+                there; all rest unless given. A single pair's needs no list.
+            guess: state from whose active set to start, of a coarser mesh, say: each node takes
+                the status of the nearest; an iterative solver takes its displacements, too (unless
+                it was read from a file). It is no history.
+
+        Raises:
+            ValueError: for a load that is not finite, a number of motions that is not that of
+                the pairs, motions of another dimension, a state of other contact nodes, arguments
+                that differ between processes, a surface that fails, or a prescribed normal
+                displacement of a node in contact.
+            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
+            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
+            NoSolution: if a search of all statuses proves that the increment has no state.
+            NotUnique: if the tangent is singular at a solution: friction too large, or body loose.
+            NotFound: if none has been found, whether there is one or not; `state` came nearest.
+            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
+            SolverNotConverged: if an iterative solver fails, singular tangents among the reasons;
+                "auto" then goes on with factors if there is memory for them, and stays with them.
+        """
+        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
+
+        def stepped(solver: LinearSolver) -> ContactState:
+            if solver is not self._stepping.solver:
+                self._stepping = self._by(solver)
+            return self._stepping.step(state, load, moved, guess)
+
+        return by_chosen(self._stepping.solver, self._asked, self._supports, stepped)
+
+    def save(self, state: ContactState, path: str | Path) -> None:
+        """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
+
+        Everything that the next increment needs is there; `substates` are left out.
+
+        Raises:
+            TypeError: for what is no state or path.
+            ValueError: for a state of other contact nodes.
+            OSError: if the file cannot be written.
+        """
+        check_state(state, self.undeformed, self._space)
+        write_state(checked_path(path, self._space), state, self._space)
+
+    def load(self, path: str | Path) -> ContactState:
+        """Reads a state that `save` wrote for the same problem, on any number of processes.
+
+        Raises:
+            TypeError: for what is no path.
+            ValueError: if the file holds no state, or one of another mesh or other pairs.
+            OSError: if the file cannot be read.
+        """
+        state = read_state(checked_path(path, self._space), self._space)
+        check_belongs(state, self.undeformed, "the file's state")
+        return state
