@@ -95,6 +95,12 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
         raise ValueError("the form mixes meshes: its functions and measures have to share one")
     if (mesh := domains[0].ufl_cargo()) is None:
         raise ValueError("the form belongs to no mesh: give its measure a domain")
+    for kind, marked in form.subdomain_data()[domains[0]].items():
+        if any(other is not marked[0] for other in marked):
+            raise ValueError(
+                f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
+                "takes one: assemble a form of each and add the results"
+            )
     ruled = with_cell_rules(form)
     try:
         with doing(mesh.comm, "compiling a form"):

@@ -184,7 +184,8 @@ class Body:
         if mesh.topology.dim != dimension:
             raise ValueError(
                 f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
-                "its nodes as many coordinates as its cells have dimensions"
+                "its nodes as many coordinates as its cells have dimensions (from Gmsh by "
+                f"from_gmsh(comm, source, dim={mesh.topology.dim}))"
             )
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
@@ -277,6 +278,7 @@ class Body:
 
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
+        arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
         u, _ = self._split(u)
         plane = ufl.sym(ufl.grad(u))
         if self.state is not StressState.AXISYMMETRIC:
@@ -506,6 +508,10 @@ def prescribe(
     value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
     """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
+
+        held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
+
+    On tagged facets `fem.dirichletbc` prescribes, see the guide's page on meshes and tags.
 
     Args:
         space: trial space.

@@ -31,7 +31,10 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
         ValueError: if it fails, or does not give True or False for each point.
     """
     if not callable(where):
-        raise TypeError(f"{whose} is of the type {type(where).__name__}: give a function of points")
+        raise TypeError(
+            f"{whose} is of the type {type(where).__name__}: give a function of points. For tagged "
+            "facets there are fem.dirichletbc, and nodal_flux to read reactions"
+        )
     n = x.shape[1]
     if n == 0:
         return np.zeros(0, dtype=bool)

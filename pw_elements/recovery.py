@@ -135,13 +135,17 @@ def forces_along(
 ) -> BoundaryForces:
     """Nodal forces at the nodes a marker holds on, sorted along a coordinate axis.
 
+        held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
+        axes.plot(held.position[:, 1], held.force)
+
     Every process gets the whole line.
 
     Args:
         space: trial space.
         forces: vector (n,) of nodal forces.
         where: marker of the nodes' positions as columns (3, n).
-        axis: along which they are sorted, counted from 0.
+        axis: along which they are sorted, counted from 0; where the line does not extend along it,
+            they are sorted along the next one.
 
     Raises:
         ValueError: if there is no such node or no such axis, the marker fails or gives no truth
@@ -163,7 +167,7 @@ def forces_along(
     position, force = np.concatenate(position), np.concatenate(force)
     if not len(position):
         raise ValueError("the marker holds at no node of the space: check its coordinates")
-    order = np.argsort(position[:, axis])
+    order = by_position(np.roll(position, -axis, axis=1))
     return BoundaryForces(position[order], force[order])
 
 

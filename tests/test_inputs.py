@@ -80,7 +80,9 @@ def test_a_marker_that_fails_is_named_and_its_error_is_the_cause(call):
 
 @pytest.mark.parametrize("call", ["prescribe", "nodal_load", "forces_along"])
 def test_what_is_no_marker(call):
-    with pytest.raises(TypeError, match="is of the type ndarray: give a function of points"):
+    with pytest.raises(
+        TypeError, match=r"is of the type ndarray: give a function of points.*tagged"
+    ):
         taken(FACETS)[call]()
 
 
@@ -155,6 +157,11 @@ def nan_matrix():
     return matrix
 
 
+def both_loads():
+    below, beside = (boundary_measure(MESH, at(axis, 0.0)) for axis in (1, 0))
+    return BLOCK.body.surface_load((0, 1.0), below) + BLOCK.body.surface_load((1.0, 0), beside)
+
+
 def nan_mass():
     mass = assemble_matrix(BLOCK.body.mass())
     mass.setValue(0, 0, np.nan)
@@ -181,6 +188,7 @@ REFUSED = {
     "one force": (lambda: nodal_load(U, BOTTOM, 1.0), "it needs 2 finite components"),
     "degree": (lambda: boundary_measure(MESH, BOTTOM, 2.5), "quadrature_degree = 2.5"),
     "axis": (lambda: forces_along(U, LOAD, BOTTOM, 3), "axis 3"),
+    "two measures": (lambda: assemble_vector(both_loads()), "several measures of exterior facets"),
     "mass": (lambda: lumped_mass(nan_mass(), U), "not finite"),
     "radius": (lambda: Sphere((0, 0), np.array(-1.0)), "radius = .*has to be positive"),
     "radius by name": (lambda: Sphere((0, 0), "1"), "radius = '1'"),
@@ -256,6 +264,10 @@ OF_ANOTHER_KIND = {
     "loads for a load": (lambda: steps(load=[LOAD]), "the load is of the type list"),
     "translation for motions": (lambda: steps(motions=[(0, 0.1)]), "pair 0 is of the type tuple"),
     "guess": (lambda: steps(guess=LOAD), "a state to start from is of the type"),
+    "vector for displacements": (
+        lambda: BLOCK.body.von_mises(LOAD),
+        r"displacement is of the type Vec: as_function\(U, a\)",
+    ),
     "condition": (lambda: Reduction.dirichlet(U, [None]), "a condition is None"),
     "no list": (lambda: Reduction.dirichlet(U, 1.0), "the list of conditions is 1.0"),
 }

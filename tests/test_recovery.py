@@ -16,7 +16,7 @@ from pw_elements import (
 )
 from pw_elements.mechanics import exterior_facets
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
+from pw_elements.recovery import SurfaceNodes, by_position, force_transfer, forces_along
 from tests.contact_cases import Block, at
 
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
@@ -47,6 +47,21 @@ def pressed(body, where, pressure=3.0):
     nodes = np.flatnonzero(where(x.T))
     nodes = nodes[by_position(x[nodes])]
     return f.array_r.reshape(-1, len(traction))[nodes, -1]
+
+
+@pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
+def test_forces_along_any_side_are_in_its_order(side, axis):
+    """By its default, too, of a side that does not extend along x: round-off once ordered it."""
+    body = body_of(triangles, PW, StressState.PLANE_STRESS)
+    mesh = body.spaces.mesh
+    mesh.geometry.x[::2] *= 1 + 1e-15
+    end = mesh.geometry.x[:, side].max()
+    f = assemble_vector(body.surface_load((2.0, 5.0), boundary_measure(mesh, at(side, end))))
+    line = forces_along(body.spaces.trial, f, at(side, end))
+    assert np.all(np.diff(line.position[:, axis]) > 0)
+    again = forces_along(body.spaces.trial, f, at(side, end), axis)
+    assert np.array_equal(line.force, again.force)
+    assert np.allclose(line.force.sum(axis=0), f.array_r.reshape(-1, 2).sum(axis=0))
 
 
 @pytest.mark.parametrize(("build", "method", "state"), PLANE)

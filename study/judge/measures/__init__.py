@@ -61,6 +61,7 @@ from study.judge.measures.general import (
     curve_at,
     curve_difference,
     difference_of,
+    excess_ratio,
     largest,
     largest_from,
     least,

@@ -1,9 +1,14 @@
 """Measures that suit any section: stored numbers, their extremes and ratios, curves."""
 
+from typing import TypeAlias
+
 import numpy as np
 
 from study.core.store import Results
 from study.judge.measures.stored_cases import Selection, matching
+
+# Keys of two cases
+Pair: TypeAlias = tuple[str, str]
 
 
 def scalar(results: Results, key: str, name: str) -> float:
@@ -29,6 +34,12 @@ def least(results: Results, section: str, cases: Selection, name: str) -> float:
 def ratio(results: Results, key: str, other: str, name: str) -> float:
     """A stored number of one case over that of another one."""
     return results.scalar(key, name) / results.scalar(other, name)
+
+
+def excess_ratio(results: Results, fine: Pair, coarse: Pair, name: str) -> float:
+    """Relative difference of a stored number of two cases over that of two others."""
+    of_fine, of_coarse = (ratio(results, *pair, name) - 1 for pair in (fine, coarse))
+    return of_fine / of_coarse
 
 
 def ratio_of(results: Results, key: str, name: str, other: str) -> float:
