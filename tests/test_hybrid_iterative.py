@@ -94,6 +94,12 @@ def test_iterations_do_not_grow_with_the_mesh():
     assert counts[2] <= counts[1] + 3
 
 
+def test_a_hybrid_stiffness_has_no_blocks():
+    case = Clamped(block("tetrahedron", 2))
+    (plain, _), case.K = case.solved(Iterative()), assemble_matrix(case.body.stiffness(), True)
+    assert np.array_equal(plain[0], case.solved(Iterative())[0][0])
+
+
 def test_units_do_not_matter():
     counts = []
     for length, modulus in ((1.0, 2e11), (1e-3, 2e-6), (1e3, 2e5)):

@@ -65,6 +65,7 @@ from study.judge.measures.general import (
     largest,
     largest_from,
     least,
+    lowest_order,
     ratio,
     ratio_of,
     relative_difference,

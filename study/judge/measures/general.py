@@ -4,7 +4,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from study.core.store import Results
+from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import Selection, matching
 
 # Keys of two cases
@@ -60,6 +60,20 @@ def relative_difference(
         abs(stored.scalars[name] / stored.scalars[other] - 1)
         for stored in matching(results, section, cases)
     )
+
+
+def lowest_order(results: Results, section: str, cases: Selection, name: str) -> float:
+    """Lowest order of an error, from the coarsest to the finest mesh of cases alike but for `n`."""
+    series: dict[str, list[Stored]] = {}
+    for stored in matching(results, section, cases):
+        series.setdefault(stored.case.rsplit("-", 1)[0], []).append(stored)
+    orders = []
+    for meshes in series.values():
+        size = [stored.scalars["h"] for stored in meshes]
+        ends = meshes[int(np.argmax(size))], meshes[int(np.argmin(size))]
+        coarse, fine = (stored.scalars for stored in ends)
+        orders.append(np.log(coarse[name] / fine[name]) / np.log(coarse["h"] / fine["h"]))
+    return float(min(orders))
 
 
 def largest_from(
