@@ -47,7 +47,7 @@ class ContactProblem:
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as in `solve`; contact of hybrid bodies needs `Direct()`.
+        solver: of the linear systems, as in `solve`.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
