@@ -9,9 +9,10 @@ from study.core.store import Results
 
 SECTION = "V14"
 SIZES = (4, 8, 16, 32, 64)
+PUNCH_SIZES = (*SIZES, 96)
 SPACE_SIZES = (2, 4, 8)
 PUNCH, SMOOTH, SPACE = "V14/punch-pw-T6-{}", "V14/smooth-pw-T6-{}", "V14/smooth-pw-T10-{}"
-NEEDS = [name.format(n) for name in (PUNCH, SMOOTH) for n in SIZES]
+NEEDS = [PUNCH.format(n) for n in PUNCH_SIZES] + [SMOOTH.format(n) for n in SIZES]
 NEEDS += [SPACE.format(n) for n in SPACE_SIZES]
 LEFT, RIGHT, SUM, FAR, NODES = "#0B6E8A", "#B87A00", "#222222", "#6A4C93", "#8A8A8A"
 
@@ -20,7 +21,7 @@ def draw(results: Results) -> Figure:
     """Panels: what triangles add around the ends of the punch; orders elsewhere."""
     fig, (ends, orders) = plt.subplots(1, 2, figsize=(FULL, 2.8), width_ratios=(1, 1.15))
 
-    def series(name: str, case: str = PUNCH, sizes: tuple[int, ...] = SIZES) -> np.ndarray:
+    def series(name: str, case: str = PUNCH, sizes: tuple[int, ...] = PUNCH_SIZES) -> np.ndarray:
         return np.array([results.scalar(case.format(n), f"moment_defect{name}") for n in sizes])
 
     left, right = series("_left"), series("_right")
@@ -29,15 +30,15 @@ def draw(results: Results) -> Figure:
         ("right end", right, RIGHT, "^"),
         ("both", left + right, SUM, "o"),
     ):
-        ends.semilogx(SIZES, 1e6 * values, color=color, marker=marker, label=label)
+        ends.semilogx(PUNCH_SIZES, 1e6 * values, color=color, marker=marker, label=label)
     ends.axhline(0, color=SUM, lw=0.7, zorder=0)
     ends.set(title="(a) ends of the punch", xlabel="elements over the height")
     ends.set_ylabel("moment / magnitudes, $10^{-6}$")
     ends.legend()
     for label, sizes, values, color, marker in (
-        ("punch, far from supports' ends", SIZES, series("_far"), FAR, "s"),
-        ("smooth", SIZES, series("", SMOOTH), *_look("pw-T6")),
-        ("smooth, loads at nodes", SIZES, series("_at_nodes", SMOOTH), NODES, "x"),
+        ("punch, far from supports' ends", PUNCH_SIZES, series("_far"), FAR, "s"),
+        ("smooth", SIZES, series("", SMOOTH, SIZES), *_look("pw-T6")),
+        ("smooth, loads at nodes", SIZES, series("_at_nodes", SMOOTH, SIZES), NODES, "x"),
         ("smooth, in space", SPACE_SIZES, series("", SPACE, SPACE_SIZES), *_look("pw-T10")),
     ):
         orders.loglog(sizes, np.abs(values), color=color, marker=marker, label=label)
@@ -45,7 +46,8 @@ def draw(results: Results) -> Figure:
         n = np.array([20.0, 50.0])
         line = at * (n / n[0]) ** -order
         orders.loglog(n, line, color=SUM, lw=0.7)
-        orders.annotate(f"{order}", (n[1], line[1]), xytext=(3, 0), textcoords="offset points")
+        beside = {"textcoords": "offset points", "va": "bottom"}
+        orders.annotate(f"order {order}", (n[0], line[0]), (7, 0), fontsize=7, **beside)
     orders.set(title="(b) elsewhere", xlabel="elements over the height, along a side")
     orders.set_ylabel("moment / magnitudes")
     orders.legend(loc="lower left", fontsize=6.5)

@@ -92,7 +92,7 @@ class Iterative:
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
-                "not known to be positive definite: take Direct()"
+                "not known to be positive definite: use Direct()"
             )
         return Krylov(matrix, supports, self)
 
@@ -109,6 +109,7 @@ class Krylov:
         ksp: PETSc's solver; its matrix is Pi K Pi + (1 - Pi) of all n unknowns.
         multigrid: its preconditioner.
         operator: that matrix.
+        elastic: the stiffness of displacements, free, and their supports.
     """
 
     def __init__(self, matrix: PETSc.Mat, supports: Supports, how: Iterative) -> None:
@@ -117,10 +118,10 @@ class Krylov:
         self.multigrid: Multigrid | SaddlePoint
         if hybrid := is_hybrid(supports.space):
             self.multigrid = SaddlePoint(matrix, supports)
-            self._elastic = self.multigrid.elastic
+            self.elastic = self.multigrid.elastic
         else:
             self.multigrid = Multigrid(matrix, supports)
-            self._elastic = matrix, supports
+            self.elastic = matrix, supports
         self.operator = self.multigrid.operator
         self.ksp = self._method_for(self.operator)
         # the levels take over the prefix
@@ -171,7 +172,7 @@ class Krylov:
         Raises:
             SingularSystem: if a rigid motion is free.
         """
-        if free_motion(*self._elastic):
+        if free_motion(*self.elastic):
             raise SingularSystem("the system matrix is singular")
         self.multigrid.ready()
 
@@ -200,7 +201,7 @@ class Krylov:
 
     def round_off(self, size: float) -> float:
         """Residual that may be nothing but round-off, of a solution with the norm `size`."""
-        stiffness = self._elastic[0].norm(PETSc.NormType.INFINITY)
+        stiffness = self.elastic[0].norm(PETSc.NormType.INFINITY)
         return float(_DRIFT * _EPSILON * stiffness * size)
 
     def not_converged(self, left: float) -> SolverNotConverged:
@@ -209,7 +210,7 @@ class Krylov:
         return SolverNotConverged(
             f"{self.report.method} left the relative residual {left:.1e} after "
             f"{self.ksp.getIterationNumber()} iterations: Poisson's ratio near 1/2, flat cells or "
-            "supports that hardly hold make it slow; take Direct() "
+            "supports that hardly hold make it slow; use Direct() "
             f"(some {memory.of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
 

@@ -49,6 +49,7 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
+from pw_elements._compat import cell_nodes
 from pw_elements.contact import (
     ContactFailed,
     ContactPair,
@@ -117,7 +118,7 @@ def made(kind, x, cells):
 
 def two_squares(shift):
     one = square()
-    x, cells = one.geometry.x[:, :2], one.geometry.dofmap
+    x, cells = one.geometry.x[:, :2], cell_nodes(one)
     return made("triangle", np.vstack([x, x + shift]), np.vstack([cells, cells + len(x)]))
 
 

@@ -1,5 +1,6 @@
 """The study as it is started: Ctrl-C, kills and a full disk, at moments that nobody chose."""
 
+import gc
 import json
 import os
 import random
@@ -12,8 +13,10 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from tqdm import tqdm
 
 from study.command import main
+from study.core import runner
 from study.core.jit import unblocked
 from study.core.store import Results, sweep
 from tests.full_disk import REFUSED
@@ -103,6 +106,19 @@ def test_interrupt_at_any_moment_is_one_line(tmp_path, request, twice):
         assert not run.survivors()
         assert not [line for line in run.told() if "Traceback" in line], run.told()
         assert status == 0 or (status, run.told()[-1]) == (130, INTERRUPTED)
+
+
+def test_progress_bar_that_is_interrupted_half_made_says_nothing(monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    said = []
+    monkeypatch.setattr(sys, "unraisablehook", said.append)
+    monkeypatch.setattr(tqdm, "__init__", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        runner.run([], Path("none"), 1, False)
+    gc.collect()
+    assert not said
 
 
 @pytest.mark.random

@@ -17,8 +17,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.contact.anchors import Anchors
 from pw_elements.contact.unassembled import Bordered, NodePoints, Tied, Unassembled
-from pw_elements.iterative import Iterative, Krylov
+from pw_elements.iterative import Iterative, Krylov, free_motion
 from pw_elements.linear_solver import SingularSystem
 from pw_elements.matrices import collect_garbage, python_matrix
 from pw_elements.multigrid import Multigrid
@@ -98,6 +99,10 @@ class KrylovTangent:
         else:
             self._ksp = self.solver.ksp
             self._ksp.setOperators(self._operator, levels.operator)
+        # supports that hold all pieces need no help of contact
+        elastic, held = self.solver.elastic
+        loose = free_motion(elastic, held)
+        self._anchors = Anchors.of(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
         self.own_factors = self.settled = self.always_exact = self.encloses = False
         self.factorised: bool | None = True
@@ -189,6 +194,8 @@ class KrylovTangent:
             np.einsum("nak,nk,nbk->nab", left, (size < bound).astype(float), left)
             for bound in (_HELD, _NONE)
         )
+        if self._anchors is not None:
+            held = self._anchors.held(held)
         self._multigrid.hold(self._points.node, held, self._points.scale)
         if self._tied is not None:
             self._tied.hold(held)

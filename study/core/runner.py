@@ -164,6 +164,12 @@ def _result(case: Case) -> Result:
     return case.run(**case.parameters)
 
 
+class _Bar(tqdm):
+    """One that may be let go before it is made, as when Ctrl-C comes meanwhile."""
+
+    disable = True
+
+
 class _Progress:
     """Lines about cases on stderr, above a bar if it is a terminal."""
 
@@ -171,7 +177,7 @@ class _Progress:
         self.total, self.count = len(cases), 0
         self.width = max((len(case.key) for case in cases), default=0)
         terminal = sys.stderr.isatty()
-        self.bar = tqdm(total=self.total, file=sys.stderr, disable=not terminal, leave=False)
+        self.bar = _Bar(total=self.total, file=sys.stderr, disable=not terminal, leave=False)
 
     def note(self, line: str) -> None:
         self.bar.write(line, file=sys.stderr)
