@@ -24,6 +24,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         form: of trial and test functions.
         blocked: stores a vector field's matrix by nodes (PETSc's BAIJ), in 0.7 of the memory, as
             `Iterative` needs it: another format is copied by it. Everything else converts it.
+            Scalar and hybrid ones have no blocks.
 
     Raises:
         TypeError: if it is not a UFL form.
@@ -31,7 +32,8 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
             that is wrong for it.
     """
     compiled = compiled_form(form, 2, "a matrix")
-    matrix = create_matrix(compiled, "baij" if blocked else None)
+    nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
+    matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
     _assemble_matrix(matrix, compiled)
     matrix.assemble()
     matrix.setAttr("form", compiled)

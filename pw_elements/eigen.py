@@ -15,18 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements._compat import renamed
-from pw_elements.algebra import factorise, symmetric_part
+from pw_elements.algebra import factorise, ready, symmetric_part
 from pw_elements.arguments import flag, processes
 from pw_elements.choice import by_chosen, chosen
 from pw_elements.collective import collective
 from pw_elements.given import Problem, check_weights, refuse_negative
 from pw_elements.hybrid import is_hybrid
-from pw_elements.iterative import Iterative, Solver, free_motion
+from pw_elements.iterative import Iterative, Solver
 from pw_elements.linear_solver import (
     Direct,
     LinearSolver,
     PreparedSolver,
-    SingularSystem,
     SolverNotConverged,
     SolverReport,
 )
@@ -179,9 +178,11 @@ def _vibrations(
     B.setAttr("form", None)  # the next call would lose it, and mesh and all never be freed
     B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
+    if supports is not None:
+        reduced_by = reduction.masked().equilibrated(B)  # by which the solver scales pressures
     indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
     mu, reduced, residuals, report = _largest(
-        A, B, count, symmetrised, indefinite, solver, reduced_by, supports
+        A, B, count, symmetrised, indefinite, solver, reduced_by, supports, loose=True
     )
     if mu.real.min() <= 0:
         raise NoModes(
@@ -246,8 +247,6 @@ def _buckles(
     solver: LinearSolver,
 ) -> BucklingModes:
     A, B, reduced_by, supports = _pair(K_sigma, K, reduction.equilibrated(K), solver)
-    if supports is not None and free_motion(B, supports):
-        raise SingularSystem("the supports leave a rigid motion free: add Dirichlet conditions")
     if symmetrised:
         A, B = symmetric_part(A), symmetric_part(B)
     size = A.norm(PETSc.NormType.FROBENIUS)
@@ -258,7 +257,7 @@ def _buckles(
     scale = B.norm(PETSc.NormType.FROBENIUS) / size
     A.scale(-scale)
     mu, reduced, residuals, report = _largest(
-        A, B, count, symmetrised, _UNSTABLE, solver, reduced_by, supports
+        A, B, count, symmetrised, _UNSTABLE, solver, reduced_by, supports, loose=False
     )
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
@@ -294,12 +293,7 @@ def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSo
     hybrid = reduction.space is not None and is_hybrid(reduction.space)
     if hybrid and symmetrised:
         raise ValueError("a pair of hybrid spaces has no symmetrised twin: it is never definite")
-    if hybrid:
-        why = "modes of hybrid bodies need factors"
-    taken = chosen(solver, reduction.supports, why, modes=True)
-    if hybrid and isinstance(taken, Iterative):
-        raise ValueError(f"Iterative(): {why}, use Direct()")
-    return taken
+    return chosen(solver, reduction.supports, why, modes=True)
 
 
 def _pair(
@@ -321,10 +315,12 @@ def _largest(
     solver: LinearSolver,
     reduction: Reduction,
     supports: Supports | None,
+    loose: bool,
 ) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
     """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
 
-    The two d of a complex pair are the real and the imaginary part of one.
+    The two d of a complex pair are the real and the imaginary part of one. A `loose` pair is
+    regular though rigid motions be free.
 
     Raises:
         ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
@@ -338,7 +334,10 @@ def _largest(
     inverse: PreparedSolver
     if supports is not None and isinstance(solver, Iterative):
         inverse = krylov = solver.prepare(B, symmetric, supports)
-        krylov.multigrid.ready()
+        if loose:
+            krylov.multigrid.ready()
+        else:
+            ready(krylov)
         B = krylov.operator
     else:
         ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))

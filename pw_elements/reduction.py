@@ -17,7 +17,7 @@ from pw_elements.collective import collective
 from pw_elements.condensation import condensed
 from pw_elements.conditions import check_any, prescribed
 from pw_elements.given import check_reduction
-from pw_elements.hybrid import equilibration, is_split, tied
+from pw_elements.hybrid import equilibration, is_hybrid, is_split, tied
 from pw_elements.iterative import NO_SUPPORTS
 from pw_elements.matrices import python_matrix, selection, unbalanced, unblocked
 from pw_elements.projection import Masked, Projection, Supports
@@ -181,8 +181,10 @@ class Reduction:
         """
         if self.supports is None:
             raise ValueError(NO_SUPPORTS)
-        projection = Projection(self.supports.free, self.supports.space.dofmap.index_map_bs)
-        return python_matrix(K.getSizes(), Masked(K, projection), K.comm)
+        space = self.supports.space
+        projection = Projection(self.supports.free, space.dofmap.index_map_bs)
+        scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
+        return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
 
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
         """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.

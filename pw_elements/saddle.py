@@ -44,40 +44,49 @@ class SaddlePoint:
 
     Attributes:
         operator: Pi s K s Pi + (1 - Pi), with the scale s.
-        elastic: A, and its supports.
+        scaled: s K s.
+        displacements: among the unknowns.
+        elastic: A in blocks, and its supports.
+        levels: of A.
+        inner: preconditioner of A by them, or one that has more to do.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         space, comm = supports.space, K.comm
-        self._u, self._p = SubSpace.displacements(space), SubSpace.pressure(space)
-        scale = equilibration(space, K)
-        masked = Masked(K, Projection(supports.free, 1), scale)
-        self.operator = python_matrix(K.getSizes(), masked, comm)
-        u, p = (field.selection() for field in (self._u, self._p))
+        self.displacements, self._p = SubSpace.displacements(space), SubSpace.pressure(space)
+        scale, every = equilibration(space, K), np.ones_like(supports.free)
+        self.operator, self.scaled = (
+            python_matrix(K.getSizes(), Masked(K, Projection(free, 1), scale), comm)
+            for free in (supports.free, every)
+        )
+        u, p = (field.selection() for field in (self.displacements, self._p))
         columns = u.transpose(PETSc.Mat()), p.transpose(PETSc.Mat())
-        A = u.matMult(K).matMult(columns[0])
-        A.setBlockSize(space.mesh.geometry.dim)
-        of_volume = p.matMult(K)
+        of_equilibrium, of_volume = u.matMult(K), p.matMult(K)
+        plain = of_equilibrium.matMult(columns[0])
+        plain.setBlockSize(space.mesh.geometry.dim)
+        A = plain.convert("baij", PETSc.Mat())
+        destroy(of_equilibrium, plain)
         self._B = of_volume.matMult(columns[0])
-        self.elastic = A, Supports(self._u.space, supports.free[self._u.owned.ravel()])
-        self._levels = Multigrid(*self.elastic)
+        own = supports.free[self.displacements.owned.ravel()]
+        self.elastic = A, Supports(self.displacements.space, own)
+        self.levels = Multigrid(*self.elastic)
         self._free = supports.free[self._p.owned.ravel()].astype(float)
         scales = self._p.part(scale)
-        S = _mass(self._u.space, self._p.space, A, self._B)
+        S = _mass(self.displacements.space, self._p.space, A, self._B)
         S.axpy(-1.0, of_volume.matMult(columns[1]), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         S.diagonalScale(scales, scales)
         self._B.diagonalScale(scales)
         self._pressure = _chebyshev(S, space.mesh.topology.cell_name())
-        self._preconditioner = PETSc.PC().create(comm)
+        self.inner = PETSc.PC().create(comm)
         self._given, self._found = A.createVecs()
         self._pressed, self._rest = S.createVecs()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner this one; its options prefix is the multigrid's, too."""
-        self._preconditioner.setOptionsPrefix(preconditioner.getOptionsPrefix())
-        self._preconditioner.setOperators(self._levels.operator)
-        self._levels.set_up(self._preconditioner)
-        self._preconditioner.setFromOptions()
+        self.inner.setOptionsPrefix(preconditioner.getOptionsPrefix())
+        self.inner.setOperators(self.levels.operator)
+        self.levels.set_up(self.inner)
+        self.inner.setFromOptions()
         preconditioner.setType("python")
         preconditioner.setPythonContext(self)
 
@@ -92,24 +101,32 @@ class SaddlePoint:
         Raises:
             SingularSystem: if a constant pressure acts on no displacement, nor on a volume.
         """
-        constant, effect = self.operator.createVecs()
-        constant.setArray(self._p.spread(self._free))
-        self.operator.mult(constant, effect)
-        largest = PETSc.NormType.INFINITY
-        if effect.norm(largest) <= NOTHING * self.elastic[0].norm(largest):
+        if self.free_pressure(self.operator):
             raise SingularSystem(FREE_PRESSURE)
-        self._levels.ready()
+        self.levels.ready()
+
+    def free_pressure(self, operator: PETSc.Mat) -> bool:
+        """Whether a constant pressure does nothing under an operator (n, n), or a larger one.
+
+        Its other unknowns come last.
+        """
+        constant, effect = operator.createVecs()
+        pressures = self._p.spread(self._free)
+        constant.array[: len(pressures)] = pressures
+        operator.mult(constant, effect)
+        largest = PETSc.NormType.INFINITY
+        return bool(effect.norm(largest) <= NOTHING * self.elastic[0].norm(largest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""
         values = x.array_r
-        self._given.setArray(values[self._u.owned.ravel()])
-        self._preconditioner.apply(self._given, self._found)
+        self._given.setArray(values[self.displacements.owned.ravel()])
+        self.inner.apply(self._given, self._found)
         self._B.mult(self._found, self._rest)
         wanted = values[self._p.owned.ravel()]
         self._rest.setArray((self._rest.array_r - wanted) * self._free)
         self._pressure.solve(self._rest, self._pressed)
-        out = self._u.spread(self._found.array_r)
+        out = self.displacements.spread(self._found.array_r)
         p = np.where(self._free > 0, self._pressed.array_r, wanted)
         y.setArray(out + self._p.spread(p))
 

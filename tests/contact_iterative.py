@@ -25,9 +25,16 @@ PUSHED = (1e-4, 5e-5, -1e-3)
 class Solid:
     """Block 2 x 1 x 1, n cells high."""
 
-    def __init__(self, cell="tetrahedron", method=Spaces.petrov_galerkin, n=3, comm=MPI.COMM_SELF):
+    def __init__(
+        self,
+        cell="tetrahedron",
+        method=Spaces.petrov_galerkin,
+        n=3,
+        comm=MPI.COMM_SELF,
+        nu=0.3,
+    ):
         mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType[cell])
-        self.body = Body(method(mesh), Material(1000.0, 0.3), "solid")
+        self.body = Body(method(mesh), Material(1000.0, nu), "solid")
         self.space = self.body.spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
         self.free = Reduction.dirichlet(self.space, [])

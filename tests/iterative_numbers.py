@@ -61,12 +61,11 @@ def hybrid(cell):
         numbers[f"{cell} hybrid {field}"] = function.x.petsc_vec.norm()
 
 
-def contact(case):
-    body = Solid(comm=comm)
+def contact(case, body, what=""):
     for k, state in enumerate(solve_contact(*body.arguments(case), solver=Iterative())):
-        numbers[f"{case} {k} displacement_norm"] = state.displacement.norm()
+        numbers[f"{what}{case} {k} displacement_norm"] = state.displacement.norm()
         for number, pair in enumerate(state.pairs):
-            name = f"{case} {k} {number}"
+            name = f"{what}{case} {k} {number}"
             numbers[f"{name} statuses"] = np.bincount(pair.status, minlength=3).tolist()
             numbers[f"{name} force"] = float(np.abs(pair.force).max())
             numbers[f"{name} largest"] = pair.force_normal.max()
@@ -104,15 +103,16 @@ def by_auto():
         numbers["words that differ"] = len(set(comm.allgather(str(error)))) - 1
 
 
-def two_bodies(case):
+def two_bodies(case, what="", **body):
     """The upper one is the slave."""
-    stack = Stack((4, 3), "tetrahedron", upper=(0.13, 0.83), ratio=0.5, comm=comm)
+    stack = Stack((4, 3), "tetrahedron", upper=(0.13, 0.83), comm=comm, **body)
     arguments = STACKED[case](stack, "upper")
     (state,) = solve_contact(*arguments, solver=Iterative())
-    numbers[f"{case} displacement_norm"] = state.displacement.norm()
+    numbers[f"{what}{case} displacement_norm"] = state.displacement.norm()
     for number, pair in enumerate(state.pairs):
-        numbers[f"{case} {number} statuses"] = np.bincount(pair.status, minlength=3).tolist()
-        numbers[f"{case} {number} force_normal"] = pair.force_normal.tolist()
+        name = f"{what}{case} {number}"
+        numbers[f"{name} statuses"] = np.bincount(pair.status, minlength=3).tolist()
+        numbers[f"{name} force_normal"] = pair.force_normal.tolist()
 
 
 supported("tetrahedron")
@@ -120,11 +120,14 @@ supported("hexahedron")
 hybrid("tetrahedron")
 hybrid("hexahedron")
 for case in CASES:
-    contact(case)
+    contact(case, Solid(comm=comm))
+for case in ("sphere", "plate by forces"):
+    contact(case, Solid(method=Spaces.hybrid, comm=comm, nu=0.5), "hybrid ")
 nested()
 hardly_held()
 for case in STACKED:
-    two_bodies(case)
+    two_bodies(case, ratio=0.5)
+two_bodies("held by contact", "hybrid ", element="hybrid", nu=0.5)
 by_auto()
 if comm.rank == 0:
     print(json.dumps(numbers))

@@ -21,16 +21,17 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
+    as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    buckling,
     prescribe,
     solve,
     split,
     vibration_modes,
 )
 from pw_elements.choice import chosen
-from pw_elements.contact import ContactPair, Plane, solve_contact
 from tests.contact_cases import at
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -93,6 +94,12 @@ def test_iterations_do_not_grow_with_the_mesh():
     assert counts[2] <= counts[1] + 3
 
 
+def test_a_hybrid_stiffness_has_no_blocks():
+    case = Clamped(block("tetrahedron", 2))
+    (plain, _), case.K = case.solved(Iterative()), assemble_matrix(case.body.stiffness(), True)
+    assert np.array_equal(plain[0], case.solved(Iterative())[0][0])
+
+
 def test_units_do_not_matter():
     counts = []
     for length, modulus in ((1.0, 2e11), (1e-3, 2e-6), (1e3, 2e5)):
@@ -149,15 +156,46 @@ def test_free_motions_are_refused():
         body.solved(Iterative())
 
 
-def test_what_needs_factors_says_so():
+@pytest.mark.parametrize("nu", [0.4, 0.5])
+@pytest.mark.parametrize("held", ["clamped", "free"])
+def test_modes_are_those_of_factors(held, nu):
+    """Pressures, too; at a given shift the matrix that is inverted is another one."""
+    mesh = block("tetrahedron", 3)
+    case = Clamped(mesh, nu)
+    mesh.geometry.x[:] *= 1.0, 0.7, 2.0  # modes of cubes are double and triple
+    case.K, M = assemble_matrix(case.body.stiffness()), assemble_matrix(case.body.mass())
+    rigid = 0 if held == "clamped" else 6
+    supports = case.held if held == "clamped" else Reduction.dirichlet(case.space, [])
+    for shift in (None, -1e10):
+        mine, exact = (
+            vibration_modes(case.K, M, supports, rigid + 2, shift=shift, solver=solver)
+            for solver in (Iterative(), Direct())
+        )
+        assert mine.report.factorisations == 0
+        assert mine.rigid == exact.rigid == rigid
+        for k in range(rigid, rigid + 2):
+            assert mine.eigenvalues[k] == pytest.approx(exact.eigenvalues[k], rel=1e-9)
+            fields = (split(case.space, modes.shapes[k]) for modes in (mine, exact))
+            for a, b in zip(*fields, strict=True):
+                a, b = a.x.array, b.x.array
+                assert min(np.abs(a - b).max(), np.abs(a + b).max()) < 1e-7 * np.abs(b).max()
+
+
+def test_buckling_factors_are_those_of_factors():
+    case = Clamped(block("tetrahedron", 3), modulus=2e9)
+    pressed = as_function(case.space, solve(case.K, case.f, case.held))
+    K_sigma = assemble_matrix(case.body.initial_stress(case.body.stress(pressed)))
+    mine, exact = (
+        buckling(case.K, K_sigma, case.held, solver=solver) for solver in (Iterative(), Direct())
+    )
+    assert mine.factors == pytest.approx(exact.factors, rel=1e-8)
+    loose = Reduction.dirichlet(case.space, case.foot[:2])
+    with pytest.raises(SingularSystem, match="leave a rigid motion free"):
+        buckling(case.K, K_sigma, loose, solver=Iterative())
+
+
+def test_a_split_pressure_needs_factors():
     mesh = block("tetrahedron", 2)
-    body = Clamped(mesh)
-    pair = ContactPair(at(2, 1.0), Plane((0, 0, 1.5), (0, 0, -1)))
-    with pytest.raises(ValueError, match="contact of hybrid bodies needs factors"):
-        solve_contact(body.K, body.f, body.held, pair, body.space, solver=Iterative())
-    M = assemble_matrix(body.body.mass())
-    with pytest.raises(ValueError, match="modes of hybrid bodies need factors"):
-        vibration_modes(body.K, M, body.held, solver=Iterative())
     cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     spaces = Spaces.hybrid(mesh, meshtags(mesh, 3, cells, cells % 2))
     held = Reduction.dirichlet(spaces, [prescribe(spaces.trial, 0, at(2, 0.0))])

@@ -46,7 +46,7 @@ def solve_contact(
             state). Without it the first starts from the nodes that touch, others from the one
             before.
         max_iterations: linear systems of one iteration.
-        solver: of the linear systems, as in `solve`; contact of hybrid bodies needs `Direct()`.
+        solver: of the linear systems, as in `solve`.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
         remedies: as in `ContactProblem`.

@@ -10,7 +10,6 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements import arguments
-from pw_elements.choice import chosen
 from pw_elements.collective import agree, collective
 from pw_elements.contact.mortar import check_weights
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
@@ -18,8 +17,7 @@ from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
 from pw_elements.given import Problem, check_load, is_finite
 from pw_elements.hybrid import is_hybrid
-from pw_elements.iterative import Iterative, Solver
-from pw_elements.linear_solver import LinearSolver
+from pw_elements.iterative import Solver
 from pw_elements.reduction import Reduction
 from pw_elements.values import whole
 
@@ -71,21 +69,6 @@ def checked_problem(
             },
         )
     return stated
-
-
-def solver_for(solver: Solver, reduction: Reduction) -> LinearSolver:
-    """The solver that is meant.
-
-    Raises:
-        ValueError: if an iterative solver does not serve the reduction.
-    """
-    why = ""
-    if reduction.space is not None and is_hybrid(reduction.space):
-        why = "contact of hybrid bodies needs factors"
-    taken = chosen(solver, reduction.supports, why)
-    if why and isinstance(taken, Iterative):
-        raise ValueError(f"Iterative() knows contact of displacements alone, {why}: use Direct()")
-    return taken
 
 
 def checked_paths(

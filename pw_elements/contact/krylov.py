@@ -4,7 +4,8 @@ With y = K a, the rows of the contact points become E r + C G a - D U with r rea
 others stay, but those of opposite nodes, which r acts on, too. The preconditioner is multigrid for
 K in which the directions that an active set holds are taken out, as supports are, or follow the
 opposite nodes: so a body that contact alone holds has a stiffness. Free translations U, of which
-there are few, are eliminated by the Schur complement of the preconditioner.
+there are few, are eliminated by the Schur complement of the preconditioner. In hybrid bodies held
+are displacements alone, the first block of the triangle, see `saddle`.
 
 Newton's iteration needs no exact solutions on its way: each reduces the residual, which begins
 at that of the nonlinear equations, to a part of it. The last ones are exact, when the loop asks.
@@ -19,9 +20,11 @@ import numpy.typing as npt
 from pw_elements.contact.anchors import Anchors
 from pw_elements.contact.unassembled import Bordered, NodePoints, Tied, Unassembled
 from pw_elements.iterative import Iterative, Krylov, free_motion
+from pw_elements.linear_solver import SingularSystem
 from pw_elements.matrices import collect_garbage, destroy, python_matrix
 from pw_elements.multigrid import Multigrid
 from pw_elements.projection import Supports
+from pw_elements.saddle import SaddlePoint
 
 Array = npt.NDArray[np.float64]
 
@@ -58,6 +61,7 @@ class KrylovTangent:
         force: K a (m, dim) at the points, of the last solution.
         unbalanced: largest force on this process that its other equations leave.
         factorised: None, when the next solution is to be more exact than the last.
+        encloses: whether a constant pressure has been met that acts on nothing.
     """
 
     def __init__(
@@ -67,11 +71,12 @@ class KrylovTangent:
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: Krylov = how.prepare(K, supports=supports)
         levels = self.solver.multigrid
-        assert isinstance(levels, Multigrid), "hybrid bodies are refused before"
-        self._multigrid = levels
-        blocked = self._multigrid.blocked
-        self._context = Unassembled(blocked, supports.free, points)
+        saddle = self._saddle = levels if isinstance(levels, SaddlePoint) else None
+        self._multigrid: Multigrid = levels.levels if isinstance(levels, SaddlePoint) else levels
+        stiffness = saddle.scaled if saddle else self._multigrid.blocked
+        self._context = Unassembled(stiffness, supports.free, points)
         local, whole = K.getSizes()[0]
+        self._unknowns = local
         last = self._comm.rank == self._comm.size - 1
         sizes = (local + points.translations * last, whole + points.translations)
         self._operator = python_matrix((sizes, sizes), self._context, K.comm)
@@ -79,24 +84,29 @@ class KrylovTangent:
         self._tied: Tied | None = None
         self._border: Bordered | None = None
         if points.spread is not None:
-            ties = self._multigrid.tie(points.node, points.spread)
-            self._tied = Tied(inner, ties, points)
+            alone = points.of_displacements(saddle.displacements) if saddle else points
+            ties = self._multigrid.tie(points.node, alone.spread)
+            self._tied = Tied(saddle.inner if saddle else inner, ties, alone)
+            tied = PETSc.PC().createPython(self._tied, comm=K.comm)
+            tied.setOperators(self._multigrid.operator)
+            if saddle:
+                saddle.inner = tied
+            else:
+                inner = tied
         if points.translations:
-            if self._tied is not None:
-                inner = PETSc.PC().createPython(self._tied, comm=K.comm)
-                inner.setOperators(self._multigrid.operator)
-            sums = [self._sum(blocked, supports, j) for j in range(points.translations)]
+            sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
-        if outer := self._border or self._tied:
+        if outer := self._border or (None if saddle else self._tied):
             self._ksp = self.solver.preconditioned(self._operator, outer)
         else:
             self._ksp = self.solver.ksp
-            self._ksp.setOperators(self._operator, self._multigrid.operator)
+            self._ksp.setOperators(self._operator, levels.operator)
         # supports that hold all pieces need no help of contact
-        loose = free_motion(K, supports)
-        self._anchors = Anchors.of(supports.space, points.node) if loose else None
+        elastic, held = self.solver.elastic
+        loose = free_motion(elastic, held)
+        self._anchors = Anchors.of(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
-        self.own_factors = self.settled = self.always_exact = False
+        self.own_factors = self.settled = self.always_exact = self.encloses = False
         self.force, self.unbalanced = self._context.force, 0.0
         self.factorised: bool | None = True
         self._accuracy, self._size = _EXACT, 0.0
@@ -121,6 +131,7 @@ class KrylovTangent:
             D: (m, dim, dim), combines the free translations of its surface.
 
         Raises:
+            SingularSystem: if a constant pressure acts on nothing.
             SolverNotConverged: if the residual does not become small.
         """
         exact = self.factorised is None or self.always_exact
@@ -131,6 +142,9 @@ class KrylovTangent:
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
         held = self._hold(E)
+        if self._saddle and self._saddle.free_pressure(self._operator):
+            self.encloses = True
+            raise SingularSystem("the pressure is known up to a constant")
         self._land(known, x, held)
         if self._ksp is not self.solver.ksp:
             self.solver.ksp.setUp()
@@ -221,7 +235,7 @@ class KrylovTangent:
         """Column (n,) of a free translation."""
         points = self._points
         law = -np.einsum("nab,nb->na", D, (points.moved == translation).astype(float))
-        column = np.zeros(self._multigrid.blocked.getLocalSize()[0])
+        column = np.zeros(self._unknowns)
         stated = points.own >= 0
         column[points.own[stated]] = law[stated]
         return column

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 from dolfinx import fem
 
-from pw_elements.choice import by_chosen
+from pw_elements.choice import by_chosen, chosen
 from pw_elements.contact.inputs import (
     check_belongs,
     check_state,
@@ -16,7 +16,6 @@ from pw_elements.contact.inputs import (
     checked_problem,
     checked_remedies,
     checked_step,
-    solver_for,
 )
 from pw_elements.contact.pairs import ContactPair, Motion
 from pw_elements.contact.progress import Callback, checked_callback
@@ -48,7 +47,7 @@ class ContactProblem:
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as in `solve`; contact of hybrid bodies needs `Direct()`.
+        solver: of the linear systems, as in `solve`.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
@@ -81,7 +80,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping = self._by(solver_for(solver, reduction))
+        self._stepping = self._by(chosen(solver, reduction.supports))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     def step(

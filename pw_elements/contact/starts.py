@@ -14,6 +14,7 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.kinematics import Kinematics
 from pw_elements.contact.law import SLIP, STICK, ActiveSet, sticking
 from pw_elements.contact.state import ContactState
+from pw_elements.hybrid import fields_of
 from pw_elements.spaces import as_function
 
 Array = npt.NDArray[np.float64]
@@ -55,23 +56,31 @@ def first_active_set(
     )
 
 
-def first_displacement(
+def first_unknowns(
     before: ContactState, guess: ContactState | None, space: fem.FunctionSpace
 ) -> PETSc.Vec:
-    """Displacements (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
-    if guess is None or guess.displacement.getAttr("space") is None:
-        return before.displacement
-    known, comm = guess.displacement.getAttr("space"), space.mesh.comm
-    there, here = as_function(known, guess.displacement), fem.Function(space)
-    cells = _covering(space)
+    """Unknowns (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
+    if guess is None or guess.unknowns.getAttr("space") is None:
+        return before.unknowns
+    start = before.unknowns.duplicate()
+    known = guess.unknowns.getAttr("space")
+    for there, here in zip(fields_of(known), fields_of(space), strict=False):
+        values = _interpolated(as_function(there.space, there.part(guess.unknowns)), here.space)
+        start.array[here.owned.ravel()] = values
+    return start
+
+
+def _interpolated(there: fem.Function, space: fem.FunctionSpace) -> Array:
+    """Values (owned dofs,) of a function on another mesh."""
+    known, here = there.function_space, fem.Function(space)
+    cells, comm = _covering(space), space.mesh.comm
     for k in range(comm.allreduce(-(-len(cells) // _AT_ONCE), MPI.MAX)):
         some = cells[k * _AT_ONCE : (k + 1) * _AT_ONCE]
         data = fem.create_interpolation_data(space, known, some, padding=_BESIDE)
         here.interpolate_nonmatching(there, some, interpolation_data=data)
     here.x.scatter_forward()
-    start = before.displacement.duplicate()
-    start.setArray(here.x.array[: start.getLocalSize()])
-    return start
+    owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+    return np.asarray(here.x.array[:owned])
 
 
 def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:

@@ -35,7 +35,7 @@ from pw_elements.contact.refusals import no_equilibrium, refusal
 from pw_elements.contact.remedies import Remedy, otherwise
 from pw_elements.contact.results import contact_state
 from pw_elements.contact.search import search
-from pw_elements.contact.starts import first_active_set, first_displacement
+from pw_elements.contact.starts import first_active_set, first_unknowns
 from pw_elements.contact.state import ContactState, Free
 from pw_elements.contact.statics import RigidMotions
 from pw_elements.contact.system import ContactSystem
@@ -182,7 +182,7 @@ class Stepping:
         )
         policy = partial(Policy.of, rigid.left_free, interface)
         translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
-        system.start(lambda: first_displacement(state, guess, self.space), translations)
+        system.start(lambda: first_unknowns(state, guess, self._whole), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
@@ -195,7 +195,7 @@ class Stepping:
         self.interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
-        now.full.setAttr("space", self.space)  # for who starts from it on another mesh
+        now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
         return contact_state(increment, now, iterations, state, report, smallness)
 
     def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:

@@ -96,9 +96,8 @@ class ContactSystem:
             assert reduction.supports is not None, "other reductions are refused before"
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)
-            points = NodePoints.of(
-                interface, self._spread, self._own, self._flexible, self.scale, free
-            )
+            of_points = self._own, self._flexible, self.scale, free
+            points = NodePoints.of(interface, self._spread, *of_points)
             self.tangent = KrylovTangent(K, reduction.supports, points, solver)
             return
         operators = self.stiffness, force, self._flexible, self._spread
@@ -107,11 +106,12 @@ class ContactSystem:
         borders = border_columns(free, interface.pair, self._own.shape[1])
         self.tangent = Tangent(fixed, read, moved, borders, self._own, first, self.comm, solver)
 
-    def start(self, displacement: Callable[[], PETSc.Vec], translations: Array) -> None:
-        """Has an iterative solver begin at displacements (n,) and surfaces (pairs, dim)."""
+    def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
+        """Has an iterative solver begin at unknowns (n,) and surfaces (pairs, dim)."""
         if isinstance(self.tangent, KrylovTangent):
-            begin = self.reduction.right * displacement()
-            self.tangent.start(begin.array_r, np.array([translations[at] for at in self.free]))
+            scale = self.reduction.right.getDiagonal().array_r
+            begin = np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
+            self.tangent.start(begin, np.array([translations[at] for at in self.free]))
 
     def insist(self) -> bool:
         """Has all solutions of an increment exact; False if they were."""
@@ -184,6 +184,8 @@ class ContactSystem:
 
     def encloses(self) -> bool:
         """Whether a constant pressure in an incompressible body acts on contact points alone."""
+        if isinstance(self.tangent, KrylovTangent):
+            return self.tangent.encloses
         return free_pressure(self.stiffness, self.reduction, self._own[self._own >= 0])
 
     def release(self) -> None:

@@ -1,6 +1,6 @@
 """E K + C as a product with K alone, and a preconditioner of it bordered by free translations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.state import Free
+from pw_elements.hybrid import SubSpace
 from pw_elements.ties import Ties
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +54,7 @@ class NodePoints:
         free: Free,
     ) -> "NodePoints":
         """Those of an interface."""
-        node = interface.node - interface.motion.getOwnershipRangeColumn()[0] // own.shape[1]
+        node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):
             moved[interface.pair == pair, axis] = k
@@ -61,6 +62,15 @@ class NodePoints:
         round_off = interface.comm.allreduce(float(lost), MPI.SUM)
         motion = interface.motion
         return cls(node, motion, spread, own, flexible, scale, moved, len(free), round_off)
+
+    def of_displacements(self, field: SubSpace) -> "NodePoints":
+        """The same points where displacements are all unknowns; no surface is free there."""
+        number = np.full(field.rows[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
+        number[field.owned.ravel()] = np.arange(field.owned.size)
+        columns = field.selection().transpose(PETSc.Mat())
+        spread = None if self.spread is None else self.spread.matMult(columns)
+        motion = self.motion.matMult(columns)
+        return replace(self, motion=motion, spread=spread, own=number[self.own], translations=0)
 
     def read(self, equations: Array) -> Array:
         """Forces (m, dim); 0 where the law is not stated."""

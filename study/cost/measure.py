@@ -106,6 +106,10 @@ def rows() -> Iterator[Row]:
         yield Row("bodies", "pw-T10", 10, method)
     for processes in (1, 2, 3):
         yield Row("bodies", "pw-T10", 20, "Iterative", processes)
+    for n in (8, 11):
+        yield Row("contact", "pw-hybrid-T10", n)
+    for n in (8, 11, 16, 22):
+        yield Row("contact", "pw-hybrid-T10", n, "Iterative")
     for element in ("galerkin-hybrid-T10", "pw-hybrid-T10"):
         for n in (5, 8):
             yield Row("incompressible", element, n)
@@ -345,7 +349,7 @@ def _contact(row: Row) -> dict[str, float]:
     if row.method != "Direct":
         before["digits"] = sum(digits)
     return before | {
-        "dofs": state.displacement.getSize(),
+        "dofs": state.unknowns.getSize(),
         "seconds": seconds,
         "iterations": state.iterations,
         "factorisations": state.report.factorisations,

@@ -41,6 +41,7 @@ from study.verification.c_manufactured import plane, plane_pressure, solid, soli
 from study.verification.c_mesh_families import cell_size
 from study.verification.half_space import Elastic, HertzLine
 from study.verification.indentation import INNER, Indenter, indented
+from study.verification.recorded import longer
 from study.verification.v15_contact import PLACE, RADIUS, ZONE, presses, pushed, sphere
 from study.verification.v15_layers import layers
 from study.verification.v15_meshes import unit_mesh
@@ -64,6 +65,11 @@ def square(element: str, nu: float, n: int) -> Result:
 def cube(element: str, nu: float, n: int) -> Result:
     """A unit cube of tetrahedra or hexahedra with sides of 1/n."""
     return _manufactured(element, nu, n)
+
+
+def enclosed(element: str, nu: float, n: int) -> Result:
+    """The same, with the known displacements on all sides in place of tractions."""
+    return _manufactured(element, nu, n, enclosed=True)
 
 
 @dataclass(frozen=True)
@@ -111,8 +117,11 @@ class _Known:
         return fem.Constant(self.body.spaces.mesh, value)
 
 
-def _manufactured(element: str, nu: float, n: int) -> Result:
-    """Errors over the size of what is known, tractions and body force being prescribed."""
+def _manufactured(element: str, nu: float, n: int, enclosed: bool = False) -> Result:
+    """Errors over the size of what is known, tractions and body force being prescribed.
+
+    Displacements are given on the bottom, or on all sides.
+    """
     mesh = unit_mesh(element, 1 / n)
     state = StressState.SOLID if mesh.geometry.dim == 3 else StressState.PLANE_STRAIN
     body = Body(spaces(element, mesh), Material(YOUNGS_MODULUS, nu), state)
@@ -123,7 +132,7 @@ def _manufactured(element: str, nu: float, n: int) -> Result:
     rim = boundary_measure(mesh, lambda x: np.ones(x.shape[1], dtype=bool), DEGREE)
     f.axpy(1.0, assemble_vector(body.surface_load(traction, rim)))
     K = assemble_matrix(body.stiffness())
-    u, p = _fields(body, solve(K, f, Reduction.dirichlet(W, _held(W, known))))
+    u, p = _fields(body, solve(K, f, Reduction.dirichlet(W, _held(W, known, enclosed))))
 
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": DEGREE})
 
@@ -140,11 +149,15 @@ def _manufactured(element: str, nu: float, n: int) -> Result:
     return Result(scalars, dimensionless(scalars), {}, dofs=K.getSize()[0])
 
 
-def _held(space: fem.FunctionSpace, known: _Known) -> fem.DirichletBC:
-    """The known displacements on the bottom."""
+def _held(space: fem.FunctionSpace, known: _Known, enclosed: bool) -> fem.DirichletBC:
+    """The known displacements on the bottom, or on all sides."""
     x = displacement_space(space).tabulate_dof_coordinates()
-    bottom = np.flatnonzero(np.isclose(x[:, 1], 0.0)).astype(np.int32)
-    return held_nodes(space, bottom, known.at(x[bottom]))
+    dim = space.mesh.geometry.dim
+    held = np.isclose(x[:, 1], 0.0)
+    if enclosed:
+        held = np.any(np.isclose(x[:, :dim], 0.0) | np.isclose(x[:, :dim], 1.0), axis=1)
+    nodes = np.flatnonzero(held).astype(np.int32)
+    return held_nodes(space, nodes, known.at(x[nodes]))
 
 
 def _fields(body: Body, a: PETSc.Vec) -> tuple[Expr, Expr]:
@@ -217,7 +230,10 @@ RATIOS = (0.3, 0.4999, 0.5)
 
 
 def _known(
-    run: Callable[..., Result], elements: Sequence[str], levels: Sequence[int]
+    run: Callable[..., Result],
+    elements: Sequence[str],
+    levels: Sequence[int],
+    ratios: Sequence[float] = RATIOS,
 ) -> list[Case]:
     """At each Poisson's ratio that an element takes."""
     return [
@@ -227,7 +243,7 @@ def _known(
             run,
             {"element": element, "nu": nu, "n": n},
         )
-        for nu in RATIOS
+        for nu in ratios
         for element in elements
         if nu < 0.5 or "hybrid" in element
         for n in levels
@@ -248,6 +264,8 @@ CASES = [
     *_known(square, (*ONE_FIELD, *HYBRID, *HYBRID_Q9), (8, 16, 32)),
     *_known(cube, (*T10, *HYBRID_T10), (3, 6)),
     *_known(cube, HYBRID_H27, (2, 4)),
+    *_known(cube, HYBRID_H27, (8,), (0.4999,)),
+    *_known(enclosed, HYBRID_H27, (4,), (0.4999,)),
     Case("V15", "identity-pw-hybrid-T6", identity, {"element": "pw-hybrid-T6"}),
     *_on_levels(infsup, (*HYBRID, *HYBRID_Q9), (4, 8, 16, 32)),
     *_on_levels(infsup, (*HYBRID_T10, *HYBRID_H27), (2, 4, 6)),
@@ -266,3 +284,6 @@ CASES = [
     *_on_levels(seal, HYBRID, (8,)),
     *_on_levels(seal, HYBRID[1:], (12,)),
 ]
+LONGER = _known(cube, HYBRID_H27, (12, 16), (0.4999,))
+"""Computed by `longer`."""
+CASES += longer("V15")

@@ -1,9 +1,14 @@
 """Measures that suit any section: stored numbers, their extremes and ratios, curves."""
 
+from typing import TypeAlias
+
 import numpy as np
 
-from study.core.store import Results
+from study.core.store import Results, Stored
 from study.judge.measures.stored_cases import Selection, matching
+
+# Keys of two cases
+Pair: TypeAlias = tuple[str, str]
 
 
 def scalar(results: Results, key: str, name: str) -> float:
@@ -31,6 +36,12 @@ def ratio(results: Results, key: str, other: str, name: str) -> float:
     return results.scalar(key, name) / results.scalar(other, name)
 
 
+def excess_ratio(results: Results, fine: Pair, coarse: Pair, name: str) -> float:
+    """Relative difference of a stored number of two cases over that of two others."""
+    of_fine, of_coarse = (ratio(results, *pair, name) - 1 for pair in (fine, coarse))
+    return of_fine / of_coarse
+
+
 def ratio_of(results: Results, key: str, name: str, other: str) -> float:
     """A stored number of a case over another one of the same case."""
     return results.scalar(key, name) / results.scalar(key, other)
@@ -49,6 +60,20 @@ def relative_difference(
         abs(stored.scalars[name] / stored.scalars[other] - 1)
         for stored in matching(results, section, cases)
     )
+
+
+def lowest_order(results: Results, section: str, cases: Selection, name: str) -> float:
+    """Lowest order of an error, from the coarsest to the finest mesh of cases alike but for `n`."""
+    series: dict[str, list[Stored]] = {}
+    for stored in matching(results, section, cases):
+        series.setdefault(stored.case.rsplit("-", 1)[0], []).append(stored)
+    orders = []
+    for meshes in series.values():
+        size = [stored.scalars["h"] for stored in meshes]
+        ends = meshes[int(np.argmax(size))], meshes[int(np.argmin(size))]
+        coarse, fine = (stored.scalars for stored in ends)
+        orders.append(np.log(coarse[name] / fine[name]) / np.log(coarse["h"] / fine["h"]))
+    return float(min(orders))
 
 
 def largest_from(
