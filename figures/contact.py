@@ -6,15 +6,18 @@ from itertools import groupby
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform_factory
 
 from figures.style import LOOK, MANY
 from study.core.store import Results
-from study.vocabulary import SLIP
+from study.vocabulary import OPEN, SLIP
 
 # Contact status as the library numbers it
 ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
 SMOOTH = ("frictionless", "#C9C9C9")
+STRIP_BELOW, STRIP_HEIGHT = 8.5, 3.5
+"""Lower edge of a strip of zones below its axes, and its height, in points."""
 
 RECONSTRUCTED = "Dimensions and loads are reconstructed."
 
@@ -47,8 +50,11 @@ def compare(
         ax.plot(curves["x"], scale * reported(curves, quantity), **look)
 
 
-def zone_strip(ax: Axes, curves: Curves, bottom: float = -0.16, height: float = 0.035) -> None:
-    """Contact zones as a coloured strip below the axes; bottom and height are axes fractions."""
+def zone_strip(ax: Axes, curves: Curves) -> None:
+    """Contact zones as a coloured strip between the axes and the labels of their ticks.
+
+    Its places are in points, so that it stays clear of the labels however high the axes are.
+    """
     x = curves["x"]
     borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
     smooth = (curves["friction"] == 0) & (curves["status"] == SLIP)
@@ -56,11 +62,21 @@ def zone_strip(ax: Axes, curves: Curves, bottom: float = -0.16, height: float = 
         SMOOTH[1] if free else ZONES[int(status)][1]
         for status, free in zip(curves["status"], smooth, strict=True)
     ]
+    points = Affine2D().scale(1 / 72) + ax.figure.dpi_scale_trans
+    from_corner = points + ScaledTranslation(0, 0, ax.transAxes)  # type: ignore[arg-type]
+    below = blended_transform_factory(ax.transData, from_corner)
     place = 0
     for colour, run in groupby(colours):
         first, place = place, place + len(list(run))
+        if colour == ZONES[OPEN][1]:
+            continue
         left, right = borders[first], borders[place]
-        ax.axvspan(left, right, bottom, bottom + height, color=colour, clip_on=False, lw=0)
+        strip = Rectangle(
+            (left, -STRIP_BELOW), right - left, STRIP_HEIGHT, transform=below, clip_on=False
+        )
+        strip.set(color=colour, lw=0)
+        ax.add_patch(strip)
+    ax.tick_params(axis="x", pad=STRIP_BELOW)
 
 
 def zone_legend(curves: Curves) -> list[Patch]:

@@ -39,7 +39,9 @@ def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> N
     heights = start * (elements / elements[0]) ** -order
     ax.plot(elements, heights, color="#777777", linewidth=0.9, linestyle=":")
     end = (float(elements[1]), float(heights[1]))
-    ax.annotate(f" order {order:g}", end, fontsize=7, va="center")
+    beside = (5, 0)  # of the last marker, in points
+    name = f"order {order:g}"
+    ax.annotate(name, end, beside, textcoords="offset points", fontsize=7, va="center")
 
 
 def legend(fig: Figure, ax: Axes) -> None:

@@ -38,7 +38,7 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "The triangle in the parent domain: nodes in the paper's numbering and the four "
-        "sub-elements, drawn from the Basix element's own points."
+        "sub-elements, drawn from the points of the Basix element."
     )
 
 

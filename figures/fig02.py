@@ -42,9 +42,9 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Weight functions w of nodes 1 and 4 (left), drawn from the Basix element, and the "
-        "quadratic shape functions N of the same nodes (right), which are the standard "
-        "element's weight functions too."
+        "Weight functions w of a corner and a mid-side node (nodes 1 and 4), drawn from the Basix "
+        "element, and the quadratic shape functions N of the same nodes, which the standard "
+        "element also uses as weights."
     )
 
 

@@ -78,9 +78,9 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     unknowns = int(results.scalar("5/element-pw-Q8", "unknowns"))
     return (
-        "Two 6-node triangles make a structure of nine nodes (left); static condensation takes the "
-        f"node within it away, and an 8-node quadrilateral of {unknowns} unknowns remains (right). "
-        "Node numbers are this study's."
+        "Two 6-node triangles make a structure of nine nodes; static condensation eliminates the "
+        f"inner node, and an 8-node quadrilateral with {unknowns} unknowns remains. Its shape and "
+        "the node numbers are this study's."
     )
 
 

@@ -36,8 +36,8 @@ def caption(results: Results) -> str:
         "7.1/galerkin-T6", "reaction_0"
     )
     return (
-        "Vertical reactions at the three lower nodes, computed. With the standard element the "
-        f"central one is {ratio:.3g} times the others."
+        "Computed vertical reactions at the three lower nodes. With the standard element the "
+        f"middle one is {ratio:.3g} times the others."
     )
 
 

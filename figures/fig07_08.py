@@ -27,11 +27,9 @@ def draw(results: Results) -> Figure:
             ax.plot(fine["x"], exact, color="black", lw=0.9, label="new T6, 80 × 40")
             keys = [f"7.2/{element}" for element in family]
             compare(ax, results, keys, quantity, 1 / measures.BLOCK_PRESSURE)
-            zone_strip(ax, zones, bottom=-0.09, height=0.03)
-        for ax in row:
-            ax.tick_params(axis="x", pad=8)
+            zone_strip(ax, zones)
         row[0].set_title(titles.pop(0), loc="left", fontsize=8)
-        row[0].set(ylabel="normal pressure / $p$", ylim=(0, 2.5), xlim=(0, 4))
+        row[0].set(ylabel="normal pressure / $p$", ylim=(0, 2.5), xlim=(-0.05, 4.05))
         row[1].set(ylabel="shear stress / $p$", ylim=(-0.4, 0.6))
         row[1].legend(fontsize=7, loc="lower right")
     for ax in axes[1]:
@@ -48,10 +46,10 @@ def caption(results: Results) -> str:
         for element in family
     )
     return (
-        "Stresses along the contact area over the applied pressure p, nodal force over tributary "
-        "length: triangles above (the paper's Fig. 7), quadrilaterals below (Fig. 8). Normal "
-        f"force of a mid-side node over that of its corners: {saw}. Strips: zones of the new "
-        "elements."
+        "Stresses along the contact area over the applied pressure p (nodal force over tributary "
+        "length): triangles (the paper's Fig. 7) and quadrilaterals (Fig. 8). Ratio of the normal "
+        f"force of a mid-side node to that of its corners: {saw}. Strips: contact zones of the new "
+        "elements. Proportions and loads are reconstructed."
     )
 
 

@@ -40,8 +40,9 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Body and punch y = x²/16 with the mesh of 76 quadrilaterals. Width, height, base, radius "
-        "and grading are reconstructed so that the printed force follows; it does not tell them."
+        "Body and punch y = x²/16 with the mesh of 76 quadrilaterals, drawn before the indentation "
+        "d. Width, height, base, radius and grading are reconstructed so that the printed force "
+        "follows, which does not determine them uniquely."
     )
 
 

@@ -20,8 +20,8 @@ def draw(results: Results) -> Figure:
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
         ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, 114 × 24")
         compare(ax, results, NEEDS[:-1], quantity, hollow="pw-T6")
-        zone_strip(ax, results.curves("7.3/pw-Q8"), bottom=-0.3)
-        ax.set(xlabel="$x$", xlim=(-2.2, 2.2))
+        zone_strip(ax, results.curves("7.3/pw-Q8"))
+        ax.set(xlabel="$x$", xlim=(-2.3, 2.3))
     axes[0].set_ylabel("normal pressure")
     axes[1].set_ylabel("shear stress, body on punch")
     handles = [*axes[0].lines, *zone_legend(results.curves("7.3/pw-Q8"))]
@@ -32,9 +32,9 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Normal and shear stress below the punch after the tangential force: nodal force over "
-        "tributary length, in the paper's units (E = 1000). Oden and Pires' own curves are "
-        f"lost in our copy of the paper. Strips: zones of the new Q8. {RECONSTRUCTED}"
+        "Normal and shear stress below the punch after the tangential force (nodal force over "
+        "tributary length, in the paper's units: E = 1000). The curves of Oden and Pires are "
+        f"lost in our copy of the paper. Strips: contact zones of the new Q8. {RECONSTRUCTED}"
     )
 
 

@@ -33,16 +33,16 @@ def draw(results: Results) -> Figure:
     for x in (-20, 20):
         axes[0].plot([x, x], [-10, 0], color=INK, linewidth=2.5)
     axes[0].plot([-20, 20], [-10, -10], color=INK, linewidth=2.5)
-    axes[0].set_title("the body: sides and base held", loc="left")
-    axes[1].set_title("around the plate", loc="left")
+    axes[0].set_title("(a) the body: sides and base held", loc="left")
+    axes[1].set_title("(b) around the plate", loc="left")
     return fig
 
 
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Profile and mesh: the smallest elements exactly under the plate, growing away from it. "
-        "Dimensions are reconstructed."
+        "Profile and mesh of the body: the smallest elements lie exactly under the plate and grow "
+        "away from it. Dimensions are reconstructed."
     )
 
 

@@ -20,7 +20,7 @@ def draw(results: Results) -> Figure:
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
         ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, fine")
         compare(ax, results, NEEDS[:-1], quantity)
-        zone_strip(ax, results.curves("7.4/pw-Q8"), bottom=-0.3)
+        zone_strip(ax, results.curves("7.4/pw-Q8"))
         ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03))
     axes[0].set(ylabel="normal pressure / (kN/m²)", ylim=(0, 90))
     axes[1].set(ylabel="shear stress / (kN/m²)", ylim=(-26, 26))
@@ -35,9 +35,9 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     angle = "friction angle 20 degrees, plane stress"
     return (
-        f"Stresses below the plate ({angle}): nodal force over tributary length; the singular "
-        "values at both edges are cut off. Unit length and thickness assumed 1 m. Strips: zones of "
-        f"the new Q8. {RECONSTRUCTED}"
+        f"Stresses below the plate ({angle}): nodal force over tributary length. The singular "
+        "values at both edges are cut off; unit length and thickness are taken as 1 m. Strips: "
+        f"contact zones of the new Q8. {RECONSTRUCTED}"
     )
 
 

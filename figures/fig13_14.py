@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
+from figures.contact import RECONSTRUCTED
 from figures.style import FULL, LOOK
 from study.core.store import Results
 from study.vocabulary import ELEMENTS
@@ -24,6 +25,7 @@ def draw(results: Results) -> Figure:
         label = f"new T6, {COARSER} times finer: force × {COARSER}"
         ax.plot(fine["x"], COARSER * fine["force_n"], color="black", lw=0.9, label=label)
         ax.set(xlabel="$x/b$", xlim=(-1.08, 1.08), ylim=(0, 6), title=LOOK[element]["label"])
+        ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
@@ -36,8 +38,8 @@ def caption(results: Results) -> str:
     total = results.scalar("7.4/pw-Q8", "force_normal")
     return (
         f"Normal nodal forces below the plate: {ELEMENTS[PANELS[0]].name} (the paper's Fig. 13) "
-        f"and {ELEMENTS[PANELS[1]].name} (Fig. 14). Either sum is {total:.3g} kN; a mid-side node "
-        f"carries {standard:.2f} and {new:.2f} times the force of its corners (medians)."
+        f"and {ELEMENTS[PANELS[1]].name} (Fig. 14). Both sum to {total:.3g} kN; the median ratio "
+        f"of mid-side to corner force is {standard:.2f} and {new:.2f}. {RECONSTRUCTED}"
     )
 
 

@@ -19,14 +19,14 @@ OPENING = 40.0  # gaps are drawn so many times as wide
 
 
 def draw(results: Results) -> Figure:
-    """Left the column in contact, right the mesh with the supports of Table 1."""
+    """Panels: the column in contact, and the mesh with the supports of Table 1."""
     curves = results.curves(CASE)
     fig, (contact, vibration) = plt.subplots(1, 2, figsize=(FULL, 4.4), width_ratios=(1.6, 1))
     corners = MM * outline(curves)
     _draw_contact(
         contact, curves, corners, [results.scalar(CASE, f"initial_gap_{k}") for k in (2, 3)]
     )
-    contact.set_title("contact: Figs 16-23", loc="left")
+    contact.set_title("(a) contact: Figs 16–23", loc="left")
 
     mesh_plot(vibration, MM * curves["nodes"], curves["cells"], linewidth=0.5)
     for line in vibration.lines:
@@ -38,7 +38,7 @@ def draw(results: Results) -> Figure:
     for r in MM * base["x"][1::5]:
         roller(vibration, (r, 0.0), "down", 9.0)
     vibration.set(xlim=(-30, corners[:, 0].max() + 12), ylim=(-45, top + 45), xlabel="$r$ / mm")
-    vibration.set_title("vibration: Table 1", loc="left")
+    vibration.set_title("(b) vibration: Table 1", loc="left")
     for ax in (contact, vibration):
         ax.set_aspect("equal")
         ax.grid(visible=False)
@@ -91,9 +91,9 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     cells = len(results.curves(CASE)["cells"])
     return (
-        f"Left: section of revolution about the axis ab, the rigid surfaces 1 to 4 and their gaps "
-        f"(drawn {OPENING:g} times as wide). Right: mesh of {cells} quadrilaterals and the "
-        f"supports of Table 1. {SYNTHETIC}"
+        f"(a) Section of the column, its axis ab, the rigid surfaces 1 to 4 and their gaps (drawn "
+        f"{OPENING:g} times as wide). (b) Mesh of {cells} quadrilaterals and the supports behind "
+        f"Table 1. {SYNTHETIC}"
     )
 
 

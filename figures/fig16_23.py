@@ -33,12 +33,12 @@ def draw(results: Results) -> Figure:
                 ax.plot(MM * curves["x"], reported(curves, quantity) / 1e3, **look)
             _, high = ax.get_ylim()
             ax.set_ylim(None, min(high, 2.4 * float(reported(zones, quantity).max()) / 1e3))
-            zone_strip(ax, {**zones, "x": MM * zones["x"]}, bottom=-0.07, height=0.03)
+            zone_strip(ax, {**zones, "x": MM * zones["x"]})
             paper = f"Fig. {14 + 2 * number + column}"
             title = f"{paper}: surface {number}, {NAMES[number]}"
             ax.set_title(title, loc="left", fontsize=8)
             ax.set_ylabel(f"{STRESSES[quantity]} / MPa", fontsize=8)
-            ax.tick_params(labelsize=7, pad=6)
+            ax.tick_params(labelsize=7)
     for ax in axes[-1]:
         ax.set_xlabel("$r$ / mm")
     handles = [*axes[0, 0].lines, *zone_legend(surface(results.curves("7.5/pw-T6"), 1))]
@@ -57,10 +57,10 @@ def caption(results: Results) -> str:
         for kind in ("galerkin", "pw")
     )
     return (
-        "Stresses along the four contact surfaces, nodal force over tributary area. Normal force "
-        "of a mid-side node over that of its corners, all surfaces: standard elements "
-        f"{min(standard):.3f} to {max(standard):.3f}, new ones {min(new):.3f} to {max(new):.3f}. "
-        f"Strips: zones of the new T6. {SYNTHETIC}"
+        "Stresses along the four contact surfaces (nodal force over tributary area). Ratio of the "
+        "normal force of a mid-side node to that of its corners, over all surfaces: standard "
+        f"elements {min(standard):.3f} to {max(standard):.3f}, new elements {min(new):.3f} to "
+        f"{max(new):.3f}. Strips: contact zones of the new T6. {SYNTHETIC}"
     )
 
 

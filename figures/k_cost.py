@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from figures.style import FULL, LOOK
 from study.core.store import Results
@@ -11,9 +12,9 @@ from study.core.store import Results
 SECTION = "K"
 NEEDS = ["K/factors-pw-T10-8-Direct", "K/contact-pw-T10-8-Direct", "K/contact-pw-T10-8-Iterative"]
 PANELS = {
-    "factors": "factors: seconds",
-    "frequencies": "six frequencies: seconds",
-    "contact": "frictional contact: seconds",
+    "factors": "(a) factorisation",
+    "frequencies": "(b) six frequencies",
+    "contact": "(c) contact with friction",
 }
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 # As CalculiX calls them
@@ -38,8 +39,12 @@ def draw(results: Results) -> Figure:
     axes[1, 0].set_ylabel("memory / MB")
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
+    for ax in axes[1]:
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.yaxis.set_minor_locator(NullLocator())
     words = {
-        "Direct": "factors",
+        "Direct": "direct",
         "Iterative": "Krylov",
         "nested": "Krylov, nested start",
         "CalculiX": "CalculiX",
@@ -73,12 +78,12 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     machine = results["K/factors-pw-T10-8-Direct"].parameters["machine"]
     return (
-        "CPU time and largest resident memory (of the whole process) of a block 2 × 1 (× 1): "
-        "factors of the stiffness (LDLᵀ of the standard elements, LU of the new ones), six "
-        "frequencies, and contact with friction on a rough plane, by factors and by Krylov's "
-        "method with multigrid, whose time is that of the whole run, the coarser mesh of a nested "
-        "start included; CalculiX' C3D10 by surface-to-surface contact. "
-        f"Medians of three runs, or one that takes long, on {machine}."
+        "CPU time and largest resident memory of the process for a block 2 × 1 (× 1): "
+        "(a) factorisation of the stiffness (LDLᵀ for the standard elements, LU for the new ones); "
+        "(b) the six lowest frequencies; (c) contact on a rough plane, the whole run, by a direct "
+        "and by a Krylov solver with multigrid (nested start: from the solution on a coarser "
+        "mesh), and by CalculiX with its C3D10 and surface-to-surface contact. Medians of three "
+        f"runs, or a single long run, on {machine}."
     )
 
 

@@ -46,11 +46,14 @@ def narrowed(figure: Figure) -> Figure:
 
 
 def _own_labels(panels: dict[Axes, SubplotSpec], rows: int) -> None:
-    """Give each panel the labels of the row and the column that it leaves."""
+    """Give each panel the labels of the row and the column that it leaves, and the title."""
     by_place = {(spec.rowspan.start, spec.colspan.start): ax for ax, spec in panels.items()}
-    for (row, column), ax in by_place.items():
-        left, bottom = by_place[row, 0], by_place[rows - 1, column]
-        ax.set_ylabel(ax.get_ylabel() or left.get_ylabel())
+    for (row, column), ax in sorted(by_place.items(), key=lambda item: item[0]):
+        top, bottom = by_place[0, column], by_place[rows - 1, column]
+        if column and not ax.get_ylabel():  # the nearest to the left has its own by now
+            ax.set_ylabel(by_place[row, column - 1].get_ylabel())
+        if not (ax.get_title() or ax.get_title(loc="left")):
+            ax.set_title(top.get_title(), fontsize=top.title.get_fontsize())
         ax.set_xlabel(ax.get_xlabel() or bottom.get_xlabel())
         ax.tick_params(labelleft=True, labelbottom=True)
 

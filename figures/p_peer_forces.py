@@ -51,11 +51,11 @@ def caption(results: Results) -> str:
         for kind in ("raw", "transferred")
     )
     return (
-        "Forces on the nodes below the block (pull over pressure 0.3, friction 0.3 everywhere): "
-        "lines are ours, open markers CalculiX's as they are and after T. Below, their "
-        f"differences: at most {raw:.2g} % of the mean nodal force between the standard elements, "
-        f"{transferred:.2g} % between T times CalculiX and the new element, at the edges of "
-        "slip zones."
+        "Nodal forces on the block (traction over pressure 0.3, friction 0.3 everywhere): lines "
+        "are ours, open markers CalculiX's as computed and multiplied by T. Lower panels: their "
+        f"differences, at most {raw:.2g} % of the mean nodal force between the standard elements "
+        f"and {transferred:.2g} % between T times CalculiX's and the new element's, at the edges "
+        "of slip zones; 0.5 % is the bound set for nodes away from them."
     )
 
 

@@ -20,7 +20,7 @@ def draw(results: Results) -> Figure:
         curves = results.curves(f"7.2/{element}")
         moved = deformed(ax, curves, SCALE, element)
         force_arrows(ax, curves, moved, -1.0, 0.7, element)
-        zone_strip(ax, curves, bottom=0.01, height=0.03)
+        zone_strip(ax, curves)
         ax.set(xlabel="$x$", ylim=(-0.95, 2.15), xlim=(-0.25, 4.6))
     axes[0].set_ylabel("$y$")
     fig.legend(handles=zone_legend(curves), loc="outside lower center", ncols=3)
@@ -30,8 +30,8 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        f"The deformed block (displacements times {SCALE:g}) and the nodal forces of the "
-        f"foundation on it, to one scale: raw forces, not divided by anything. {RECONSTRUCTED}"
+        f"The deformed block (displacements times {SCALE:g}) and the nodal forces that the "
+        f"foundation exerts on it, at the same scale for both elements. {RECONSTRUCTED}"
     )
 
 

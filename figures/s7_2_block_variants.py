@@ -47,8 +47,8 @@ def caption(results: Results) -> str:
         for case, label in VARIANTS.items()
     )
     return (
-        "The new element's stresses when reconstructed data move (pressure over own test function; "
-        f"the axis is cut at the ends' peaks). x where sticking ends: {stick}."
+        "Own-function stresses of the new element as the reconstructed data are varied; peaks at "
+        f"the ends are cut off. Sticking ends at x = {stick}."
     )
 
 

@@ -12,15 +12,15 @@ SECTION = "7.2"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"7.2/{element}" for element in ELEMENTS]
 PANELS = {
-    "force_n": "nodal force / mean",
-    "pressure": "over own test function / mean",
-    "pressure_tributary": "over tributary length / mean",
+    "force_n": "(a) nodal force / mean",
+    "pressure": "(b) own-function pressure / mean",
+    "pressure_tributary": "(c) tributary pressure / mean",
 }
 
 
 def draw(results: Results) -> Figure:
     """One panel a measure."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.35), sharey=True)
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 1.85), sharey=True)
     for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
         for element in ELEMENTS:
             curves = results.curves(f"7.2/{element}")
@@ -28,17 +28,18 @@ def draw(results: Results) -> Figure:
             if name == "force_n":
                 mean = curves["force_n"].sum() / (len(curves["x"]) - 1)
             ax.plot(curves["x"], curves[name] / mean, **LOOK[element])
-        ax.set(xlabel="$x$", title=label, ylim=(0, 2.3), xlim=(0, 4))
-    axes[0].legend(loc="lower left", fontsize=7)
+        ax.set(xlabel="$x$", title=label, ylim=(0, 2.3), xlim=(-0.1, 4.1))
+    axes[1].legend(loc="lower center", fontsize=7)
     return fig
 
 
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "The same two computations in the three measures of contact pressure. Divided by the "
-        "integral of its own test function the standard element's sawtooth disappears: it is in "
-        f"the raw nodal force and in the pressure over a tributary length. {RECONSTRUCTED}"
+        "A block pressed and pulled on a rough plane, computed once with either element and read "
+        "in three ways. (a) Nodal forces. (b) Divided by the integral of the node's own weight "
+        "function: the standard element's sawtooth disappears. (c) Divided by the node's tributary "
+        f"length: it is back. {RECONSTRUCTED}"
     )
 
 

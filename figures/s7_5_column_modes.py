@@ -41,9 +41,7 @@ def draw(results: Results) -> Figure:
             ax.plot(*(moved[rim] * mirror).T, ".", ms=0.7, color=LOOK[ELEMENT]["color"])
             ax.plot(*(corners * mirror).T, color="#777777", lw=0.6)
         value = results.scalar(CASE, f"omega2_{mode}")
-        mantissa, _, power = f"{value:.3e}".partition("e")
-        title = rf"$\lambda_{mode}={mantissa}\cdot10^{int(power)}$"
-        ax.set_title(title + "\n" + r"$\times 10^3\,\mathrm{s}^{-2}$", fontsize=7.5)
+        ax.set_title(rf"$\lambda_{mode} = {value / 1e6:.4f}$", fontsize=8)
         ax.set(aspect="equal", xlim=(-192, 192), ylim=(-15, 645), xticks=(-100, 0, 100))
         ax.set_xlabel("$r$ / mm", fontsize=8)
         ax.tick_params(labelsize=7)
@@ -64,8 +62,9 @@ def _rim(cells: np.ndarray) -> np.ndarray:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Mode shapes 1 to 6 by the new triangle and their λ = ω² in the units as printed; outlines "
-        f"at rest in grey, largest displacement drawn as {LARGEST:g} mm. {SYNTHETIC}"
+        "Mode shapes 1 to 6 computed with the new triangle, and their eigenvalues λ = ω² in "
+        "millions of the paper's unit (1000/s² if E and ρ are taken as printed); outlines at rest "
+        f"in grey, largest displacement drawn as {LARGEST:g} mm. {SYNTHETIC}"
     )
 
 

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import FULL
 from study.core.store import Results
 
 SECTION = "T"
@@ -33,6 +33,9 @@ COMPOSITE = (
     "stiffness-axisymmetric",
     "mass",
 )
+QUANTITIES = ("stiffness", "initial-stress", "body-load")
+HOLDS, FAILS = "#333333", "#BBBBBB"  # colours that no element has
+ROUND_OFF = 1e-12
 CASES = NEW + tuple(f"composite-{name}" for name in COMPOSITE)
 NEEDS = [f"T/{name}" for name in CASES]
 
@@ -44,30 +47,42 @@ def draw(results: Results) -> Figure:
     )
     _bars(axes[0], results, NEW, "")
     _bars(axes[1], results, COMPOSITE, "composite-")
-    axes[0].set_title("new element: A = T Galerkin", loc="left")
-    axes[1].set_title("composite triangle: A = T Galerkin Tᵀ", loc="left")
-    axes[1].set_xlabel("relative defect of the identity")
+    axes[0].set_title(
+        r"(a) new element: $\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}$", loc="left"
+    )
+    both = r"$\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}\mathbf{T}^\mathsf{T}$"
+    axes[1].set_title(f"(b) composite triangle: {both}", loc="left")
+    axes[1].set_xlabel("relative difference of both sides")
     return fig
 
 
 def _bars(ax: Axes, results: Results, names: tuple[str, ...], prefix: str) -> None:
     values = [results.scalar(f"T/{prefix}{name}", "difference") for name in names]
-    colors = [LOOK["pw-T6" if value < 1e-12 else "galerkin-T6"]["color"] for value in values]
+    colors = [HOLDS if value < ROUND_OFF else FAILS for value in values]
     ax.barh(range(len(values)), values, color=colors, left=1e-17, height=0.65)
     for row, value in enumerate(values):
-        ax.annotate(f"{value:.1e}", (max(value, 1e-17) * 1.4, row), va="center", fontsize=7)
-    ax.set_yticks(range(len(values)), [name.replace("-", " ") for name in names])
+        mantissa, _, power = f"{value:.1e}".partition("e")
+        number = rf"${mantissa} \times 10^{{{int(power)}}}$"
+        ax.annotate(number, (max(value, 1e-17) * 1.4, row), va="center", fontsize=7)
+    ax.set_yticks(range(len(values)), [_words(name) for name in names])
     ax.set(xscale="log", xlim=(1e-17, 10))
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
 
 
+def _words(name: str) -> str:
+    """The name of a case with a comma after the quantity: "stiffness, plane stress"."""
+    quantity = next((q for q in QUANTITIES if name.startswith(f"{q}-")), name)
+    rest = name.removeprefix(quantity).removeprefix("-").replace("-", " ")
+    return ", ".join(filter(None, (quantity.replace("-", " "), rest)))
+
+
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Relative defects |A_PW - T A_G| / |A_PW| and |A_composite - T A_G Tᵀ| / |A_composite| on "
-        "a distorted mesh of straight triangles (curved ones where named). Blue: an identity up to "
-        "round-off. Orange: no identity."
+        "Relative differences in norm between both sides of the identities, for matrices and load "
+        "vectors A on a distorted mesh of straight-sided triangles (curved ones where named). "
+        "Dark: an identity up to round-off. Light: no identity."
     )
 
 

@@ -12,15 +12,15 @@ from study.judge import measures
 SECTION = "7.5"
 MODES = range(1, 7)
 SIX = {
-    "pw-T6": "as it is",
+    "pw-T6": "as derived",
     "pwsym-T6": "symmetrised",
     "pw-T6-lumped": "lumped mass",
     "pwsym-T6-lumped": "symmetrised and lumped",
     "pw-T6-onepoint": "one point per sub-triangle",
 }
 EIGHT = {
-    "pw-Q8": "L from the transposed",
-    "pw-Q8-same": "L = R",
+    "pw-Q8": "as derived ($\\mathbf{L} \\neq \\mathbf{R}$)",
+    "pw-Q8-same": "reduced with $\\mathbf{L} = \\mathbf{R}$",
     "pwsym-Q8": "symmetrised",
     "pw-Q8-lumped": "lumped mass",
     "pwsym-Q8-lumped": "symmetrised and lumped",
@@ -36,7 +36,7 @@ NEEDS = [f"7.5/{case}" for case in (*SIX, *EIGHT, *REFERENCE)]
 
 def draw(results: Results) -> Figure:
     """One panel an element, difference over the standard one by mode."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.0), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.5), sharey=True)
     panels = (("6", SIX, LINES, "galerkin-T6"), ("8", EIGHT, EIGHT_LINES, "galerkin-Q8"))
     for ax, (nodes, cases, lines, over) in zip(axes, panels, strict=True):
         printed = [
@@ -50,9 +50,11 @@ def draw(results: Results) -> Figure:
             _line(ax, results, "galerkin-T6", over, color="#999999", ls=":", label="standard T6")
         ax.axhline(0, color="#444444", lw=0.6)
         ax.set(xlabel="mode", xticks=MODES)
-        ax.set_title(f"{nodes}-node element over the standard one", loc="left")
-        ax.legend(fontsize=7, loc="lower left")
-    axes[0].set_ylabel("shift of λ / %")
+        letter = "a" if nodes == "6" else "b"
+        ax.set_title(f"({letter}) {nodes}-node element against the standard one", fontsize=8)
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.17), "ncols": 2}
+        ax.legend(fontsize=7, **below)  # there is no place that lines leave free
+    axes[0].set_ylabel("shift of $\\lambda$ / %")
     return fig
 
 
@@ -67,10 +69,11 @@ def caption(results: Results) -> str:
         results, "pwsym-T6", "galerkin-T6", "6-node user element", "CAX6"
     )
     return (
-        "Differences: eigenvalues of the user elements over CAX6 and CAX8 as printed "
-        "(stars), and of the new elements over the standard ones on the synthetic column, with the "
-        "matrices treated in several ways. The symmetrised triangle comes nearest to the printed "
-        f"one (root mean square {misfit:.3f} %). {SYNTHETIC}"
+        "Relative differences of eigenvalues: user elements from CAX6 and CAX8 as printed (stars), "
+        "and new elements from the standard ones on the synthetic column, with the matrices "
+        "treated in several ways; L and R are the two matrices of Guyan's reduction. The "
+        "symmetrised triangle comes nearest to the printed one (root mean square of the "
+        f"difference {misfit:.3f} %). {SYNTHETIC}"
     )
 
 

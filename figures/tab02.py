@@ -56,7 +56,7 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Printed values (stars), the same quantities computed on the reconstructed mesh of 5 x "
+        "Printed values (stars), the same quantities computed on the reconstructed mesh of 5 × "
         "2 crossed squares under the point load, and exact values for a uniform stress (bars)."
     )
 

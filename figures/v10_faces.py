@@ -50,11 +50,12 @@ def caption(results: Results) -> str:
     weightless = results.scalar("V10/sphere-galerkin-T10-5", "weightless_nodes")
     nodes = results.scalar("V10/sphere-galerkin-T10-5", "nodes")
     return (
-        "A quarter of the contact of a rigid sphere with a half space, five elements over its "
-        "radius a (dashed): nodal forces over tributary areas, as node-to-surface codes report "
-        "them. On the faces of standard tetrahedra corners carry next to nothing "
-        f"({weightless:.0f} of the {nodes:.0f} nodes with r < 0.8 a have no weight) "
-        "and mid-side nodes four thirds; the other ways show Hertz's pressure."
+        "Tributary pressures, as node-to-surface codes report them, in a quarter of the contact "
+        "of a rigid sphere with a half space, five elements over the radius a (dashed). On faces "
+        "of standard tetrahedra corners carry next to nothing (at "
+        f"{weightless:.0f} of the {nodes:.0f} nodes with r < 0.8 a the integral of the shape "
+        "function is zero) and mid-side nodes four thirds of the pressure; standard hexahedra are "
+        "uneven, too; the other four show Hertz's pressure."
     )
 
 

@@ -16,9 +16,9 @@ NEEDS = [f"V10/{name.format(e)}" for name in (SPHERE, PUNCH, MINDLIN) for e in S
 def draw(results: Results) -> Figure:
     """Panels: sphere, flat punch, shear of partial slip; a marker for each node with weight."""
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5))
-    panels = ((SPHERE, "pressure", "rigid sphere"), (PUNCH, "pressure", "rigid flat punch"))
+    panels = ((SPHERE, "pressure", "(a) rigid sphere"), (PUNCH, "pressure", "(b) rigid flat punch"))
     for ax, (name, quantity, title) in zip(
-        axes, (*panels, (MINDLIN, "shear", "partial slip, shear")), strict=True
+        axes, (*panels, (MINDLIN, "shear", "(c) partial slip, shear")), strict=True
     ):
         for element in SHOWN:
             curves = results.curves("V10/" + name.format(element))
@@ -43,11 +43,11 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Tractions at all nodes that have a weight, over the distance from the axis: below a "
-        "rigid sphere (five elements over the radius a) and a rigid flat punch (four, shrinking "
-        "towards its edge), and the shear of two equal spheres in partial slip (three; exact for "
-        "ν = 0, as here). Lines are exact. In the third panel the corner of the line is "
-        "the border of the disc that sticks."
+        "Own-function tractions over the distance from the axis, at all nodes whose integral is "
+        "not zero: (a) below a rigid sphere, five elements over the radius a; (b) below a rigid "
+        "flat punch, four elements, smaller towards its edge; (c) shear between two equal spheres "
+        "in partial slip, three elements, ν = 0. Lines are exact; the kink in (c) is the border of "
+        "the sticking disc."
     )
 
 

@@ -17,7 +17,10 @@ NEEDS += [f"V11/hertz-2d-{way}-16-ratio{ratio}" for way in WAYS for ratio in RAT
 def draw(results: Results) -> Figure:
     """Panels: L2 error, largest inner error, least force."""
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9))
-    names = {"pressure_l2": "pressure, L2", "pressure_error": "largest, x < 0.8 a, over $p_0$"}
+    names = {
+        "pressure_l2": "(a) pressure, L2 error",
+        "pressure_error": "(b) largest error, $x < 0.8\\,a$",
+    }
     for ax, (name, title) in zip(axes, names.items(), strict=False):
         for way in WAYS:
             errors = [results.scalar(f"V11/hertz-2d-{way}-{n}", name) for n in LEVELS]
@@ -36,7 +39,8 @@ def draw(results: Results) -> Figure:
     axes[2].set(xscale="log", xlabel="slave's edge over master's")
     axes[2].set_xticks(RATIOS, ["1/2", "1", "2"], minor=False)
     axes[2].minorticks_off()
-    axes[2].set_title("least master force over the mean", fontsize=8)
+    axes[2].set_title("(c) ratio of the meshes", fontsize=8)
+    axes[2].set_ylabel("least master force / mean")
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return fig
 
@@ -44,10 +48,10 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Two cylinders, E₂/E₁ = 3: errors of the pressure over the slave's mesh, and the least of "
-        "the master's nodal forces, over their mean where x < 0.8 a, for three ratios of edges "
-        "(16 to the half width on the slave). Below zero forces draw; they do so next to the edge "
-        "of contact, where pressures at neighbouring nodes differ by more than a factor of two."
+        "Two cylinders, E₂/E₁ = 3. (a), (b) Errors of the pressure over the slave's mesh. (c) The "
+        "least of the master's nodal forces, over their mean where x < 0.8 a, for three ratios of "
+        "edges (16 to the half width on the slave). Forces below zero are tensile, next to the "
+        "edge of contact, where neighbouring pressures differ by more than a factor of two."
     )
 
 

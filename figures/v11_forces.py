@@ -38,10 +38,10 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Two cylinders, eight edges to the half width: nodal contact forces on the slave (filled, "
-        "upwards) and on the master (open, downwards). Nodes on the axis have half an edge. With "
-        "standard test functions mid-side nodes of both bodies carry twice what vertices carry; "
-        "with piecewise-linear ones the forces follow the pressure on both."
+        "Two cylinders, eight edges over the half width a: nodal contact forces on the slave "
+        "(filled, upwards) and on the master (open, downwards). The node at x = 0 has only half of "
+        "its edges in the model. With standard test functions mid-side nodes of both bodies carry "
+        "twice the force of vertices; with the new weights the forces follow the pressure on both."
     )
 
 

@@ -29,7 +29,7 @@ def draw(results: Results) -> Figure:
     for ax, way in zip(axes[0], WAYS, strict=True):
         ax.set_title(WAYS[way].name.replace(", ", ",\n"), fontsize=7)
     for ax in axes[1]:
-        ax.set_xlabel("$r/a$")
+        ax.set_xlabel("distance$/a$")
     return fig
 
 
@@ -38,9 +38,9 @@ def caption(results: Results) -> str:
     r = {way: results.curves(f"V11/spheres-{way}-5")["pressure"] for way in WAYS}
     out = sum(int(np.sum((p < -0.3) | (p > 1.5))) for p in r.values())
     return (
-        "Pressures at the slave's nodes, E₂/E₁ = 3, no friction, the master's edges 10/7 as long "
-        "as the slave's: two cylinders, four edges to the half width, and two spheres, five to "
-        f"the radius. Lines are Hertz's. {out} nodes lie beyond the panels."
+        "Pressures at the slave's nodes over Hertz's peak pressure p₀ and half width (radius) a; "
+        "E₂/E₁ = 3, no friction, four edges over the half width of two cylinders and five over the "
+        f"radius of two spheres. Lines are exact. {out} nodes lie outside the panels."
     )
 
 

@@ -10,7 +10,7 @@ from study.core.store import Results
 SECTION = "V13"
 WAYS = {
     "standard": LOOK["galerkin-T6"] | {"label": "standard T6"},
-    "own": {"color": "#B87A00", "marker": "s", "label": "standard T6, own weights"},
+    "own": {"color": "#B87A00", "marker": "s", "label": "standard T6, own-function"},
     "transferred": LOOK["transferred-T10"] | {"label": "standard T6, times T"},
     "pw": LOOK["pw-T6"] | {"label": "new T6"},
 }
@@ -36,15 +36,15 @@ def draw(results: Results) -> Figure:
     scale = np.abs(trefftz["exact_flux"]).max()
     look = {"color": "#6A4C93", "marker": "x", "linestyle": "none", "markersize": 4, "zorder": 4}
     axes[1].plot(trefftz["x"][::4], trefftz["flux"][::4] / scale, label="Trefftz", **look)
-    axes[0].set(title="square", xlabel="x", ylabel="flux / largest exact one")
-    axes[1].set(title="graded wall", xlabel="y")
+    axes[0].set(title="(a) square", xlabel="$x$", ylabel="flux / largest exact one")
+    axes[1].set(title="(b) graded wall", xlabel="$y$")
     axes[1].legend(
         handles=[h for h in axes[1].lines if h.get_label() == "Trefftz"], loc="upper right"
     )
     for way, look in WAYS.items():
         errors = [results.scalar(f"V13/graded-{way}-{n}", "flux_error_max") for n in SIZES]
         axes[2].loglog(SIZES, errors, **look)
-    axes[2].set(title="graded wall", xlabel="elements along a side", ylabel="largest error")
+    axes[2].set(title="(c) graded wall", xlabel="elements along a side", ylabel="largest error")
     axes[2].set_xticks(SIZES, [str(n) for n in SIZES])
     axes[2].minorticks_off()
     axes[2].legend(handles=axes[0].lines, loc="center", bbox_to_anchor=(0.55, 0.72), fontsize=6)
@@ -54,10 +54,10 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Nodal reactions over areas, against the exact flux (lines): at the upper side of the "
-        "square (8 elements along it) and where heat enters the graded wall (16; conductivity "
-        "grows a hundredfold through it, and with temperature; crosses: Trefftz's way, degree 10). "
-        "Right: the largest error of any inner node, over the largest flux."
+        "Fluxes from nodal reactions (over tributary areas, unless marked own-function) against "
+        "the exact flux (line): (a) on the upper side of the square, 8 elements along it; (b) "
+        "where heat enters the graded wall, 16 elements (crosses: Trefftz method, degree 10). "
+        "(c) Largest error at any inner node, over the largest flux."
     )
 
 

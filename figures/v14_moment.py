@@ -32,7 +32,8 @@ def draw(results: Results) -> Figure:
     ):
         ends.semilogx(PUNCH_SIZES, 1e6 * values, color=color, marker=marker, label=label)
     ends.axhline(0, color=SUM, lw=0.7, zorder=0)
-    ends.set(xlabel="elements over the height", ylabel="moment, $10^{-6}$ of magnitudes")
+    ends.set(title="(a) ends of the punch", xlabel="elements over the height")
+    ends.set_ylabel("moment / magnitudes, $10^{-6}$")
     ends.legend()
     for label, sizes, values, color, marker in (
         ("punch, far from supports' ends", PUNCH_SIZES, series("_far"), FAR, "s"),
@@ -46,7 +47,8 @@ def draw(results: Results) -> Figure:
         line = at * (n / n[0]) ** -order
         orders.loglog(n, line, color=SUM, lw=0.7)
         orders.annotate(f"{order}", (n[1], line[1]), xytext=(3, 0), textcoords="offset points")
-    orders.set(xlabel="elements over the height, along a side", ylabel="moment / magnitudes")
+    orders.set(title="(b) elsewhere", xlabel="elements over the height, along a side")
+    orders.set_ylabel("moment / magnitudes")
     orders.legend(loc="lower left", fontsize=6.5)
     for axes in (ends, orders):
         axes.minorticks_off()
@@ -63,8 +65,8 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "Moments of the new element's nodal forces about deformed nodes, over the sum of their "
-        "magnitudes. Left: what triangles within a quarter of the height from either end of the "
-        "punch add. Right: what all triangles add that are farther from where supports end; and "
+        "magnitudes. (a) What triangles within a quarter of the height from either end of the "
+        "punch add. (b) What all triangles add that are farther from where supports end; and "
         "the same body deformed smoothly inside a held square and cube, with the load's own "
         "moment and, in the square, with that of nodal loads at the deformed nodes. Lines: "
         "second and fourth order."
@@ -74,8 +76,8 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Left, moments from both ends of the punch over the number of elements: each falls from "
-        "some 20 millionths, changes sign or turns, and neither settles. Right, in logarithmic "
+        "Moments from both ends of the punch over the number of elements: each falls from "
+        "some 20 millionths, changes sign or turns, and neither settles. In logarithmic "
         "scales: curves for triangles far from the ends and for smooth deformations fall with "
         "about the fourth order, that with loads at nodes with the second."
     )

@@ -18,26 +18,29 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.5), width_ratios=(1.3, 1, 1))
     curves = results.curves(MESH)
     mesh_plot(axes[0], curves["deformed"], curves["cells"], linewidth=0.4)
-    axes[0].set(title="deformed block", xticks=(-1, 0, 1), yticks=(0, 1))
+    axes[0].set(title="(a) deformed block", xlabel="$x$", ylabel="$y$", yticks=(0, 1))
+    axes[0].set(xticks=(-1, 0, 1), xlim=(-1.15, 1.25))
     for element in SHOWN:
         curves = results.curves(f"V14/punch-{element}-8")
         axes[1].plot(curves["x"], curves["force"], **LOOK[element] | {"linewidth": 0.8})
         corrections = curves["corrections"]
         axes[2].semilogy(np.arange(1, len(corrections) + 1), corrections, **LOOK[element])
-    axes[1].set(title="nodal forces / mean", xlabel="x", ylim=(0, None))
+    axes[1].set(title="(b) below the punch", xlabel="$x$", ylim=(0, None))
+    axes[1].set_ylabel("nodal force / mean")
     axes[1].legend(loc="lower center", fontsize=6.5)
-    axes[2].set(title="Newton's corrections", xlabel="iteration")
+    axes[2].set(title="(c) Newton's method", xlabel="iteration")
+    axes[2].set_ylabel("correction / displacement")
     return fig
 
 
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "A neo-Hookean block below a rigid punch that sticks to its upper side between -0.5 and "
-        "0.5 and moves down by a fifth and aside by a tenth of its height: the deformed mesh of "
-        "the new element (4 elements over the height); vertical nodal forces below the punch over "
-        "their mean (8, as on the right); the largest correction of a nodal displacement in each "
-        "of Newton's iterations, over the largest displacement."
+        "A neo-Hookean block below a rigid punch that sticks to its upper side where |x| ≤ 0.5 and "
+        "moves down by a fifth and sideways by a tenth of its height. (a) Deformed mesh of the new "
+        "element, 4 elements over the height. (b) Vertical nodal forces below the punch, 8 "
+        "elements. (c) Largest correction of a nodal displacement in each Newton iteration, over "
+        "the largest displacement, 8 elements; the two curves coincide."
     )
 
 

@@ -39,8 +39,8 @@ def draw(results: Results) -> Figure:
         ]
         axes[1].loglog(sides, largest, **(LOOK[element] | {"markersize": 4}))
     axes[0].axhline(0.0, **(LOOK["exact"] | {"marker": "", "linewidth": 0.8, "label": None}))
-    axes[0].set(title="shear / ($\\mu p_0$)", xlabel="$x/a$", xlim=(0, 1.1))
-    axes[1].set(title="largest, $x < 0.8\\,a$", xlabel="elements over $a$", ylim=(0.015, 3))
+    axes[0].set(title="(a) shear / ($\\mu p_0$)", xlabel="$x/a$", xlim=(0, 1.1))
+    axes[1].set(title="(b) largest, $x < 0.8\\,a$", xlabel="elements over $a$", ylim=(0.015, 3))
     axes[1].set_xticks(SIDES["pw-hybrid-T6"], map(str, SIDES["pw-hybrid-T6"]))
     axes[1].set_xticks([], minor=True)
     axes[1].legend(loc="upper right", fontsize=6, ncols=2, columnspacing=0.8, handletextpad=0.3)
@@ -50,7 +50,7 @@ def draw(results: Results) -> Figure:
             values = [results.scalar(f"V15/infsup-{element}-{n}", "inf_sup") for n in sides]
             look = LOOK[element] | {"markersize": 5, "linestyle": line, "linewidth": 0.8}
             axes[2].semilogx(sides, values, **look)
-    axes[2].set(title="inf-sup constant", xlabel="cells a side", ylim=(0, 0.5))
+    axes[2].set(title="(c) inf-sup constant", xlabel="cells along a side", ylim=(0, 0.5))
     axes[2].set_xticks((2, 4, 8, 16, 32), ("2", "4", "8", "16", "32"))
     axes[2].set_xticks([], minor=True)
     short = [handle.get_label().replace(" hybrid", "") for handle in axes[2].lines]
@@ -61,11 +61,10 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Left and middle: a rough parabola (μ = 0.35) pressed on a half plane in four steps, "
-        "ν = 0.4999; exactly, there is no shear. Tangential tractions over the nodes' own weights, "
-        "16 elements over the half width a, and the largest of them over meshes. Right: the "
-        "inf-sup constant of the hybrid elements' whole operator at ν = 1/2, unit square and cube "
-        "held below."
+        "A rough parabola (μ = 0.35) is pressed into a half plane in four steps, ν = 0.4999; the "
+        "exact shear is zero. (a) Own-function shear with 16 elements over the half width a; (b) "
+        "its largest value over the mesh. (c) Inf-sup constant of the whole operator of the hybrid "
+        "elements at ν = 1/2 on a unit square and a unit cube fixed at the base."
     )
 
 

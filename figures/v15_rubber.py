@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from figures.style import FULL, LOOK
 from study.core.store import Results
@@ -20,28 +21,38 @@ def draw(results: Results) -> Figure:
     for element in SHOWN:
         cases = [f"V15/square-{element}-0.4999-{n}" for n in SIDES]
         for ax, name in zip(axes, ("h1_error", "pressure_error"), strict=False):
-            errors = [results.scalar(case, name) for case in cases]
-            ax.loglog(SIDES, errors, **(LOOK[element] | {"markersize": 4}))
+            errors = [100 * results.scalar(case, name) for case in cases]
+            # the new elements' lie on the standard ones'
+            new = {"markerfacecolor": "none", "markersize": 8, "linestyle": ":"}
+            look = LOOK[element] | (new if element.startswith("pw") else {"markersize": 4})
+            ax.loglog(SIDES, errors, **look)
         curves = results.curves(f"V15/hertz-{element}-8")
         look = LOOK[element] | {"linestyle": "none", "markersize": 4, "zorder": 2}
         axes[2].plot(curves["x"], curves["pressure"] / curves["exact_pressure"].max(), **look)
     s = np.linspace(0, 1, 401)
     axes[2].plot(s, np.sqrt(1 - s**2), **(LOOK["exact"] | {"linewidth": 0.9, "zorder": 3}))
-    for ax, title in zip(axes, ("square, H1 error", "square, error of the pressure"), strict=False):
-        ax.set(title=title, xlabel="cells a side")
+    titles = ("(a) square: H1 error / %", "(b) square: pressure error / %")
+    for ax, title in zip(axes, titles, strict=False):
+        ax.set(title=title, xlabel="cells along a side")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.yaxis.set_minor_locator(NullLocator())
         ax.set_xticks(SIDES, map(str, SIDES))
         ax.set_xticks([], minor=True)
-    axes[2].set(title="Hertz", xlabel="$x/a$", ylabel="pressure / $p_0$", xlim=(0, 1.15))
-    axes[0].legend(loc="lower left", fontsize=6.5)
+    axes[2].set(
+        title="(c) Hertz contact", xlabel="$x/a$", ylabel="pressure / $p_0$", xlim=(-0.03, 1.15)
+    )
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return fig
 
 
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Nearly incompressible bodies, ν = 0.4999. Relative errors of slopes and of the pressure "
-        "against a manufactured solution, and contact pressures over the nodes' own weights below "
-        "a rigid parabola (eight elements over the half width a; the line is exact)."
+        "Nearly incompressible bodies, ν = 0.4999. Relative errors (a) of the displacement "
+        "gradient and (b) of the pressure against a manufactured solution; the new elements' lie "
+        "on the standard ones'. (c) Own-function pressures below a rigid parabola, eight elements "
+        "over the half width a; the line is exact."
     )
 
 

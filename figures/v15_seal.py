@@ -33,19 +33,19 @@ def draw(results: Results) -> Figure:
     fig.colorbar(colours, ax=axes[0], shrink=0.7, label="pressure / $\\mu$")
     for side in (-1, 1):
         axes[0].axhline(side * np.abs(y).max(), color="black", linewidth=1.2)
-    axes[0].set(title="squeezed cord", aspect="equal", xlabel="r", yticks=(-0.75, 0, 0.75))
+    axes[0].set(title="(a) squeezed cord", aspect="equal", xlabel="$r$", yticks=(-0.75, 0, 0.75))
     axes[0].grid(visible=False)
     for element in SHOWN:
         curves = results.curves(CASE.format(element))
         look = LOOK[element] | {"linewidth": 0.7, "markersize": 4}
         axes[1].plot(curves["x"], curves["nodal_force"], **look)
         axes[2].plot(curves["squeeze"], curves["force"], **(look | {"linestyle": "none"}))
-    axes[1].set(title="nodal forces / mean", xlabel="r", ylim=(0, None))
+    axes[1].set(title="(b) nodal force / mean", xlabel="$r$", ylim=(0, None))
     axes[1].legend(loc="lower center", fontsize=6.5)
     C = np.linspace(0, curves["squeeze"][-1], 101)
     lindley = 1.25 * C**1.5 + 50 * C**6
     axes[2].plot(C, lindley, color="black", linewidth=0.9, label="Lindley")
-    axes[2].set(title="force / (E d length)", xlabel="squeeze / d", ylim=(0, None))
+    axes[2].set(title="(c) force / ($E d$ length)", xlabel="squeeze / $d$", ylim=(0, None))
     axes[2].legend(loc="upper left", fontsize=6.5, handles=axes[2].lines[-1:])
     return fig
 
@@ -54,10 +54,10 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "An O-ring of incompressible neo-Hookean rubber (mean radius 8 times the cord's) squeezed "
-        "by a quarter of its cord between two smooth plates, at large strains. Left: the deformed "
-        "cord and the pressure in it (new hybrid T6, sides of 1/12 of the cord's radius). Middle: "
-        "nodal forces of the upper plate (sides of 1/8). Right: the force over E, the cord's "
-        "diameter d and its length, and Lindley's formula for long cords."
+        "by a quarter of its cord between two smooth plates, at large strains. (a) The deformed "
+        "cord and the pressure in it over the shear modulus μ (new hybrid T6, cells of 1/12 of the "
+        "cord's radius). (b) Nodal forces of the upper plate (cells of 1/8). (c) The force over E, "
+        "the cord's diameter d and its length, and Lindley's formula for long cords."
     )
 
 

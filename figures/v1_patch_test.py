@@ -11,8 +11,8 @@ SECTION = "V1"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"V1/{element}-distorted" for element in ELEMENTS]
 MEASURES = {
-    "pressure": "over own test function",
-    "pressure_tributary": "over tributary length",
+    "pressure": "(b) own-function",
+    "pressure_tributary": "(c) tributary",
 }
 
 
@@ -24,7 +24,7 @@ def draw(results: Results) -> Figure:
     length, height = curves["nodes"].max(axis=0)
     load_arrows(axes[0], [length * i / 8 for i in range(9)], height + 0.04, 0.16)
     axes[0].axhspan(-0.12, 0, color="#CCCCCC", lw=0)
-    axes[0].set(title="mesh, pressure, rigid plane", xlabel="$x$", ylabel="$y$")
+    axes[0].set(title="(a) mesh and load", xlabel="$x$", ylabel="$y$")
     axes[0].grid(visible=False)
     for ax, (name, label) in zip(axes[1:], MEASURES.items(), strict=True):
         for key, element in zip(NEEDS, ELEMENTS, strict=True):
@@ -43,9 +43,9 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Contact patch test on a distorted mesh. Both elements return the applied pressure when a "
-        "nodal force is divided by the integral of the node's own test function; divided by the "
-        "tributary length the standard element's is off by a third."
+        "Contact patch test on a distorted mesh (a). The own-function pressure (b) of both "
+        "elements is the applied one; the tributary pressure (c) of the standard element is off by "
+        "a third."
     )
 
 

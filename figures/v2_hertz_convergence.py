@@ -11,9 +11,9 @@ SECTION = "V2"
 KINDS = {"line": "cylinder", "sphere": "sphere"}
 NEEDS = [f"V2/{kind}-{element}" for kind in KINDS for element in convergence.ELEMENTS]
 ERRORS = {
-    "error_pressure_tributary": "tributary area, all nodes",
-    "error_pressure_own": "own test function, all nodes",
-    "error_pressure_own_inner": "own test function, inner part",
+    "error_pressure_tributary": "tributary, all nodes",
+    "error_pressure_own": "own-function, all nodes",
+    "error_pressure_own_inner": "own-function, inner 80 %",
 }
 # orders and heights of lines to compare with
 SLOPES = {
@@ -43,10 +43,10 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Root mean square error of the contact pressure against Hertz', relative, of four places "
-        "of the contact's edge within an element. The condensed pair of new triangles has the "
-        "errors of the new triangle. Over the tributary area both standard elements' pressures "
-        "stay off by a third."
+        "Relative root mean square error of the contact pressure against Hertz's (over four "
+        "positions of the edge of contact within an element). The condensed pair of new triangles "
+        "has the errors of the new triangle. In tributary pressure both standard elements stay off "
+        "by a third."
     )
 
 

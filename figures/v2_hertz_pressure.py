@@ -11,7 +11,7 @@ SECTION = "V2"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 KINDS = {"line": "cylinder", "sphere": "sphere"}
 NEEDS = [f"V2/{kind}-{element}" for kind in KINDS for element in ELEMENTS]
-MEASURES = {"pressure": "own test function", "pressure_tributary": "tributary area"}
+MEASURES = {"pressure": "own-function", "pressure_tributary": "tributary"}
 
 
 def draw(results: Results) -> Figure:
@@ -31,7 +31,7 @@ def draw(results: Results) -> Figure:
     axes[0].set_ylabel("pressure / exact peak")
     for ax in axes:
         ax.set_xlabel("$x/a$" if ax in axes[:2] else "$r/a$")
-    axes[0].legend(loc="lower left", fontsize=7)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return fig
 
 
@@ -39,17 +39,17 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     elements = results.curves(NEEDS[0])["elements"][1]
     return (
-        f"Contact pressures of Hertz contacts with {elements:.0f} elements over the half width. "
-        "Divided by the integral of their own test function the nodal forces of both elements "
-        "follow the exact pressure; divided by the tributary area the standard element's form a "
-        "sawtooth. Its node on the sphere's axis has no weight, and no pressure of its own."
+        f"Hertz contact with {elements:.0f} elements over the half width a. The own-function "
+        "pressures of both elements follow the exact pressure; the tributary pressures of the "
+        "standard element form a sawtooth. At its node on the sphere's axis the integral of the "
+        "shape function is zero, and there is no own-function pressure."
     )
 
 
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Four plots of pressure over distance. On the left both elements lie on the exact "
-        "semi-ellipse; on the right the standard element alternates between two thirds and four "
-        "thirds of it, and the new element lies on it."
+        "Four plots of pressure over distance. In the own-function plots both elements lie on the "
+        "exact semi-ellipse; in the tributary plots the standard element alternates between two "
+        "thirds and four thirds of it, and the new element lies on it."
     )

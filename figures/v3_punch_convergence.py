@@ -36,7 +36,7 @@ def draw(results: Results) -> Figure:
     handles = handles[: len(convergence.ELEMENTS)]
     handles += [
         Line2D([], [], color="#333333", linestyle=line, label=label)
-        for line, label in (("-", "even elements"), ("--", "finer towards the edge"))
+        for line, label in (("-", "equal elements"), ("--", "finer towards the edge"))
     ]
     for handle in handles[: len(convergence.ELEMENTS)]:
         handle.set_linestyle("-")
@@ -50,9 +50,9 @@ def caption(results: Results) -> str:
         results.scalar(f"V3/smooth-pw-T6{mesh}", "order_pressure_own_inner") for mesh in MESHES
     )
     return (
-        "Root mean square error of the contact pressure (force over own test function) below the "
+        "Root mean square error of the contact pressure (own-function) below the "
         "inner 80 % of flat punches. Observed orders of the new triangle, smooth punch: "
-        f"{even:.2f} on even meshes, {graded:.2f} on graded ones, as the singularity has it. "
+        f"{even:.2f} on uniform meshes, {graded:.2f} on graded ones, as the singularity allows. "
         "The composite triangle has the nodal forces of the new one here."
     )
 

@@ -48,10 +48,10 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     elements = results.curves(NEEDS[0])["elements"][1]
     return (
-        f"Tractions below flat punches of half width b with {elements:.0f} even elements over it: "
-        "nodal force over the integral of the node's own test function, and the exact ones, which "
-        "are unbounded at the edge. The shear is that of the body on the punch, towards the "
-        "middle. The standard element's node on the axis of the round punch has no weight."
+        f"Own-function tractions below flat punches of half width b with {elements:.0f} equal "
+        "elements over it, and the exact ones, which are unbounded at the edge. The shear is that "
+        "of the body on the punch, towards the middle. At the standard element's node on the axis "
+        "of the round punch the integral of the shape function is zero."
     )
 
 

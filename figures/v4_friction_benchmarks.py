@@ -50,7 +50,9 @@ def _spence(ax: Axes, results: Results) -> None:
         label = f"ν = {parameters['poissons_ratio']:.2f}, μ = {parameters['friction']:.3f}"
         ax.plot(curves["x"], used, color=LOOK["pw-T6"]["color"], ls=line, lw=1.1, label=label)
         ax.plot(2 * [stored.scalars["stick_known"]], [0.9, 1.1], color="black", lw=1.0)
-    ax.set(title="(a) flat punch: used friction", xlabel="$x/b$", ylabel="shear / (μ pressure)")
+    ax.set(
+        title="(a) flat punch: friction used", xlabel="$x/b$", ylabel="shear / ($\\mu$ pressure)"
+    )
     ax.set(xlim=(0, 1), ylim=(0, 1.15))
     ax.legend(loc="lower right", fontsize=7)
 
@@ -67,7 +69,7 @@ def _cattaneo(ax: Axes, results: Results) -> None:
     pressure = np.sqrt(1 - x**2)
     for exact in (pressure, pressure - stick * np.sqrt(np.maximum(0, 1 - (x / stick) ** 2))):
         ax.plot(x, exact, color="black", lw=0.9)
-    ax.set(title="(b) partial slip: own test function", xlabel="$x/a$", xlim=(-1.15, 1.15))
+    ax.set(title="(b) partial slip", xlabel="$x/a$", xlim=(-1.15, 1.15))
     ax.set(ylabel="$p/p_0$ and $q/(\\mu p_0)$", ylim=(0, 1.1))
 
 
@@ -89,7 +91,7 @@ def _wedge(ax: Axes, results: Results) -> None:
         ratios = [results.scalar(keys[place], "ratio") for keys in WEDGE.values()]
         hollow = {"markerfacecolor": "none", "markersize": 9} if place else {}
         ax.plot(list(WEDGE), ratios, **{**LOOK[element], **hollow, "linestyle": "none"})
-    ax.set(title="(d) wedge on an incline", xlabel="friction coefficient μ", ylim=(0, None))
+    ax.set(title="(d) wedge on an incline", xlabel="friction coefficient $\\mu$", ylim=(0, None))
     ax.set_ylabel("horizontal / vertical force")
 
 
@@ -98,11 +100,13 @@ def caption(results: Results) -> str:
     stick, exact = (results.scalar(CATTANEO[1], name) for name in ("stick", "stick_known"))
     return (
         "Friction with known answers (black). (a) Flat punch of half width b on a half plane, new "
-        "T6, 128 elements below the half; black ticks: where sticking ends by a boundary-element "
-        "computation (± 0.003 b). (b) Two equal cylinders pressed together and pulled by half of "
-        "what friction can hold, 16 elements to the half width a; sticking ends at "
+        "T6, 128 elements below one half: shear over the largest possible one; black ticks: end of "
+        "sticking by a boundary-element computation (± 0.003 b). (b) Pressure p and shear q of two "
+        "equal cylinders pressed together and pulled by half of what friction can hold, 16 "
+        "elements over the half width a; sticking ends at "
         f"{stick:.3f} a (exact {exact:.3f} a). (c) GRECO plate, 64 × 64 squares, and the published "
-        "displacements with their 5 %. (d) Wedge pushed up an incline of 1:10 (NAFEMS CGS-4)."
+        "displacements with their uncertainty of 5 %. (d) Wedge pushed up an incline of 1:10 "
+        "(NAFEMS CGS-4)."
     )
 
 

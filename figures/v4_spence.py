@@ -18,11 +18,11 @@ RIGHT = [
     "V4/pw-T6-nu0.00-31.0deg-128",
 ]
 NEEDS = LEFT + RIGHT
-COLORS = ("#0072B2", "#D55E00", "#007A5A", "#6A4C93")
+STYLES = ("-", "--", "-.", ":")
 
 
 def draw(results: Results) -> Figure:
-    """Left: stresses over the tributary length; right: used friction of four materials."""
+    """Panels: stresses over the tributary length, used friction of four materials."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.3))
     for key, element in zip(LEFT, ELEMENTS, strict=True):
         curves = results.curves(key)
@@ -31,18 +31,21 @@ def draw(results: Results) -> Figure:
             look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
             look["label"] = f"{look['label']}: {quantity}"
             left.plot(curves["x"], np.abs(reported(curves, quantity)) / mean, **look)
-    left.set(xlabel="x / b", ylabel="stress / mean pressure", xlim=(0, 1.0), ylim=(0, 3.4))
+    left.set(title="(a) tributary stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
+    left.set_ylabel("stress / mean pressure")
     left.legend(loc="upper left", fontsize=7)
-    zone_strip(left, curves, bottom=-0.27)
-    for key, color in zip(RIGHT, COLORS, strict=True):
+    zone_strip(left, curves)
+    color = LOOK["pw-T6"]["color"]
+    for key, line in zip(RIGHT, STYLES, strict=True):
         stored = results[key]
         curves, parameters = stored.curves, stored.parameters
         used = np.abs(curves["force_t"]) / (curves["friction"] * curves["force_n"])
         angle = np.rad2deg(np.arctan(parameters["friction"]))
         label = f"ν = {parameters['poissons_ratio']:.2f}, friction angle {angle:.1f}°"
-        right.plot(curves["x"], used, color=color, lw=1.2, label=label)
-        right.plot([stored.scalars["stick_known"]] * 2, [0, 1.1], color=color, lw=0.8, ls="--")
-    right.set(xlabel="x / b", ylabel="shear / (μ pressure)", xlim=(0, 1.0), ylim=(0, 1.75))
+        right.plot(curves["x"], used, color=color, lw=1.2, ls=line, label=label)
+        right.plot([stored.scalars["stick_known"]] * 2, [0.9, 1.1], color="black", lw=1.0)
+    right.set(title="(b) friction used, new T6", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 1.75))
+    right.set_ylabel("shear / ($\\mu$ pressure)")
     right.set_yticks([0, 0.25, 0.5, 0.75, 1.0])
     right.legend(loc="upper left", fontsize=7)
     fig.legend(handles=zone_legend(results.curves(LEFT[1])), loc="outside lower left", ncols=2)
@@ -56,18 +59,19 @@ def caption(results: Results) -> str:
         for key in RIGHT
     )
     return (
-        "Right half of a flat punch of half width b. Left: nodal contact forces over the "
-        "tributary length, ν = 0.25 and 20° friction, 32 elements below the half; coloured: zones "
-        "of the new triangle; the edge's singularity is cut off. Right: used part of the "
-        "friction, new triangle, 128 elements; dashed: stick radii known from a boundary-element "
-        f"computation of ± 0.003. Measured, in the legend's order: {radii}."
+        "One half of a flat punch of half width b. (a) Nodal contact forces over the "
+        "tributary length, ν = 0.25, friction angle 20°, 32 elements below the half; strip: "
+        "contact zones of the new triangle; the singularity at the edge is cut off. (b) Shear over "
+        "the largest possible one, new triangle, 128 elements; black ticks: stick radii known from "
+        "a boundary-element computation to ± 0.003. Computed stick radii in the order of the "
+        f"legend: {radii}."
     )
 
 
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Left, pressure and shear grow towards the punch's edge, smooth for the new element and "
-        "alternating for the standard one. Right, four curves of used friction rise from zero to "
-        "one, which each reaches at its dashed line, and stay there."
+        "Pressure and shear grow towards the punch's edge, smooth for the new element and "
+        "alternating for the standard one. Four curves of used friction rise from zero to "
+        "one, which each reaches at its black tick, and stay there."
     )

@@ -11,7 +11,7 @@ from study.core.store import Results
 SECTION = "V5"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"V5/{element}-20" for element in ELEMENTS]
-MEASURES = {"": "over own test function", "_tributary": "over tributary length"}
+MEASURES = {"": "(a) own-function", "_tributary": "(b) tributary"}
 
 
 def draw(results: Results) -> Figure:
@@ -32,9 +32,9 @@ def draw(results: Results) -> Figure:
         for exact in (pressure, shear):
             label = "exact" if exact is shear else None
             ax.plot(x, exact, color="black", linewidth=0.8, label=label, zorder=3)
-        ax.set(title=title, xlabel="x / half width of the contact", xlim=(-1.25, 1.25))
-        zone_strip(ax, curves, bottom=-0.28)
-    axes[0].set(ylabel="pressure / p₀, shear / μp₀", ylim=(0, 1.45))
+        ax.set(title=title, xlabel="$x/a$", xlim=(-1.25, 1.25))
+        zone_strip(ax, curves)
+    axes[0].set(ylabel="$p/p_0$ and $q/(\\mu p_0)$", ylim=(0, 1.45))
     handles, labels = axes[0].get_legend_handles_labels()
     zones = zone_legend(curves)
     fig.legend(
@@ -50,10 +50,11 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     scalars = results[NEEDS[1]].scalars
     return (
-        "Pressure and shear below two equal cylinders, pressed together and then pulled by half "
-        "of what friction can hold, 16 elements over the half width. Coloured: zones of the new "
-        f"triangle; it sticks for |x| < {scalars['stick']:.3f}, Cattaneo's and Mindlin's value is "
-        f"{scalars['stick_known']:.4f}."
+        "Pressure p and shear q between two equal cylinders, pressed together and then pulled by "
+        "half of what friction can hold, 16 elements over the half width a: (a) own-function "
+        "stresses, (b) tributary stresses. Strips: contact zones of the new triangle; it sticks "
+        f"for |x| < {scalars['stick']:.3f} a, by Cattaneo and Mindlin for |x| < "
+        f"{scalars['stick_known']:.4f} a."
     )
 
 
@@ -61,6 +62,6 @@ def alt(results: Results) -> str:
     """The figure in words."""
     return (
         "Two plots of pressure and shear over x: a semi-ellipse, and below it the shear with "
-        "peaks at both ends of the sticking zone. On the left both elements lie on the exact "
-        "curves, on the right the standard element alternates around them."
+        "peaks at both ends of the sticking zone. In the first both elements lie on the exact "
+        "curves, in the second the standard element alternates around them."
     )

@@ -13,9 +13,9 @@ ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q9")
 LEVELS = (10, 20, 40)
 NEEDS = [f"V5/{element}-{n}" for element in ELEMENTS for n in LEVELS]
 ERRORS = {
-    "error_pressure_tributary": "pressure, tributary length",
-    "error_pressure": "pressure, own test function",
-    "error_shear_apart": "shear, own, apart from c",
+    "error_pressure_tributary": "(a) tributary pressure",
+    "error_pressure": "(b) own-function pressure",
+    "error_shear_apart": "(c) own-function shear",
 }
 
 
@@ -55,8 +55,8 @@ def caption(results: Results) -> str:
 
     return (
         "Root mean square errors of contact pressure and shear where |x| < 0.9 a, shear without "
-        "the neighbourhood of the sticking zone's ends. Mean observed orders of pressure and "
-        "shear, own test function: " + "; ".join(orders(element) for element in ELEMENTS) + "."
+        "the neighbourhood of the ends of the sticking zone. Mean observed orders of own-function "
+        "pressure and shear: " + "; ".join(orders(element) for element in ELEMENTS) + "."
     )
 
 

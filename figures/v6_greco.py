@@ -20,7 +20,7 @@ ALLOWED = 0.05  # what the published values allow
 
 
 def draw(results: Results) -> Figure:
-    """Left: displacements, fine mesh; right: stresses over the tributary length, coarse mesh."""
+    """Panels: displacements, fine mesh; stresses over the tributary length, coarse mesh."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.0))
     for key, line in zip(FINE, ("-", "--"), strict=True):
         curves = results.curves(key)
@@ -31,7 +31,7 @@ def draw(results: Results) -> Figure:
         places, published, ALLOWED * published, fmt="ko", ms=3.5, capsize=2.5, lw=0.9,
         label="published, with its 5 %",
     )  # fmt: skip
-    left.set(xlabel="x / mm", ylabel="displacement / 10⁻⁵ m", xlim=(-1, 41), ylim=(0, 3.2))
+    left.set(title="(a) 64 × 64 squares", ylabel="displacement / 10⁻⁵ m", ylim=(0, 3.2))
     left.legend(loc="upper right")
 
     for key in COARSE:
@@ -41,11 +41,12 @@ def draw(results: Results) -> Figure:
             look["label"] = f"{look['label']}: {quantity}"
             sign = -1.0 if quantity == "shear" else 1.0
             right.plot(1e3 * curves["x"], 1e-6 * sign * reported(curves, quantity), **look)
-    right.set(xlabel="x / mm", ylabel="pressure, shear / MPa", xlim=(-1, 41), ylim=(-110, 215))
+    right.set(title="(b) 16 × 16 squares", ylabel="pressure, shear / MPa", ylim=(-110, 215))
     right.legend(loc="upper left", fontsize=7)
     for ax, key in ((left, FINE[1]), (right, COARSE[1])):
         curves = results.curves(key)
-        zone_strip(ax, {**curves, "x": 1e3 * curves["x"]}, bottom=-0.30)
+        zone_strip(ax, {**curves, "x": 1e3 * curves["x"]})
+        ax.set(xlabel="$x$ / mm", xlim=(-1, 41))
     fig.legend(handles=zone_legend(curves), loc="outside lower center", ncols=3)
     return fig
 
@@ -54,9 +55,9 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     opened, stuck = (measures.zone_end(results, FINE[1], zone) for zone in ("open", "stick"))
     return (
-        "GRECO plate. Left: horizontal displacements of the base on 64 × 64 squares (both curves "
-        "coincide) and the published ones. Right: nodal contact forces over the tributary length "
-        "on 16 × 16 squares; shear as the plane acts against the plate's movement. Coloured: "
+        "GRECO plate. (a) Horizontal displacements of the base, in which both elements coincide, "
+        "and the published ones. (b) Nodal contact forces over the tributary length; shear is what "
+        "the plane exerts against the plate's movement. Strips: contact "
         f"zones; on the fine mesh the plate is open up to {opened:.1f} mm, slips up to "
         f"{stuck:.1f} mm and sticks beyond."
     )
@@ -65,8 +66,8 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Left, a falling curve of displacement over x through five published points within their "
-        "error bars. Right, pressure and shear over x: the standard element's alternate between "
+        "A falling curve of displacement over x through five published points within their "
+        "error bars. Pressure and shear over x: the standard element's alternate between "
         "corner and mid-side nodes, the new element's are smooth."
     )
 

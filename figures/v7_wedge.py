@@ -14,7 +14,7 @@ NEEDS = [f"V7/{element}-mu{mu}-16x4" for element in ELEMENTS for mu in WEDGE_SPR
 
 
 def draw(results: Results) -> Figure:
-    """Left: horizontal over vertical contact force; right: nodal normal forces."""
+    """Panels: horizontal over vertical contact force, nodal normal forces."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.8))
     mu = np.linspace(0, 0.25, 51)
     left.plot(mu, [wedge_ratio(WEDGE_SLOPE, m) for m in mu], color="black", lw=1.0, label="statics")
@@ -26,8 +26,13 @@ def draw(results: Results) -> Figure:
         left.plot(list(WEDGE_SPRINGS), ratios, **look)
         curves = results.curves(f"V7/{element}-mu{max(WEDGE_SPRINGS)}-16x4")
         right.plot(curves["x"], curves["force_n"], **LOOK[element])
-    left.set(xlabel="friction coefficient", ylabel="horizontal / vertical force", ylim=(0, None))
-    right.set(xlabel="x / m", ylabel="nodal normal force / N", ylim=(0, None))
+    left.set(
+        title="(a)",
+        xlabel="friction coefficient $\\mu$",
+        ylabel="horizontal / vertical force",
+        ylim=(0, None),
+    )
+    right.set(title="(b)", xlabel="$x$ / m", ylabel="nodal normal force / N", ylim=(0, None))
     for ax in (left, right):
         ax.legend(loc="lower right" if ax is left else "lower center")
     return fig
@@ -39,8 +44,8 @@ def caption(results: Results) -> str:
         f"{results.scalar(f'V7/pw-T6-mu{m}-16x4', 'sliding'):.4f} m" for m in WEDGE_SPRINGS
     )
     return (
-        "Wedge pushed up an incline of 1:10 against springs (NAFEMS CGS-4). Left: ratio of the "
-        "total contact forces. Right: nodal forces normal to the incline at the largest "
+        "Wedge pushed up an incline of 1:10 against springs (NAFEMS CGS-4). (a) Ratio of the "
+        "total contact forces. (b) Nodal forces normal to the incline at the largest "
         f"friction. Sliding distances for the three friction coefficients: {sliding}."
     )
 
@@ -48,6 +53,6 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Left, three measured force ratios on the curve of statics. Right, nodal forces along the "
+        "Three measured force ratios on the curve of statics. Nodal forces along the "
         "base: the standard element's alternate by a factor of two, the new element's are even."
     )

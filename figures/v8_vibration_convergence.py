@@ -58,7 +58,7 @@ def draw(results: Results) -> Figure:
         ax.set(title=title, xlabel=density, ylim=(3e-7, 0.6))
         ax.set_xticks(squares, [f"{n}" for n in squares])
         ax.set_xticks([], minor=True)
-    axes[0].set_ylabel("largest relative error of ω²")
+    axes[0].set_ylabel("largest relative error of $\\omega^2$")
     handles, labels = axes[0].get_legend_handles_labels()
     fig.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=7)
     return fig
@@ -77,11 +77,11 @@ def caption(results: Results) -> str:
     }
     return (
         "Largest relative error of the eigenvalues (six of the rod and of the square, three of the "
-        f"strip). Lowest observed orders of the rod's: standard triangle "
+        f"strip). Lowest observed orders for the rod: standard triangle "
         f"{orders['galerkin-T6']:.2f}, new triangle {orders['pw-T6']:.2f}; symmetrised "
-        f"{orders['pwsym-T6']:.2f}, with lumped mass {orders['pw-T6-lumped']:.2f}, 8-node element "
-        f"by Guyan's reduction {orders['pw-Q8']:.2f}. Hollow circles and crosses of the new "
-        "elements with all their nodes lie on the standard ones' lines."
+        f"{orders['pwsym-T6']:.2f}; with lumped mass {orders['pw-T6-lumped']:.2f}; 8-node element "
+        f"by Guyan's reduction {orders['pw-Q8']:.2f}. New elements that keep all their nodes "
+        "(hollow circles and crosses) lie on the lines of the standard ones."
     )
 
 

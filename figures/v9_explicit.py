@@ -18,7 +18,7 @@ SHOWN = 20  # every so many steps
 
 
 def draw(results: Results) -> Figure:
-    """Left the spectra in the complex plane, right displacements over time."""
+    """Panels: the spectra in the complex plane, displacements over time."""
     fig, (spectrum, motion) = plt.subplots(1, 2, figsize=(FULL, 2.6))
     for case, (label, look) in SERIES.items():
         curves = results.curves(f"V9/{case}")
@@ -29,8 +29,9 @@ def draw(results: Results) -> Figure:
         envelope = np.maximum.reduceat(curves["amplitude"], starts)
         dashes = "--" if case == "galerkin-lumped" else "-"
         motion.semilogy(curves["time"][starts], envelope, dashes, color=color, lw=1.2, label=label)
-    spectrum.set(xlabel="Re ω²", ylabel="Im ω²")
-    motion.set(xlabel="time / slowest period", ylabel="largest displacement / initial one")
+    spectrum.set(title="(a) spectrum", xlabel=r"Re $\omega^2$", ylabel=r"Im $\omega^2$")
+    motion.set(title="(b) free vibration", xlabel="time / slowest period")
+    motion.set_ylabel("displacement / initial one")
     motion.legend(fontsize=7)
     return fig
 
@@ -39,10 +40,10 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     growth = results.scalar("V9/pw-lumped", "growth_per_step")
     return (
-        "Clamped square with the new element's lumped mass. Left: all eigenvalues; those of the "
-        "unsymmetric stiffness leave the real axis in the upper spectrum. Right: free vibration by "
-        f"central differences at half the stable step; {100 * growth:.2g} % a step is the largest "
-        "growth of a part of it."
+        "Clamped square with the new element's lumped mass. (a) All eigenvalues: in the upper "
+        "spectrum those of the unsymmetric stiffness leave the real axis. (b) Largest displacement "
+        "in a free vibration by central differences with half the stable time step; the "
+        f"fastest-growing component gains {100 * growth:.2g} % per step."
     )
 
 

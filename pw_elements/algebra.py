@@ -53,14 +53,14 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
         K: stiffness (n, n), all rows and columns free.
         f: load (n,).
         reduction: supports, condensation.
-        solver: `Direct()`, `Iterative()`, or "auto" for the latter in space from 15 000 unknowns
-            on, which is taken unless one is given. Where "auto" sees `Iterative()` fail, it takes
-            `Direct()` if there is memory for it, and says so in the log.
+        solver: `Direct()`, `Iterative()` or "auto", the default, which takes the latter in three
+            dimensions from 15 000 unknowns on. If "auto" sees `Iterative()` fail, it takes
+            `Direct()` instead, given enough memory, and logs that it does.
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
-        SolverNotConverged: if an iterative solver does not come near enough to it.
-        TypeError, ValueError: for things that do not make one problem, see `given.Problem`, or
+        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, or
             a solver that does not serve the reduction.
     """
     Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
@@ -97,7 +97,7 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
         f: load (n,).
 
     Raises:
-        TypeError, ValueError: for things that do not go together, see `given.Problem`.
+        TypeError, ValueError: for arguments that do not fit together or are not finite.
     """
     Problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
     return unbalanced(K, a, f)
@@ -130,13 +130,13 @@ def free_pressure(
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """(A + A^T) / 2: what a symmetric solver makes of an unsymmetric element's matrix.
+    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix.
 
     Args:
-        matrix: A, (n, n); it stays as it is.
+        matrix: A, (n, n); it is not changed.
 
     Raises:
-        TypeError, ValueError: if it is no square matrix.
+        TypeError, ValueError: if it is not a square matrix.
     """
     with collective(arguments.processes(matrix)):
         arguments.matrix("the matrix", matrix)

@@ -17,8 +17,8 @@ from pw_elements.quadrature import with_cell_rules
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
-    Integrals over tetrahedra with piecewise-linear functions get the rule these need. The form
-    (and by it mesh and spaces) lives as long as the matrix.
+    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
+    The form (and by it mesh and spaces) lives as long as the matrix.
 
     Args:
         form: of trial and test functions.
@@ -26,7 +26,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
             `Iterative` needs it: another format is copied by it. Everything else converts it.
 
     Raises:
-        TypeError: if it is no UFL form.
+        TypeError: if it is not a UFL form.
         ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
             that is wrong for it.
     """
@@ -41,13 +41,13 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Vector (n,) of a linear form, contributions of all processes added.
 
-    Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
 
     Args:
         form: of a test function.
 
     Raises:
-        TypeError: if it is no UFL form.
+        TypeError: if it is not a UFL form.
         ValueError: if it is not linear, cannot be compiled, or has a measure that names a rule
             that is wrong for it.
     """
@@ -63,13 +63,13 @@ def assemble_scalar(form: ufl.Form) -> float:
 
         area = assemble_scalar(1.0 * boundary_measure(mesh, where))
 
-    Integrals over tetrahedra with piecewise-linear functions get the rule these need.
+    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
 
     Args:
         form: without arguments.
 
     Raises:
-        TypeError: if it is no UFL form.
+        TypeError: if it is not a UFL form.
         ValueError: if it has a test function, belongs to no mesh, cannot be compiled, or has a
             measure that names a rule that is wrong for it.
     """

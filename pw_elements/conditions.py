@@ -24,7 +24,7 @@ def prescribed(
     """Which owned degrees of freedom are free, and the prescribed values (zero where free).
 
     Raises:
-        TypeError: for what is no space, or are no conditions.
+        TypeError: for anything but a space and conditions.
         ValueError: if a prescribed value is not finite, two of them contradict each other, or a
             condition is another space's.
     """

@@ -69,7 +69,7 @@ _TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: take a smalle
 
 
 class NoModes(RuntimeError):
-    """An eigenvalue problem has too few modes of the kind asked for, or some did not converge."""
+    """An eigenvalue problem has fewer modes than requested, or some did not converge."""
 
 
 @dataclass(frozen=True)
@@ -133,17 +133,17 @@ def vibration_modes(
         count: how many eigenvalues, those of rigid motions among them.
         symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
             solver does with an unsymmetric element.
-        shift: a number below the wanted eigenvalues, at which the pair is inverted: the nearer
-            to them the faster; a small negative one unless given.
+        shift: a number below the wanted eigenvalues, at which the pair is inverted; the closer it
+            is to them, the faster. By default a small negative one.
         solver: of the systems with K - shift M; `Direct()`, by LDL^T where they are symmetric,
             `Iterative()`, or "auto" as in `solve`, from 200 000 unknowns on. A symmetrised pair
             needs factors.
 
     Raises:
-        TypeError, ValueError: for things that do not make one problem, see `given.Problem`; for
+        TypeError, ValueError: for arguments that do not fit together or are not finite; for
             matrices whose diagonals add up to less than zero, and numbers out of range.
         SingularSystem: if the shift is an eigenvalue.
-        SolverNotConverged: if an iterative solver does not come near enough to a solution.
+        SolverNotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
@@ -224,10 +224,10 @@ def buckling(
         solver: of the systems with K, as in `vibration_modes`.
 
     Raises:
-        TypeError, ValueError: for things that do not make one problem, see `given.Problem`; for
+        TypeError, ValueError: for arguments that do not fit together or are not finite; for
             a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
-        SolverNotConverged: if an iterative solver does not come near enough to a solution.
+        SolverNotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)

@@ -30,10 +30,10 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     """Piecewise-linear weight functions on the cell halved once, Eq. (15) to Eq. (20).
 
     On tetrahedra they are the mean over the three ways to cut the octahedron inside, linear on
-    twelve sub-cells, and do not depend on the order of the vertices. Integrals need a rule for
-    these: `assemble_matrix` and `assemble_vector` take it by themselves, DOLFINx's own assembly
-    does with `cell_measure` and is refused without. `Function.eval` and DOLFINx's interpolation
-    know the one-cut element only; it has the same values at nodes and on faces.
+    twelve sub-cells, and do not depend on the order of the vertices. Integrals need a quadrature
+    rule for these: `assemble_matrix` and `assemble_vector` choose it themselves; DOLFINx's own
+    assembly needs `cell_measure`, without which it raises an error. `Function.eval` and DOLFINx's
+    interpolation use the one-cut element, which has the same values at nodes and on faces.
 
     Args:
         cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
@@ -56,8 +56,8 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
 def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Piecewise-linear weights on tetrahedra cut into eight, P1-iso-P2; for comparisons.
 
-    The order of a cell's vertices says along which of three diagonals the octahedron inside is
-    cut, and nodal forces move by some per cent with it. DOLFINx's own integrals of its slopes
+    The order of a cell's vertices determines along which of three diagonals the octahedron inside
+    is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
 
     Args:

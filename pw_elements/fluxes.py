@@ -38,8 +38,8 @@ class NodalFlux:
 
     Args:
         surface: the nodes, their positions, areas, edges and rim.
-        reaction: (m,) or (m, components), what enters the body at each node.
-        flux: (m,) or (m, components), the same per area; NaN where a node has none.
+        reaction: (m,) or (m, components), the flow into the body at each node.
+        flux: (m,) or (m, components), the same per area; NaN where a node has no area.
     """
 
     surface: SurfaceNodes
@@ -55,27 +55,27 @@ def nodal_flux(
     evened: bool = False,
     depth: Scalar = 1.0,
 ) -> NodalFlux:
-    """What enters a body per area at the nodes of a boundary where its field is prescribed.
+    """Flux into a body at the nodes of a boundary where its field is prescribed.
 
         K, f = assemble_matrix(k * inner(grad(u), grad(v)) * dx), assemble_vector(q * v * dx)
         a = solve(K, f, Reduction.dirichlet(spaces.trial, conditions))
         heat = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[0], 0.0))
         heat.surface.position, heat.flux
 
-    Where the part ends at another one with prescribed values, reactions of its rim's nodes belong
-    to both: leave them out (`surface.rim`), or take both parts as one.
+    Where the part ends at another one with prescribed values, the reactions at the nodes on its rim
+    belong to both: leave them out (`surface.rim`), or treat both parts as one.
 
     Args:
         spaces: of the field, scalar or with components.
         reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
-        where: part of the boundary.
-        area: by which reactions are divided, the node's share of the geometry or the integral of
-            its own test function; with piecewise-linear weights on flat boundaries these are one.
-        evened: reactions of a standard quadratic element are evened out by T first.
-        depth: what a length or area of the mesh is multiplied by: a thickness, 2 pi r.
+        where: part of the boundary, as in `boundary_measure`.
+        area: by which reactions are divided: the node's share of the geometry, or the integral of
+            its own test function; with piecewise-linear weights on flat boundaries both agree.
+        evened: whether reactions of a standard quadratic element are first evened out by T.
+        depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
     Raises:
-        TypeError: for things of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for a vector that is not finite or of another space, an unknown area, T with
             another element or own areas, a depth that is not positive, or a part of the
             boundary that is none.

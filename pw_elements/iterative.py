@@ -51,17 +51,17 @@ class Iterative:
     """Right-preconditioned GMRES with two-level p-multigrid, for quadratic elements.
 
     The coarse level is the stiffness of linear elements, P^T K P, under one cycle of algebraic
-    multigrid that knows the rigid motions; the smoother treats nodes as blocks. Some 25 iterations
-    per ten digits whatever the size of the mesh, at Poisson's ratio 0.3; near 1/2 several times as
-    many, but for hybrid spaces, see `saddle`, whose `solve` it serves at any ratio. It takes
-    supports of `Reduction.dirichlet`, no condensation, and knows no determinants.
+    multigrid that knows the rigid motions; the smoother treats nodes as blocks. It takes some
+    25 iterations for ten digits whatever the size of the mesh, at a Poisson's ratio of 0.3, and
+    several times as many near 1/2; `solve` with hybrid spaces needs few at any ratio. It accepts
+    the supports of `Reduction.dirichlet`, but no condensation, and computes no determinants.
 
     Args:
-        tolerance: residual over load, both in the Euclidean norm, at which a solution is done.
-            Contact has one of its own, over the largest nodal contact force.
+        tolerance: on the residual over the load, both in the Euclidean norm. Contact has its own,
+            relative to the largest nodal contact force.
         options: PETSc options without prefix and hyphen, such as
-            `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` and
-            `ksp_max_it` are the method's and its iterations'.
+            `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
+            the method and `ksp_max_it` its iterations.
 
     Raises:
         ValueError: for a tolerance that is not between 0 and 1.
@@ -78,6 +78,11 @@ class Iterative:
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "Krylov":
         """Binds the method to a free matrix (n, n) under supports.
+
+        Args:
+            matrix: free (n, n).
+            symmetric: whether the pair of an eigenvalue problem is to be taken as symmetric.
+            supports: of `Reduction.dirichlet`.
 
         Raises:
             ValueError: without supports, or for a symmetric pair of eigenvalue problems.

@@ -37,16 +37,16 @@ _FASTER = 6
 
 
 class SingularSystem(RuntimeError):
-    """The system has no unique solution, mostly for want of supports."""
+    """The system has no unique solution, usually because supports are missing."""
 
 
 class SolverNotConverged(RuntimeError):
-    """An iterative solver has not come near enough to the solution."""
+    """An iterative solver has not reached its tolerance."""
 
 
 @dataclass(frozen=True)
 class SolverReport:
-    """What solved a problem, and what it took.
+    """How a problem was solved, and at what cost.
 
     Args:
         method: in words, "LU by mumps" say.
@@ -59,7 +59,11 @@ class SolverReport:
     krylov_iterations: int = 0
 
     def after(self, before: "SolverReport") -> "SolverReport":
-        """Both together."""
+        """Both together.
+
+        Args:
+            before: what was done before.
+        """
         return SolverReport(
             self.method,
             before.factorisations + self.factorisations,
@@ -67,7 +71,11 @@ class SolverReport:
         )
 
     def since(self, before: "SolverReport") -> "SolverReport":
-        """What was done after an earlier report of the same solver."""
+        """What was done after an earlier report of the same solver.
+
+        Args:
+            before: an earlier report.
+        """
         return SolverReport(
             self.method,
             self.factorisations - before.factorisations,
@@ -117,26 +125,31 @@ class PreparedSolver(Protocol):
 
 
 class LinearSolver(Protocol):
-    """How linear systems are to be solved."""
+    """How linear systems are solved."""
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> PreparedSolver:
-        """Binds the solver to a square matrix (n, n); it factorises when it first has to."""
+        """Binds the solver to a square matrix (n, n); it factorises when it first has to.
+
+        Args:
+            matrix: square (n, n).
+            symmetric: whether it is.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Direct:
-    """Factors, LU or, of symmetric matrices, LDL^T: by MUMPS unless the options say otherwise.
+    """Factorisation, LU or, for symmetric matrices, LDL^T; by MUMPS unless options say otherwise.
 
     Args:
         options: PETSc options of the solver without prefix and hyphen, such as
             `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`. PETSc
-            reports at the end of the program those that it does not know. What MUMPS alone tells
-            is missing with others: zero pivots (a singular matrix is recognised all the same) and
-            the determinant, so that contact does not examine uniqueness.
+            reports unknown ones at the end of the program. Other packages than MUMPS tell neither
+            zero pivots (a singular matrix is recognised all the same) nor the determinant, so that
+            contact does not check uniqueness.
 
     Raises:
-        TypeError, ValueError: for what are no options.
+        TypeError, ValueError: for invalid options.
     """
 
     options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
@@ -152,8 +165,12 @@ class Direct:
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
         """Binds the solver to a square matrix (n, n).
 
+        Args:
+            matrix: square (n, n).
+            symmetric: whether it is, so that LDL^T will do.
+
         Raises:
-            TypeError, ValueError: if it is no such matrix, or PETSc refuses the options.
+            TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
         with collective(processes(matrix)):
             check_matrix("the matrix", matrix)

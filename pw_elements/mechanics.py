@@ -61,7 +61,11 @@ _ROUND_OFF = 1e-12
 
 
 class StressState(Enum):
-    """How the third direction behaves."""
+    """State of stress and strain of a body.
+
+    `PLANE_STRESS`, `PLANE_STRAIN`, `AXISYMMETRIC` (coordinates r, z; the axis is r = 0) or `SOLID`;
+    their values are "plane stress", "plane strain", "axisymmetric" and "solid".
+    """
 
     PLANE_STRESS = "plane stress"
     PLANE_STRAIN = "plane strain"
@@ -71,19 +75,19 @@ class StressState(Enum):
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic material; numbers, or UFL expressions where it varies in space.
+    """Isotropic elastic material: numbers, or UFL expressions where it varies in space.
 
         steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
 
-    `by_tag` makes one of several that meet in a mesh, or of bodies that are parts of one.
+    `by_tag` combines several materials in one mesh, of one body or of several.
 
     Args:
         youngs_modulus: E, positive, a stress.
         poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
         density: positive, mass per volume.
 
-    Checked are numbers, `fem.Constant`s and nodal values of Lagrange functions; what another
-    expression is worth cannot be told.
+    Numbers, `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions
+    cannot be.
 
     Raises:
         ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
@@ -108,19 +112,19 @@ class Material:
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
-        """One material of several, each in the cells that have its tag.
+        """Combines several materials, each in the cells with its tag.
 
             material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
 
         Args:
             mesh: of the body.
-            cell_tags: of its cells, each of which has one.
-            materials: of every tag, their constants being numbers.
+            cell_tags: tags of all of its cells.
+            materials: by tag; their constants are numbers.
 
         Raises:
-            TypeError: for arguments of another kind.
+            TypeError: for arguments of the wrong type.
             ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
-                material, materials without a cell, or constants that are no numbers.
+                material, materials without a cell, or constants that are not numbers.
         """
         arguments.mesh(mesh)
         names = [field.name for field in fields(cls)]
@@ -138,14 +142,14 @@ class Material:
 
 @dataclass(frozen=True)
 class Body:
-    """An elastic body: spaces, material and state, and the forms that go with them.
+    """An elastic body: spaces, material, state of stress, and the forms that they make.
 
     With the spaces of `Spaces.hybrid` the forms are those of displacements and a pressure p,
 
         int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
 
-    1/lambda = (1 - 2 nu) / (2 mu nu) being zero where nu = 1/2. There `u` stands for both fields
-    in `strain` and `stress`, such as a function of the mixed space.
+    where 1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. In `strain` and `stress`, `u` then
+    stands for both fields, such as a function of the mixed space.
 
     Args:
         spaces: trial and test space of the displacements, or of displacements and pressure.
@@ -153,16 +157,16 @@ class Body:
         state: a `StressState`, or its value as a string: "plane stress", "plane strain",
             "axisymmetric" or "solid".
         thickness: t(x, y) of a plane body, number or UFL expression.
-        quadrature_degree: exact degree is chosen for straight simplices, parallelograms and
-            parallelepipeds with constant data, 3 points a direction for other straight
-            quadrilaterals and hexahedra, and 8 else, unless given.
+        quadrature_degree: by default exact for straight simplices, parallelograms and
+            parallelepipeds with constant data; 3 points in each direction for other straight
+            quadrilaterals and hexahedra; 8 otherwise.
 
     Raises:
-        ValueError: where dimension and state do not fit, the mesh is a surface in space or
-            crosses the axis of rotation, an incompressible material is neither in plane stress
-            nor in hybrid spaces, these are in plane stress or have nu <= 0, or the thickness is
-            not positive.
-        DegenerateMesh: if cells or boundary make no body, see `mesh_checks`.
+        ValueError: if the state does not suit the dimension; the mesh is a surface in space or
+            crosses the axis of rotation; an incompressible material is neither in plane stress
+            nor in hybrid spaces; hybrid spaces are in plane stress or have nu <= 0; or the
+            thickness is not positive.
+        DegenerateMesh: if the cells or the boundary are not those of a body.
     """
 
     spaces: Spaces
@@ -240,7 +244,7 @@ class Body:
         parts: MeshTags | None = None,
         thickness: Scalar = 1.0,
     ) -> "Body":
-        """A body with the element that its material needs.
+        """Makes a body with the element that its material needs.
 
             body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
             U = body.spaces.trial
@@ -250,14 +254,14 @@ class Body:
             material: constants and density.
             state: as of `Body`.
             formulation: "displacements" for `Spaces.petrov_galerkin`, "hybrid" for
-                `Spaces.hybrid`, which is taken (and the log says so) where Poisson's ratio is
-                above 0.48 somewhere and none is given, but in plane stress.
+                `Spaces.hybrid`. By default "hybrid" if Poisson's ratio exceeds 0.48 anywhere
+                (which is logged), except in plane stress.
             parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
             thickness: of a plane body.
 
         Raises:
-            TypeError: for things of another kind.
-            ValueError: for another name, and as `Body`.
+            TypeError: for arguments of the wrong type.
+            ValueError: for an unknown name, and as `Body`.
         """
         arguments.mesh(mesh)
         arguments.of_type("material", material, Material, "Material(E, nu) makes one")
@@ -277,7 +281,14 @@ class Body:
         return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
 
     def strain(self, u: Expr) -> Expr:
-        """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r."""
+        """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r.
+
+        Args:
+            u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+
+        Raises:
+            TypeError: for anything but such an expression.
+        """
         arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
         u, _ = self._split(u)
         plane = ufl.sym(ufl.grad(u))
@@ -289,7 +300,11 @@ class Body:
         )
 
     def stress(self, u: Expr) -> Expr:
-        """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape."""
+        """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape.
+
+        Args:
+            u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+        """
         E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
         mu = E / (2 * (1 + nu))
         if self.spaces.is_hybrid:
@@ -303,9 +318,12 @@ class Body:
         return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
 
     def von_mises(self, u: Expr) -> Expr:
-        """Von Mises' equivalent stress of displacements u, for pictures and judgement.
+        """Von Mises' equivalent stress of displacements u, for pictures and assessment.
 
-        In plane strain it has the stress that holds the third direction.
+        In plane strain the out-of-plane stress is included.
+
+        Args:
+            u: displacement, a function; of hybrid spaces both fields.
         """
         stress = self.stress(u)
         trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
@@ -336,6 +354,14 @@ class Body:
         """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
 
         Loads of several measures are added as vectors; a form may have one of them.
+
+        Args:
+            traction: (dim,), numbers or an expression.
+            surface: measure of a part of the boundary.
+
+        Raises:
+            TypeError, ValueError: for anything but a measure of exterior facets of the body's mesh,
+                or a traction of the wrong size.
         """
         arguments.of_type(
             "surface", surface, ufl.Measure, "boundary_measure(mesh, where) makes one"
@@ -351,7 +377,11 @@ class Body:
         return ufl.inner(self._vector("traction", traction), v) * self._depth() * surface
 
     def body_load(self, force: Vector) -> ufl.Form:
-        """Load of a body force vector (force per volume), Eq. (12)."""
+        """Load of a body force vector (force per volume), Eq. (12).
+
+        Args:
+            force: (dim,), numbers or an expression.
+        """
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return self._integral(ufl.inner(self._vector("force", force), v), 2)
 
@@ -364,7 +394,7 @@ class Body:
                 as continuum elements with an objective stress rate do.
 
         Raises:
-            ValueError: for another form, or a tensor of another shape.
+            ValueError: for an unknown form, or a tensor of the wrong shape.
         """
         arguments.of_type("stress", stress, Expr, "body.stress(u) makes one")
         u, v = self._arguments()
@@ -471,7 +501,7 @@ def _parallel(mesh: Mesh) -> bool:
 
 
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
-    """Surface measure of a part of the boundary, see `parts.exterior_facets`.
+    """Surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
     Args:
         mesh: the mesh.
@@ -480,8 +510,8 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
         quadrature_degree: of the facet integrals.
 
     Raises:
-        ValueError: if no exterior facet is marked, the marker fails or gives no truth values, or
-            a number is none of a facet.
+        ValueError: if no exterior facet is marked, the marker fails or does not return truth
+            values, or a number does not belong to a facet.
     """
     arguments.mesh(mesh)
     with collective(mesh.comm):
@@ -507,7 +537,7 @@ def prescribe(
     where: Marker,
     value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
-    """Prescribed displacement component at all nodes (mid-side ones too) a marker holds on.
+    """Prescribes one displacement component at all nodes, mid-side ones too, that a marker selects.
 
         held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
 
@@ -517,11 +547,11 @@ def prescribe(
         space: trial space.
         component: counted from 0; or "pressure" of a hybrid space, whose nodes are the vertices.
         where: marker of the nodes' positions as columns (3, n).
-        value: of the component; a `fem.Constant` may change later, see `PetrovGalerkinProblem`.
+        value: of the component; the value of a `fem.Constant` may change later.
 
     Raises:
-        ValueError: if there is no such node or no such component, the marker fails or gives no
-            truth values, or the value is no finite number.
+        ValueError: if there is no such node or no such component, the marker fails or does not
+            return truth values, or the value is not a finite number.
     """
     arguments.space(space)
     comm, hybrid = space.mesh.comm, is_hybrid(space)
@@ -544,7 +574,7 @@ def prescribe(
 
 
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
-    """Load vector of a concentrated force at each node a marker holds on.
+    """Load vector of a concentrated force at each node that a marker selects.
 
     It is the same for every test space with W_i(x_i) = 1.
 
@@ -554,8 +584,8 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
         force: (components,), on each of the nodes.
 
     Raises:
-        ValueError: if there is no such node, the marker fails or gives no truth values, or the
-            force has another number of components than the space, or one that is not finite.
+        ValueError: if there is no such node, the marker fails or does not return truth values, or
+            the force has another number of components than the space, or one that is not finite.
     """
     arguments.space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
@@ -578,8 +608,8 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
     vertices of the standard triangle.
 
-    In explicit dynamics combine it with a symmetric stiffness, best that of the `Sibling`, whose
-    own mass has positive row sums, too: with the unsymmetric stiffness the upper spectrum is
+    In explicit dynamics combine it with a symmetric stiffness, preferably that of the `Sibling`,
+    whose own mass has positive row sums, too. With the unsymmetric stiffness the upper spectrum is
     complex, and undamped vibrations grow whatever the time step (section V9 of the study).
 
     Args:

@@ -52,7 +52,11 @@ _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
 
 
 class DegenerateMesh(ValueError):
-    """Cells or a boundary that make no body: see `pw_elements.mesh_checks`."""
+    """Cells that are flat or inverted, or cells and boundaries that do not make a body.
+
+    These are folds, duplicate or overlapping cells, facets with more than two cells, and hanging
+    nodes.
+    """
 
 
 def listed(points: Array, most: int = 6) -> str:

@@ -44,7 +44,7 @@ def triangles(
         lower: corner (x, y).
         upper: the opposite corner, above and to the right.
         divisions: squares in each direction.
-        pattern: how a square is cut in triangles; "crossed" gives four, the others two.
+        pattern: how a square is cut into triangles; "crossed" gives four, the others two.
 
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
@@ -90,7 +90,7 @@ def on_lines(
         x_lines: increasing coordinates (m,) of the lines x = constant.
         y_lines: the same (n,) of the lines y = constant.
         cell: "triangle" or "quadrilateral".
-        pattern: how rectangles are cut in triangles.
+        pattern: how rectangles are cut into triangles.
 
     Raises:
         ValueError: if lines do not increase, or the cell or the pattern is unknown.
@@ -132,7 +132,7 @@ class TaggedMesh(NamedTuple):
 
 
 def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa: ANN401
-    """Mesh of a `.msh` file or of the model that Gmsh has just meshed, with its physical groups.
+    """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
 
         mesh, cell_tags, facet_tags = from_gmsh(MPI.COMM_WORLD, "gasket.msh", dim=2)
         mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
@@ -141,13 +141,13 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
 
     Args:
         comm: communicator.
-        source: path of a file, or `gmsh.model`, which counts on process 0.
-        dim: of the space the mesh lies in; of plane meshes 2.
+        source: path of a file, or `gmsh.model`, which is read on process 0.
+        dim: of the space in which the mesh lies: 2 for plane meshes.
 
     Raises:
-        ModuleNotFoundError: without Gmsh's Python module.
+        ModuleNotFoundError: if Gmsh's Python module is not installed.
         FileNotFoundError: if there is no such file.
-        ValueError: for another dimension than 2 or 3, a file that Gmsh cannot read, or a model
+        ValueError: for a dimension other than 2 or 3, a file that Gmsh cannot read, or a model
             without a mesh or without a physical group of cells.
     """
     arguments.communicator(comm)
@@ -182,10 +182,11 @@ def mapped(mesh: Mesh, image: Map) -> Mesh:
 
     Args:
         mesh: the mesh.
-        image: of points as rows, (n, 3) to (n, 3); or to (n, dim) of a mesh in dim dimensions.
+        image: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
 
     Raises:
-        ValueError: if the image fails, has another shape, or is not finite; nothing has moved then.
+        ValueError: if the image fails, has the wrong shape, or is not finite; nothing is moved
+            then.
     """
     arguments.mesh(mesh)
     mesh.geometry.x[:, : mesh.geometry.dim] = _placed(mesh, image, mesh.geometry.x)
@@ -193,14 +194,14 @@ def mapped(mesh: Mesh, image: Map) -> Mesh:
 
 
 def curved(mesh: Mesh, image: Map) -> Mesh:
-    """New mesh of degree-2 geometry whose nodes, mid-side ones too, are images.
+    """New mesh of degree-2 geometry whose nodes, including mid-side ones, are mapped.
 
     Args:
         mesh: of straight sides.
-        image: of points as rows, (n, 3) to (n, 3); or to (n, dim) of a mesh in dim dimensions.
+        image: function of points as rows, (n, 3) to (n, 3), or to (n, dim) in dim dimensions.
 
     Raises:
-        ValueError: if the image fails, has another shape, or is not finite.
+        ValueError: if the image fails, has the wrong shape, or is not finite.
     """
     arguments.mesh(mesh)
     dimension = mesh.geometry.dim

@@ -111,7 +111,7 @@ def exterior_facets(mesh: Mesh, where: Part) -> Indices:
             facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
 
     Raises:
-        ValueError: if the marker fails, or a number is none of a facet.
+        ValueError: if the marker fails, or a number does not belong to a facet.
     """
     dimension, comm = mesh.topology.dim - 1, mesh.comm
     vertices: npt.NDArray[np.float64] = np.zeros((3, 0))

@@ -85,19 +85,19 @@ def draw(
         draw(mesh, u[1], u, label="deflection [mm]")
         draw(mesh, body.von_mises(u), u, scale=50, axes=axes, view=(30, 45))
 
-    The field is drawn as it is in each cell: stresses jump between cells. Where cells are curved,
-    so are their pictures.
+    The field is drawn cell by cell, so that stresses may jump between cells. Curved cells are drawn
+    curved.
 
     Args:
         mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
-        values: scalar field, a function or UFL expression; a plain body unless given.
-        displacement: vector field by which the body is moved; as it was made unless given.
-        scale: by which displacements are exaggerated.
-        axes: to draw in; those of a new figure unless given.
-        label: of the colour bar; none is drawn unless given.
+        values: scalar field, a function or UFL expression; by default the body is plain.
+        displacement: vector field that moves the body; by default it is not moved.
+        scale: factor of the displacements.
+        axes: to draw in; by default those of a new figure.
+        label: of the colour bar, which is drawn only with a label.
         colours: name of Matplotlib's colour map.
         limits: least and greatest value of the colours, beyond which they do not change: stresses
-            at sharp corners have no bounds. Those of the values unless given.
+            at sharp corners are unbounded. By default those of the values.
         view: elevation above and azimuth in the plane of x and y of the eye, in degrees; z is up.
         edges: whether the cells' edges are drawn.
 
@@ -105,9 +105,9 @@ def draw(
         The axes. Each process has its own; let one of them save the figure.
 
     Raises:
-        TypeError: for things of another kind.
-        ValueError: for a field that is no scalar, a displacement that is no vector, a scale or
-            view that is not finite, a function of another mesh, or cells of another kind.
+        TypeError: for arguments of the wrong type.
+        ValueError: for a field that is not a scalar, a displacement that is not a vector, a scale
+            or view that is not finite, a function of another mesh, or cells of another kind.
     """
     arguments.mesh(mesh)
     with collective(mesh.comm):

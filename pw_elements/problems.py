@@ -40,10 +40,11 @@ _PARTS = 16
 
 
 class PetrovGalerkinProblem:
-    """F(u; v) = 0 for all weights v, linear or not in u, under Dirichlet conditions.
+    """F(u; v) = 0 for all weights v, linear in u or not, under Dirichlet conditions.
 
     Newton's method is PETSc's, with its backtracking line search; the tangent is UFL's derivative
-    at the residual's own quadrature points. -div((1 + u^2) grad u) = 10 with u = 0 around:
+    at the residual's own quadrature points. An example is -div((1 + u^2) grad u) = 10 with u = 0 on
+    the boundary:
 
         V = fem.functionspace(mesh, ("Lagrange", 2))
         u, v = fem.Function(V), ufl.TestFunction(test_space(V))
@@ -53,7 +54,7 @@ class PetrovGalerkinProblem:
         problem = PetrovGalerkinProblem(F, u, fem.dirichletbc(0.0, rim, V))
         problem.solve()
 
-    Large loads grow in increments, which are cut where Newton's method fails:
+    Large loads are applied in increments, which are divided where Newton's method fails:
 
         depth = fem.Constant(mesh, -0.3)
         conditions = [prescribe(V, 1, top, depth), ...]
@@ -61,18 +62,19 @@ class PetrovGalerkinProblem:
 
     Args:
         residual: F, a UFL form linear in its test function, which `test_space` (or, for the
-            standard element, the trial space) has; a `ufl.TrialFunction` in it stands for u. State
-            the quadrature degree of integrands that are no polynomials: UFL's estimate is high.
-        u: unknown function in the quadratic trial space; it holds the start and the solution.
-        conditions: Dirichlet conditions on its space; what they refer to may change.
-        solver: of linear systems, `Direct()` unless given; `Iterative()` does not serve here.
+            standard element, the trial space) has; a `ufl.TrialFunction` in it stands for u. Set
+            the quadrature degree of integrands that are not polynomials: UFL's estimate is high.
+        u: unknown function in the quadratic trial space; it holds the initial guess, then the
+            solution.
+        conditions: Dirichlet conditions on its space; constants and functions in them may change.
+        solver: of linear systems, by default `Direct()`; `Iterative()` cannot be used here.
 
     Attributes:
         u: the unknown.
-        increments: what each part of the last `solve` took, a tuple of `Increment`.
+        increments: of the last `solve`, with the work that each took.
 
     Raises:
-        TypeError: for things of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for a form without a test function or without u, not linear in its weights, of
             several meshes, or that cannot be compiled; for an iterative solver or a split pressure.
         NumberingError: if trial and test space number their nodes differently.
@@ -120,13 +122,13 @@ class PetrovGalerkinProblem:
         self._held: dict[fem.Constant, Array] = {}
 
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
-        """Solves for u, from what it holds.
+        """Solves for u, starting from its present values.
 
         Args:
             load: what grows with the increments: `fem.Constant`s of the residual or conditions,
                 which grow from where the last `solve` left them (0 at first) to what they hold
                 now; or a function of the share (0, 1] that sets them, without communication.
-            increments: equal ones; where Newton's method fails, they are cut.
+            increments: number of equal ones; where Newton's method fails, they are divided.
 
         Returns:
             The problem's u.
@@ -135,7 +137,7 @@ class PetrovGalerkinProblem:
             NotConverged: if no solution is found even in small parts, or in one without a load; u
                 and the load's constants are those of the last solution.
             SingularSystem: likewise, if the tangent is singular.
-            TypeError, ValueError: for a load that is none, or conditions that contradict each
+            TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
         with collective(self._comm):

@@ -16,7 +16,7 @@ from pw_elements.tetrahedron import twelve_cell_rule
 
 
 def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
-    """Measure dx to integrate test functions with, in DOLFINx's own assembly too.
+    """Measure dx for integrals of test functions, also in DOLFINx's own assembly.
 
         dx = cell_measure(W, 2)
         load = fem.assemble_vector(fem.form(f * ufl.TestFunction(W) * dx))

@@ -7,7 +7,7 @@ Three measures of contact pressure (and shear) are in use, and they must never b
 3. the nodal force over the geometric tributary area of the node: of the surface's once halved
    cells, each node gets equal parts of those around it.
 
-Under even pressure the standard quadratic element shows a sawtooth in 1 and 3 and none in 2; on
+Under uniform pressure the standard quadratic element shows a sawtooth in 1 and 3 and none in 2; on
 the faces of 10-node tetrahedra its corners have no weight, and 2 does not exist there. With
 piecewise-linear test functions 2 and 3 are the same on straight sides.
 """
@@ -47,16 +47,17 @@ _STAYS, _GOES = 3 / 4, 1 / 8
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """T, (n, n): nodal forces of the standard quadratic element, evened out.
 
-    Three quarters of a mid-side node's force stay with it and an eighth goes to either vertex;
-    on quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under even
-    tractions on straight sides the result is the nodal forces of the piecewise-linear weights:
-    T f_G = f_PW on every cell.
+    Three quarters of a mid-side node's force stay with it and an eighth goes to either vertex; on
+    quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under uniform
+    tractions on straight sides the result is the nodal forces of the piecewise-linear weights: T
+    f_G = f_PW on every cell.
 
     On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G,
     too, since piecewise-linear and quadratic weight functions see the same averages of a linear
     stress field. The identity has no counterpart on other cells: there T K_G is another
-    stiffness than K_PW, though both even out forces. T is the 1/8 basis transformation of
-    B. Wohlmuth's quadratic mortar spaces, applied to equations.
+    stiffness than K_PW, though both even out forces. A transformation of this form, but with 1/5
+    in place of 1/8, gives quadratic mortar methods their dual multipliers (A. Popp et al.,
+    https://doi.org/10.1137/110848190).
 
         even = force_transfer(U) * reactions(K, a, f)  # of the standard element
 
@@ -133,7 +134,7 @@ class BoundaryForces:
 def forces_along(
     space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker, axis: int = 0
 ) -> BoundaryForces:
-    """Nodal forces at the nodes a marker holds on, sorted along a coordinate axis.
+    """Nodal forces at the nodes that a marker selects, sorted along a coordinate axis.
 
         held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
         axes.plot(held.position[:, 1], held.force)
@@ -148,8 +149,8 @@ def forces_along(
             they are sorted along the next one.
 
     Raises:
-        ValueError: if there is no such node or no such axis, the marker fails or gives no truth
-            values, or the vector is not one of the space.
+        ValueError: if there is no such node or no such axis, the marker fails or does not return
+            truth values, or the vector does not belong to the space.
     """
     arguments.space(space)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
@@ -198,13 +199,18 @@ class SurfaceNodes:
 
     @classmethod
     def of(cls, body: Body, where: Part) -> "SurfaceNodes":
-        """A part of the boundary, see `parts.exterior_facets`.
+        """Nodes of a part of the boundary.
 
-        Nodes of a `ContactPair` with the same marker are the same if it ends at vertices.
+        A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
+
+        Args:
+            body: whose boundary it is.
+            where: marker of points as columns (3, n), which has to hold at every vertex of a facet;
+                or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
 
         Raises:
-            ValueError: if there are none, the marker fails or gives no truth values, or a number
-                is none of a facet.
+            ValueError: if there are none, the marker fails or does not return truth values, or a
+                number is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
         # areas are no matter of the material, which may be incompressible
@@ -219,12 +225,12 @@ class SurfaceNodes:
 
     @classmethod
     def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
-        """A part of the boundary of a scalar problem.
+        """Nodes of a part of the boundary of a scalar problem.
 
         Args:
             spaces: of the scalar.
-            where: part of the boundary.
-            depth: what a length or area of the mesh is multiplied by: a thickness, 2 pi r.
+            where: part of the boundary, as in `of`.
+            depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
         Raises:
             ValueError: as `of`, or if the spaces are not scalar.
@@ -264,6 +270,9 @@ class SurfaceNodes:
     def pressure(self, force: Array) -> Array:
         """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight.
 
+        Args:
+            force: nodal forces (m,) or (m, components).
+
         Raises:
             ValueError: if they are not one for each node.
         """
@@ -275,6 +284,9 @@ class SurfaceNodes:
     def tributary_pressure(self, force: Array) -> Array:
         """Measure 3 of forces (m,) or (m, components).
 
+        Args:
+            force: nodal forces (m,) or (m, components).
+
         Raises:
             ValueError: if they are not one for each node.
         """
@@ -284,7 +296,7 @@ class SurfaceNodes:
     def sawtooth(self, force: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
         """Median ratio of mid-side nodes' forces to the mean of both corners'.
 
-        2 in the plane for the standard element under even pressure, 1 for even forces; NaN
+        2 in the plane for the standard element under uniform pressure, 1 for even forces; NaN
         without an edge to judge by.
 
         Args:
@@ -302,6 +314,10 @@ class SurfaceNodes:
         """Median size of mid-side value less the mean of both corners', over the median value.
 
         A second difference: zero for values (m,) (forces or pressures) that vary linearly.
+
+        Args:
+            values: forces or pressures (m,).
+            closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
 
         Raises:
             ValueError: if they are not one for each node.

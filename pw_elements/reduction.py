@@ -28,13 +28,14 @@ from pw_elements.spaces import Spaces
 class Reduction:
     """K_r = L^T K R, f_r = L^T (f - K a_0), a = R a_r + a_0.
 
-    Static condensation is one, too. For unsymmetric K, kept (e) and inner (i) unknowns,
+    Static condensation is a reduction, too. With kept (e) and inner (i) unknowns, and K
+    unsymmetric,
 
         L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
 
-    What a load does to inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], adds to the offset:
-    `under` gives the reduction for one load. Reduced loads do not need it, for L^T K Q = 0.
-    Guyan's reduction is `matrix` of a mass matrix, too: see `guyan`.
+    The displacements that a load causes at inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], are
+    added to the offset: `under` makes the reduction for one load. Reduced loads do not need this,
+    since L^T K Q = 0. Guyan's reduction applies `matrix` to the mass matrix as well: see `guyan`.
 
     Args:
         left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
@@ -42,11 +43,11 @@ class Reduction:
         offset: a_0, (n,): prescribed values.
         inner: Q, (n, n), of a condensation.
         space: trial space whose degrees of freedom are reduced, if it is known.
-        supports: what `dirichlet` was told, which an iterative solver needs; None of others.
+        supports: the arguments of `dirichlet`, which an iterative solver needs; None otherwise.
 
     Raises:
-        TypeError: for what is no matrix or vector.
-        ValueError: for sizes that do not go together.
+        TypeError: for anything but matrices and vectors.
+        ValueError: for sizes that do not match.
     """
 
     left: PETSc.Mat
@@ -73,15 +74,15 @@ class Reduction:
         space: fem.FunctionSpace | Spaces,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
     ) -> "Reduction":
-        """Drops the prescribed degrees of freedom.
+        """Eliminates the prescribed degrees of freedom.
 
         Args:
-            space: trial space, or both spaces; these tie the pressure within each part of a body
-                where it is split, see `Spaces.hybrid`.
-            conditions: made on it; a single one needs no list.
+            space: trial space; or a `Spaces` pair, which also ties a split pressure within each
+                part of a body, see `Spaces.hybrid`.
+            conditions: Dirichlet conditions on it; a single one need not be in a list.
 
         Raises:
-            TypeError: for what is no space, or are no conditions.
+            TypeError: for anything but a space and conditions.
             ValueError: if they leave nothing free or contradict each other, a prescribed value is
                 not finite, or a condition was made on another space.
         """
@@ -104,17 +105,17 @@ class Reduction:
         nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
     ) -> "Reduction":
-        """Condenses inner nodes statically, and drops prescribed degrees of freedom.
+        """Condenses inner nodes statically, and eliminates prescribed degrees of freedom.
 
         Args:
             K: stiffness (n, n), free; it may be unsymmetric.
             space: trial space.
-            nodes: local numbers of the inner nodes, or a mask of these (ghosts are passed over),
+            nodes: local numbers of the inner nodes, or a mask of these (ghosts are skipped),
                 no two of which share a cell: K_ii is inverted node by node.
-            conditions: Dirichlet conditions on the other nodes; a single one needs no list.
+            conditions: Dirichlet conditions on the other nodes; a single one need not be in a list.
 
         Raises:
-            TypeError: for what is no matrix or space, or are no conditions.
+            TypeError: for anything but a matrix, a space and conditions.
             ValueError: if K is not of the space or not finite, couples inner nodes, a node is
                 none of the space's, a condition holds on one or was made on another space,
                 conditions contradict each other, nothing is left free, or a prescribed value is
@@ -127,8 +128,12 @@ class Reduction:
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """This reduction for a load f (n,) that acts on inner nodes, too.
 
+        Args:
+            K: stiffness (n, n).
+            f: load (n,).
+
         Raises:
-            TypeError, ValueError: if K and f do not go with the reduction.
+            TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
         if self.inner is None:
@@ -140,7 +145,11 @@ class Reduction:
         return replace(self, offset=offset)
 
     def scaled(self, share: float) -> "Reduction":
-        """This reduction with a share of the prescribed values."""
+        """This reduction with a share of the prescribed values.
+
+        Args:
+            share: factor of the prescribed values.
+        """
         if share == 1:
             return self
         offset = self.offset.copy()
@@ -162,7 +171,10 @@ class Reduction:
         return replace(self, left=kept, right=kept)
 
     def supported(self, K: PETSc.Mat) -> PETSc.Mat:
-        """What `matrix` is of `masked` supports, not assembled: ones where values are prescribed.
+        """The matrix of `masked` supports without assembling it: ones where values are prescribed.
+
+        Args:
+            K: stiffness (n, n).
 
         Raises:
             ValueError: as `masked` says.
@@ -175,8 +187,11 @@ class Reduction:
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
         """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.
 
-        In consistent units displacement and pressure may be 15 powers of ten apart: factors and
-        Krylov methods would lose one of them. What `expand` gives is the same.
+        In consistent units displacement and pressure may be 15 orders of magnitude apart, and
+        factorisations and Krylov methods would lose one of them. `expand` returns the same values.
+
+        Args:
+            K: stiffness (n, n).
         """
         scale = None if self.space is None else equilibration(self.space, K)
         if scale is None:
@@ -198,7 +213,7 @@ class Reduction:
                 rows; L^T M R is not.
 
         Raises:
-            ValueError: for another name.
+            ValueError: for an unknown name.
         """
         if left not in ("transposed", "same"):
             raise ValueError(f'left matrix {left!r}: the names are "transposed" and "same"')
@@ -207,8 +222,11 @@ class Reduction:
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """L^T K R.
 
+        Args:
+            K: matrix (n, n).
+
         Raises:
-            TypeError, ValueError: if K is no matrix that goes with the reduction.
+            TypeError, ValueError: if K is not a matrix that matches the reduction.
         """
         self._check_system(K)
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
@@ -218,8 +236,12 @@ class Reduction:
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """L^T (f - K a_0).
 
+        Args:
+            K: stiffness (n, n).
+            f: load (n,).
+
         Raises:
-            TypeError, ValueError: if K and f do not go with the reduction.
+            TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
         remainder = K.createVecLeft()
@@ -232,8 +254,11 @@ class Reduction:
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r + a_0.
 
+        Args:
+            reduced: vector (n_r,), a_r.
+
         Raises:
-            TypeError, ValueError: if a_r is no vector (n_r,).
+            TypeError, ValueError: if it is not a vector (n_r,).
         """
         self._check_reduced(reduced)
         full = self.offset.duplicate()
@@ -243,8 +268,11 @@ class Reduction:
     def expand_mode(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r: a mode, which vanishes where values are prescribed.
 
+        Args:
+            reduced: vector (n_r,), a_r.
+
         Raises:
-            TypeError, ValueError: if a_r is no vector (n_r,).
+            TypeError, ValueError: if it is not a vector (n_r,).
         """
         self._check_reduced(reduced)
         full = self.offset.duplicate()
@@ -276,8 +304,11 @@ class Reduction:
     def then(self, inner: "Reduction") -> "Reduction":
         """This reduction followed by another one of the reduced system.
 
+        Args:
+            inner: a reduction of the system that this one leaves.
+
         Raises:
-            TypeError, ValueError: if that is no reduction of it.
+            TypeError, ValueError: if it is not a reduction of that system.
         """
         with collective(self.offset.comm.tompi4py()):
             check_reduction(inner)

@@ -17,6 +17,7 @@ from dolfinx import fem
 
 from pw_elements import arguments
 from pw_elements.collective import collective
+from pw_elements.matrices import unblocked
 from pw_elements.mesh_checks import listed
 from pw_elements.recovery import transposed_transfer
 from pw_elements.reduction import Reduction
@@ -27,7 +28,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class Sibling:
-    """The standard element of a space in the basis T.
+    """The standard element of a space in the basis that T defines: symmetric, with even forces.
 
         sibling = Sibling.of(U)
         K, f = sibling.matrix(K_standard), sibling.load(f_standard)
@@ -36,12 +37,12 @@ class Sibling:
         M = lumped_mass(sibling.matrix(M_standard), U)
 
     The row sums of T M T^T, which `lumped_mass` takes, are integrals of density times the basis'
-    own functions (A/12 and A/4 on a triangle, V/40 and 3V/20 on a tetrahedron), so that under an
-    even body force all nodes are accelerated alike.
+    own functions (A/12 and A/4 on a triangle, V/40 and 3V/20 on a tetrahedron), so that under a
+    uniform body force all nodes are accelerated alike.
 
-    Contact knows `matrix`'s K: `solve_contact`, `ContactProblem` and `solve_impact` then state
-    the law on the coefficients, with the gaps T^-T g, which put the nodes of edges that are
-    closed exactly on the surface. Displacements in their states are coefficients, too.
+    Contact recognises the K that `matrix` makes: `solve_contact`, `ContactProblem` and
+    `solve_impact` then state the law for the coefficients, with the gaps T^-T g, so that the nodes
+    of closed edges lie exactly on the surface. Displacements in their states are coefficients, too.
 
     Args:
         space: quadratic Lagrange trial space, of any cell.
@@ -58,6 +59,9 @@ class Sibling:
     def of(cls, space: fem.FunctionSpace) -> "Sibling":
         """The sibling of a quadratic Lagrange space.
 
+        Args:
+            space: quadratic Lagrange trial space, of any cell.
+
         Raises:
             ValueError: for another space, see `recovery.force_transfer`.
         """
@@ -66,19 +70,25 @@ class Sibling:
     def matrix(self, standard: PETSc.Mat) -> PETSc.Mat:
         """T A T^T of the standard element's stiffness or mass A (n, n).
 
+        Args:
+            standard: A, (n, n), of the standard element.
+
         Raises:
-            TypeError, ValueError: if it is no matrix of the space, or has another test space.
+            TypeError, ValueError: if it is not a matrix of the space, or has another test space.
         """
         with collective(self.space.mesh.comm):
             arguments.matrix("the matrix", standard)
             self._check("the matrix", standard, standard.getSizes()[0])
-        return self._marked(standard.ptap(self.basis), standard)
+        return self._marked(unblocked(standard).ptap(self.basis), standard)
 
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).
 
+        Args:
+            standard: f, (n,), of the standard element.
+
         Raises:
-            TypeError, ValueError: if it is no vector of the space, or has another test space.
+            TypeError, ValueError: if it is not a vector of the space, or has another test space.
         """
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
@@ -88,8 +98,11 @@ class Sibling:
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Displacements u = T^T a, (n,).
 
+        Args:
+            coefficients: a, (n,).
+
         Raises:
-            TypeError, ValueError: if it is no vector of the space.
+            TypeError, ValueError: if it is not a vector of the space.
         """
         self._check_vector("the coefficients", coefficients)
         return self.basis * coefficients
@@ -97,8 +110,11 @@ class Sibling:
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
         """Coefficients a = T^-T u, (n,), of displacements or velocities.
 
+        Args:
+            displacement: u, (n,), or a velocity.
+
         Raises:
-            TypeError, ValueError: if it is no vector of the space.
+            TypeError, ValueError: if it is not a vector of the space.
         """
         self._check_vector("the displacement", displacement)
         return self.inverse * displacement

@@ -40,10 +40,10 @@ class Spaces:
     Args:
         trial: of the unknowns: displacements, or these and a pressure, or a scalar field.
         test: of their weight functions; the trial space itself in Galerkin's method.
-        parts: tags of all cells, between which the pressure of a hybrid body is split.
+        parts: tags of all cells; the pressure of a hybrid body is split between them.
 
     Raises:
-        NumberingError: where the two numberings differ.
+        NumberingError: if the two spaces number their nodes differently.
     """
 
     trial: fem.FunctionSpace
@@ -61,20 +61,30 @@ class Spaces:
 
         Args:
             mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
-            components: of the vector field; the mesh's dimension unless given; 0: scalar.
+            components: of the vector field; by default the mesh's dimension; 0 for a scalar.
         """
         trial = _lagrange(mesh, components)
         return cls(trial, test_space(trial))
 
     @classmethod
     def one_cut(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`."""
+        """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`.
+
+        Args:
+            mesh: of tetrahedra.
+            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
+        """
         trial = _lagrange(mesh, components)
         return cls(trial, fem.functionspace(mesh, one_cut_element(_shape(mesh, components))))
 
     @classmethod
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles)."""
+        """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles).
+
+        Args:
+            mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
+            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
+        """
         trial = _lagrange(mesh, components)
         return cls(trial, trial)
 
@@ -82,15 +92,15 @@ class Spaces:
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
 
-        Displacements are those of `petrov_galerkin`; the pressure is its own test space. Up to
-        and including nu = 1/2 nothing locks. `Body` makes the forms, with one vector (n,) of all
-        unknowns; `split` tells displacement and pressure apart.
+        Displacements are those of `petrov_galerkin`; the pressure is its own test space. Nothing
+        locks up to and including nu = 1/2. `Body` makes the forms, with one vector (n,) of all
+        unknowns; `split` separates displacement and pressure.
 
         Args:
             mesh: of triangles, quadrilaterals, tetrahedra or hexahedra.
-            parts: tags of all cells, one for each material: between them the pressure jumps, and
-                `Reduction.dirichlet(spaces, conditions)` ties it within each of them. A pressure
-                that is continuous where the material is not errs by ten per cent and more.
+            parts: tags of all cells, one for each material. The pressure may jump between them;
+                `Reduction.dirichlet(spaces, conditions)` makes it continuous within each. Without
+                them the pressure is off by ten per cent and more where materials meet.
         """
         weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
         trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
@@ -109,7 +119,12 @@ class Spaces:
 
     @classmethod
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Nodal 8-node quadrilaterals for both: the standard element CPS8."""
+        """Nodal 8-node quadrilaterals for both: the standard element CPS8.
+
+        Args:
+            mesh: of quadrilaterals.
+            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
+        """
         shape = _shape(mesh, components)
         _check_cell(mesh, "quadrilateral", "8-node elements")
         trial = fem.functionspace(mesh, serendipity_element(shape))
@@ -118,6 +133,10 @@ class Spaces:
     @classmethod
     def composite(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Composite triangles, piecewise linear with assumed gradients, for both.
+
+        Args:
+            mesh: of triangles with straight sides.
+            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
 
         Raises:
             ValueError: if the mesh is not one of triangles of degree 1.
@@ -139,7 +158,7 @@ class Spaces:
 
     @property
     def displacements(self) -> "Spaces":
-        """Those of the displacements alone; the same unless they are hybrid."""
+        """The spaces of the displacements alone; the same unless these are hybrid."""
         if not self.is_hybrid:
             return self
         trial = SubSpace.displacements(self.trial).space
@@ -149,16 +168,16 @@ class Spaces:
 
     @property
     def is_hybrid(self) -> bool:
-        """Whether there is a pressure beside the displacements."""
+        """Whether there is a pressure in addition to the displacements."""
         return is_hybrid(self.trial)
 
 
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
-    """Piecewise-linear test functions for a user's own quadratic Lagrange space.
+    """Piecewise-linear test functions for your own quadratic Lagrange space.
 
-    Use it as `v = ufl.TestFunction(test_space(U))` beside `u = ufl.TrialFunction(U)`; an
-    assembled row i then belongs to the node of column i. On tetrahedra see `macro_element`.
-    Beside Taylor and Hood's own mixed space, the pressure is weighted as it is.
+    Use it as `v = ufl.TestFunction(test_space(U))` together with `u = ufl.TrialFunction(U)`; an
+    assembled row i then belongs to the node of column i. For tetrahedra see `macro_element`. In
+    Taylor and Hood's mixed space only the displacements get other test functions.
 
     Args:
         trial: quadratic Lagrange space, scalar or with components, of any cell.
@@ -197,20 +216,20 @@ def as_function(
     name: str = "f",
     out: fem.Function | None = None,
 ) -> fem.Function:
-    """A vector (n,) in a space's numbering as a function, its ghosts too; for forms and files.
+    """Turns a vector (n,) in a space's numbering into a function, for forms and files.
 
         u = as_function(U, solve(K, f, held), "displacement")
         as_function(U, solve(K, 2 * f, held), out=u)  # forms and writers that have u see it
 
     Args:
-        space: in whose numbering the vector is.
+        space: that numbers the vector.
         values: vector (n,).
         name: of a new function.
         out: a function of the space to fill, in place of a new one; it keeps its name.
 
     Raises:
-        TypeError: for things of another kind.
-        ValueError: if the vector is not one of the space, or the function belongs to another.
+        TypeError: for arguments of the wrong type.
+        ValueError: if the vector does not belong to the space, or the function belongs to another.
     """
     arguments.space(space)
     with collective(space.mesh.comm):
@@ -228,7 +247,7 @@ def as_function(
 
 
 def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fem.Function]:
-    """Displacement and pressure, as functions, in a vector (n,) of a hybrid space.
+    """Displacement and pressure, as functions, from a vector (n,) of a hybrid space.
 
     The pressure is compression positive, -lambda div u.
 
@@ -239,8 +258,8 @@ def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fe
         values: vector (n,).
 
     Raises:
-        TypeError: for things of another kind.
-        ValueError: if the space is not hybrid, or the vector is not one of it.
+        TypeError: for arguments of the wrong type.
+        ValueError: if the space is not hybrid, or the vector does not belong to it.
     """
     both = as_function(space, values)
     if not is_hybrid(space):

@@ -23,7 +23,7 @@ _MAX_ITERATIONS = 1000
 
 
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
-    """Largest time step with which central differences are stable: 2 over the highest frequency.
+    """Largest stable time step of central differences: 2 over the highest frequency.
 
     Args:
         K: stiffness (n, n), symmetric, free.
@@ -31,8 +31,8 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
         reduction: supports.
 
     Raises:
-        TypeError, ValueError: for things that do not make one problem, a stiffness that is not
-            symmetric, or a mass that is not diagonal and positive.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, a stiffness
+            that is not symmetric, or a mass that is not diagonal and positive.
         NoModes: if the highest frequency is not found.
     """
     Problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))

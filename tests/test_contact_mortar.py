@@ -13,6 +13,7 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
+    Sibling,
     Spaces,
     assemble_matrix,
     assemble_vector,
@@ -274,6 +275,26 @@ def test_what_states_no_mortar_is_named():
         DeformableSurface(stack.sides["lower"], "axis")
 
 
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_other_weights_are_refused(cell):
+    """By them the patch test fails, by up to 60 % of the pressure."""
+    for element in ("galerkin", "taylor_hood"):
+        stack = Stack((3, 2), cell, element=element)
+        with pytest.raises(ValueError, match="forces of piecewise-linear weights"):
+            pressed(stack)
+    if cell == "triangle":
+        pressed(Stack((3, 2), cell, element="composite"))
+
+
+def test_the_sibling_is_refused():
+    stack = Stack((3, 2), element="galerkin")
+    sibling = Sibling.of(stack.space)
+    K = sibling.matrix(stack.K)
+    supports = sibling.dirichlet([prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)])
+    with pytest.raises(ValueError, match="forces of piecewise-linear weights"):
+        ContactProblem(K, supports, stack.pair(), stack.space)
+
+
 def weights_beyond(corners, end):
     """Integrals (s, k) of the hats of sub-facets (s, k, dim) over what has x > end.
 
@@ -457,6 +478,28 @@ def test_a_body_held_by_nothing_is_named():
         solve_contact(
             stack.K, stack.load((0.0, PRESSURE)), supports, stack.pair("upper", 0.3), stack.space
         )
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_friction_on_a_slave_that_is_moved_along_is_refused(cell):
+    """The law is not stated there: exchanged, the other body feels it."""
+    stack = Stack((3, 2), cell)
+    up = stack.up
+    moved = np.array([0.02] + [0.0] * (up - 1) + [-0.01])
+    held = [prescribe(stack.space, i, at(up, 0.0)) for i in range(stack.dim)]
+    held += [prescribe(stack.space, i, at(up, 2.0), moved[i]) for i in range(stack.dim)]
+    for i in range(up):
+        part = stack.space.sub(i)
+        dofs = fem.locate_dofs_topological(part, up, stack.sides["upper"])
+        held.append(fem.dirichletbc(moved[i], dofs, part))
+    problem = stack.K, stack.K.createVecLeft(), Reduction.dirichlet(stack.space, held)
+    with pytest.raises(ValueError, match="would get no friction: exchange both sides"):
+        solve_contact(*problem, stack.pair("upper", 0.3), stack.space)
+    solve_contact(*problem, stack.pair("upper"), stack.space)
+    (state,) = solve_contact(*problem, stack.pair("lower", 0.3), stack.space)
+    (pair,) = state.pairs
+    assert pair.force[0] == pytest.approx(-0.3 * pair.force[up], rel=5e-3)
+    assert pair.opposite_force.sum(axis=0) == pytest.approx(-pair.force, rel=1e-9, abs=1e-12)
 
 
 def test_bodies_that_overlap_are_named():

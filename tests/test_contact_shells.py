@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
+import gmsh
 import numpy as np
 import pytest
 import ufl
@@ -21,8 +22,15 @@ from pw_elements import (
     prescribe,
     solve,
 )
-from pw_elements.contact import ContactFields, ContactPair, DeformableSurface, solve_contact
+from pw_elements.contact import (
+    SLIP,
+    ContactFields,
+    ContactPair,
+    DeformableSurface,
+    solve_contact,
+)
 from pw_elements.mechanics import exterior_facets
+from study.verification.c_mesh_families import meshed
 from tests.contact_cases import at
 from tests.shells import BETWEEN, INNER, NU, OUTER, Shells
 from tests.two_bodies import Stack, joined
@@ -159,3 +167,65 @@ def test_a_press_fit_has_lames_pressure(slave):
         off.append(np.abs(pressure / exact - 1).max())
     assert off[1] < 3e-3
     assert off[0] > 2.5 * off[1]
+
+
+@pytest.mark.parametrize("slave", ["inner", "outer"])
+def test_friction_on_a_curved_face_has_coulombs_torque(slave):
+    """A ring that is blown up and turned in another one, on meshes of Gmsh, slips all round."""
+    mu, grown, turn = 0.3, 1e-3, 2e-3
+
+    def ring(low, high, size):
+        def build():
+            disks = [[(2, gmsh.model.occ.addDisk(0, 0, 0, r, r))] for r in (high, low)]
+            gmsh.model.occ.cut(*disks)
+
+        return meshed(build, 2, size, 2)
+
+    def radius(x):
+        return np.hypot(x[0], x[1])
+
+    lame, shear = NU / (1 + NU) / (1 - 2 * NU), 1 / 2 / (1 + NU)
+    A, B = np.linalg.solve([[INNER, 1 / INNER], [OUTER, 1 / OUTER]], [grown, 0.0])
+    pressure = 2 * shear * B / BETWEEN**2 - 2 * (lame + shear) * A
+    torque = 2 * np.pi * BETWEEN**2 * mu * pressure
+    off = []
+    for size in (0.2, 0.1):
+        mesh = joined(ring(INNER, BETWEEN, size), ring(BETWEEN, OUTER, 1.3 * size))
+        body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, NU), "plane strain")
+        space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+        facets = exterior_facets(mesh, lambda x: np.isclose(radius(x), BETWEEN))
+        middle = radius(space.tabulate_dof_coordinates()[space.dofmap.list].mean(axis=1).T)
+        behind = mesh.topology.connectivity(1, 2)
+        outer = np.array([middle[behind.links(f)[0]] > BETWEEN for f in facets])
+        sides = {"inner": facets[~outer], "outer": facets[outer]}
+        nodes = fem.locate_dofs_topological(space, 1, sides.pop(slave))
+        (theirs,) = sides.values()
+        pair = ContactPair(nodes, DeformableSurface(theirs, coincident=True), mu)
+        moved = fem.Function(space)
+        moved.interpolate(lambda x: grown / INNER * x[:2] + turn * np.array([-x[1], x[0]]))
+        held = [
+            fem.dirichletbc(u, fem.locate_dofs_geometrical(space, marker))
+            for u, marker in (
+                (moved, lambda x: np.isclose(radius(x), INNER)),
+                (fem.Function(space), lambda x: np.isclose(radius(x), OUTER)),
+            )
+        ]
+        supports = Reduction.dirichlet(space, held)
+        (state,) = solve_contact(K, K.createVecLeft(), supports, pair, space)
+        (result,) = state.pairs
+        assert (result.status == SLIP).all()
+        fields = ContactFields.of(state, body)
+        x = space.tabulate_dof_coordinates()[:, :2]
+        errors_ = []
+        for at_ in (result.node, result.opposite):
+            force = fields.force.x.array.reshape(-1, 2)[at_]
+            moment = np.abs(np.sum(x[at_, 0] * force[:, 1] - x[at_, 1] * force[:, 0]))
+            errors_.append(abs(moment / torque - 1))
+            p, q = fields.pressure.x.array[at_], fields.traction.x.array.reshape(-1, 2)[at_]
+            errors_ += [
+                np.sqrt(np.mean((p / pressure - 1) ** 2)),
+                np.sqrt(np.mean((np.linalg.norm(q, axis=1) / mu / pressure - 1) ** 2)),
+            ]
+        off.append(errors_)
+    assert np.log2(np.divide(*off)).min() > 1.5
+    assert max(off[1]) < 1e-3

@@ -7,6 +7,7 @@ from mpi4py import MPI
 import matplotlib as mpl
 import numpy as np
 import pytest
+from dolfinx import fem
 from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import (
@@ -59,8 +60,9 @@ def skewed(stack, friction, slave="upper", solver=None):
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
 @pytest.mark.parametrize("cell", CELLS)
-def test_even_pressure_is_even_on_both_sides(cell, slave):
-    stack = Stack((4, 7) if cell in PLANE else (2, 3), cell)
+@pytest.mark.parametrize("element", ["petrov_galerkin", "hybrid"])
+def test_even_pressure_is_even_on_both_sides(element, cell, slave):
+    stack = Stack((4, 7) if cell in PLANE else (2, 3), cell, element=element)
     state, _ = pressed(stack, slave, 0.3)
     fields = ContactFields.of(state, stack.body)
     for side in ("upper", "lower"):
@@ -97,6 +99,54 @@ def test_even_pressure_is_even_where_facets_are_covered_in_part(cell, slave):
     assert np.isnan(found[barely]).all()
     assert barely.any() == (cell == "triangle")
     assert found[~away & ~barely] == pytest.approx(PRESSURE, rel=1e-8)
+
+
+@pytest.mark.parametrize(("end", "reach"), [(0.95, 0.05), (0.9, 0.1), (0.83, 0.03)])
+def test_a_linear_pressure_is_met_on_both_sides(end, reach):
+    """Of an exact displacement; the upper block ends so far beyond a node of the slave.
+
+    Of the next node's weight a quarter, a half and a twentieth face it. What it leaves is pressed
+    by loads, integrals of the weights by Gauss' rule.
+    """
+    stack = Stack((5, 4), shape=lambda x: x * [end, 1.0, 1.0])
+    modulus, ratio = 1 / (1 - 0.3**2), 0.3 / 0.7
+
+    def exact(x):
+        p = PRESSURE * (1 + x[0])
+        across = ratio * PRESSURE * (x[0] + x[0] ** 2 / 2) + PRESSURE * x[1] ** 2 / 2
+        return np.array([across, -p * x[1]]) / modulus
+
+    def outside(x):
+        return np.isclose(x[1], 0.0) | np.isclose(x[1], 2.0) | (np.isclose(x[0], 0) & (x[1] != 1))
+
+    u = fem.Function(stack.space)
+    u.interpolate(exact)
+    dofs = fem.locate_dofs_geometrical(stack.space, outside)
+    load = stack.K.createVecLeft()
+    forces = load.array.reshape(-1, 2)
+    points, weights = np.polynomial.legendre.leggauss(3)
+    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
+    for part, ends in zip(nodes, corners[:, :, 0], strict=True):
+        low, high = np.maximum(np.sort(ends), end)
+        x = (low + high) / 2 + points * (high - low) / 2
+        second = (x - ends[0]) / (ends[1] - ends[0])
+        pressed = weights * (high - low) / 2 * PRESSURE * (1 + x)
+        forces[part, 1] -= [pressed @ (1 - second), pressed @ second]
+    supports = Reduction.dirichlet(stack.space, [fem.dirichletbc(u, dofs)])
+    (state,) = solve_contact(stack.K, load, supports, stack.pair("lower"), stack.space)
+    pressure = ContactFields.of(state, stack.body).pressure
+    for side in ("lower", "upper"):
+        at_ = np.flatnonzero(stack.nodes(side))
+        x, found = stack.x[at_, 0], values(pressure, at_)
+        whole = (x > 1e-9) & (x < end - 0.1 - 1e-9)  # the middle of their weights is there
+        assert found[whole] == pytest.approx(PRESSURE * (1 + x[whole]), rel=2e-3)
+        if side == "lower":
+            faced = np.argmax(np.where(x < end + 0.1 - 1e-9, x, -1))
+            if reach < 0.04:
+                assert np.isnan(found[faced])
+            else:
+                middle = x[faced] - 0.1 + 2 / 3 * reach
+                assert found[faced] == pytest.approx(PRESSURE * (1 + middle), rel=5e-3)
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
@@ -232,6 +282,67 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
     for of in (body, space):
         with pytest.raises(ValueError, match="other contact nodes than the fields"):
             ContactFields.of(state, of).fill(other)
+
+
+def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
+    """Slave below and master above, with friction that holds bodies 2 and 3."""
+    levels = [
+        create_rectangle(MPI.COMM_SELF, [(0.0, k), (1.0, k + 1.0)], (n, 3), CellType.triangle)
+        for k, n in enumerate((4, 7, 5))
+    ]
+    mesh = joined(joined(levels[0], levels[1]), levels[2])
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "plane strain")
+    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    middle = space.tabulate_dof_coordinates()[space.dofmap.list].mean(axis=1)[:, 1]
+    faces = {}
+    for height in (1.0, 2.0):
+        facets = exterior_facets(mesh, at(1, height))
+        behind = mesh.topology.connectivity(1, 2)
+        above = np.array([middle[behind.links(f)[0]] > height for f in facets])
+        faces[height] = facets[~above], facets[above]
+    sides = [[np.unique(gathered_trace(space, f).node) for f in faces[h]] for h in (1.0, 2.0)]
+    pairs = [
+        ContactPair(sides[k][1].astype(np.int32), DeformableSurface(faces[k + 1.0][0]), 0.3)
+        for k in range(2)
+    ]
+    top = boundary_measure(mesh, at(1, 3.0))
+    load = assemble_vector(body.surface_load((0.0, -PRESSURE), top))
+    held = [prescribe(space, i, at(i, 0.0)) for i in range(2)]
+    (state,) = solve_contact(K, load, Reduction.dirichlet(space, held), pairs, space)
+    fields = ContactFields.of(state, body)
+    for nodes in (nodes for of in sides for nodes in of):
+        assert values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
+        assert (values(fields.status, nodes) == STICK).all()
+
+
+def test_a_body_held_by_two_pairs_alone_by_both_solvers():
+    """It lies on a rigid floor, and another one is pressed on it and pushed."""
+    stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83))
+    moved = 0.004, 0.004, -0.02
+    held = [prescribe(stack.space, i, at(2, 2.0), by) for i, by in enumerate(moved)]
+    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.4)
+    pairs, supports = [stack.pair("upper", 0.2), floor], Reduction.dirichlet(stack.space, held)
+    load = stack.K.createVecLeft()
+    pressures = []
+    for solver in (None, Iterative()):
+        (state,) = solve_contact(stack.K, load, supports, pairs, stack.space, solver=solver)
+        upper, lower = state.pairs
+        assert upper.force == pytest.approx(lower.force, rel=1e-8)
+        pressures.append(ContactFields.of(state, stack.body).pressure.x.array)
+    assert pressures[1] == pytest.approx(
+        pressures[0], abs=1e-8 * np.nanmax(pressures[0]), nan_ok=True
+    )
+
+
+def test_areas_that_are_not_revolved_are_named():
+    stack = Stack((4, 7), state="axisymmetric")
+    pair = stack.pair()
+    flat = replace(pair, surface=replace(pair.surface, revolved=False))
+    supports = moved_top(stack, [0.0, -0.01])
+    (state,) = solve_contact(stack.K, stack.K.createVecLeft(), supports, flat, stack.space)
+    ContactFields.of(state, stack.space)
+    with pytest.raises(ValueError, match="to be revolved=True in axisymmetry"):
+        ContactFields.of(state, stack.body)
 
 
 def test_files_and_other_solvers_give_the_same(tmp_path):

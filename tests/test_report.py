@@ -11,7 +11,7 @@ from pypdf import PdfReader
 from study import report
 from study.core.store import MissingResult, Results, StudyError
 from study.report import build, numbers, render
-from study.report.texts import names_section
+from study.report.texts import italics, names_section
 from tests.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
@@ -112,7 +112,7 @@ def test_figures_tables_and_references_are_numbered_as_they_come(out, text):
         '<a href="#orders">Fig.\N{NO-BREAK SPACE}2</a>, [<a href="#ref-guo">1</a>, '
         '<a href="#ref-paper">2</a>], [<a href="#ref-paper">2</a>]'
     )
-    assert "<b>Fig. 1 (the paper&#39;s Fig. 5)</b> Caption of fig05: a &lt; b." in html
+    assert "<b>Fig. 1 (the paper&#39;s Fig. 5)</b> Caption of fig05: a &lt; <i>b</i>." in html
     assert "<b>Fig. 2</b> Caption of orders" in html
     assert "<b>Table 1 (the paper&#39;s Table 1)</b> Caption &lt; here" in html
     assert html.index('id="ref-guo"') < html.index('id="ref-paper"')
@@ -130,6 +130,20 @@ def test_figures_tables_and_references_are_numbered_as_they_come(out, text):
 )
 def test_captions_say_what_of_the_paper_a_figure_is(name, of):
     assert report._of_the_paper(name) == of
+
+
+@pytest.mark.parametrize(
+    ("caption", "written"),
+    [
+        ("half width a, r < 0.8 a", "half width <i>a</i>, <i>r</i> &lt; 0.8 <i>a</i>"),
+        ("(b) a block at x = 0 (ν = 0.3)", "(b) a block at <i>x</i> = 0 (<i>ν</i> = 0.3)"),
+        ("E₂/E₁, p₀ over r/a, 1 m", "<i>E</i>₂/<i>E</i>₁, <i>p</i>₀ over <i>r</i>/<i>a</i>, 1 m"),
+        ("T times Hertz's, a T6's H1", "<b><i>T</i></b> times Hertz&#39;s, a T6&#39;s H1"),
+        ("A node's (L ≠ R), Fig. 3b", "A node&#39;s (<b><i>L</i></b> ≠ <b><i>R</i></b>), Fig. 3b"),
+    ],
+)
+def test_symbols_in_captions_are_italic(caption, written):
+    assert italics(caption) == written
 
 
 def test_statements_have_grade_anchor_and_numbers(out, text):
@@ -447,6 +461,8 @@ def test_first_page_gives_the_numbers_of_the_results(sheets):
         f"time step {100 * step[0] / step[1] - 100:.0f} % longer",
         f"energy × {stored('V12/bar-2d-pw-16', 'energy_end'):.0f}",
         f"Hertz error {100 * stored('V11/hertz-2d-pw-dual-16', 'pressure_l2'):.2f} %",
+        f"{stored('K/bodies-pw-T10-10-Iterative', 'whole_seconds'):.1f} s of CPU time",
+        f"displacements are off by {100 * stored('V15/layers-pw-hybrid-T6', 'error_one'):.0f} %",
     ):
         assert expected in page, expected
 

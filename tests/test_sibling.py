@@ -72,6 +72,7 @@ def test_displacements_and_spectrum_are_galerkins(cell):
     sibling = Sibling.of(U)
     own, mass = sibling.matrix(K), sibling.matrix(M)
     assert own.isSymmetric(1e-12)
+    assert sibling.matrix(assemble_matrix(body.stiffness(), blocked=True)).equal(own)
     supports = sibling.dirichlet(held)
     assert not (dense(supports.right).T @ supports.offset.array).any()
     a = solve(own, sibling.load(f), supports)

@@ -54,9 +54,9 @@ class RigidVelocity:
 
 @dataclass(frozen=True)
 class MissingForce:
-    """What would have to be added to the loads, at the least, for an equilibrium to be possible.
+    """The least addition to the loads that makes equilibrium possible.
 
-    The least is what has the smallest sum of the components' magnitudes, moments being divided by
+    The least is that with the smallest sum of the components' magnitudes, moments being divided by
     the piece's radius of gyration. Components that supports balance are zero.
 
     Args:
@@ -100,13 +100,13 @@ class ClosedBranch:
 
 
 class ContactFailed(RuntimeError):
-    """An increment has no state: the reason is one of the classes below.
+    """An increment has no state; a class derived from this one says why.
 
     Attributes:
         states: `ContactState`s of the increments before the one that failed.
         state: the `ContactState` of this increment that came nearest to a solution, or None. It
-            is no solution itself (`converged` is False; its residuals say by how much), but shows
-            where the iteration got stuck, and may be the `guess` of another attempt.
+            is not a solution (`converged` is False; its residuals say by how much), but shows where
+            the iteration got stuck, and can be the `guess` of another attempt.
     """
 
     states: Sequence[ContactState] = ()
@@ -118,7 +118,7 @@ class FreeBody(ContactFailed, SingularSystem):
 
 
 class NoEquilibrium(FreeBody):
-    """No contact forces that the law admits balance the loads: statics prove it.
+    """No contact forces that the law allows balance the loads: statics prove it.
 
     Attributes:
         velocity: `RigidVelocity` that no such force can brake, while the loads do work on it.
@@ -138,14 +138,14 @@ class NotFound(ContactFailed):
 
 
 class NoSolution(ContactFailed):
-    """No statuses of the contact nodes make a state of the increment: all have been searched.
+    """No contact status of the nodes gives a state of the increment: all have been searched.
 
     The proof is one of arithmetic: any displacements, up to a thousand times those that the loads
-    make, violate the law in every branch by at least 1e-7 of the contact forces. It is of this
-    increment, in one: parts of it take another path.
+    make, violate the law in every branch by at least 1e-7 of the contact forces. It holds for
+    this increment as a whole: smaller ones take another path.
 
     Attributes:
-        branches: `ClosedBranch`es, which together allow each node each status once.
+        branches: `ClosedBranch`es, which together cover every status of every node once.
     """
 
     branches: Sequence[ClosedBranch]

@@ -70,9 +70,9 @@ def solve_impact(
         history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
         history.time[:-1], history.pairs[0].total, history.energies.kinetic
 
-    Take the symmetric sibling, or the standard element and a diagonal mass that is positive.
-    Unsymmetric stiffnesses are refused: in their upper spectrum eigenvalues are complex, and
-    undamped motions grow whatever the step (section V9 of the study).
+    Use the symmetric sibling, or the standard element with a positive diagonal mass. Unsymmetric
+    stiffnesses are rejected: eigenvalues in their upper spectrum are complex, and undamped motions
+    grow whatever the step (section V9 of the study).
 
     Args:
         K: stiffness (n, n), symmetric, all rows and columns free.
@@ -81,20 +81,21 @@ def solve_impact(
         reduction: supports; they keep their values.
         pairs: contact pairs, against rigid surfaces. Their `motions` do not count here.
         space: trial space of the displacements.
-        duration: positive; the last step ends there or later.
-        velocity: (n,), at the start; what supports prescribe of it is zero.
+        duration: positive; the last step ends at this time or later.
+        velocity: (n,), at the start; zero where supports prescribe displacements.
         load: load vector (n,), or a function of time that gives it.
         paths: of each pair's surface, the translation (dim,) from its initial place as a function
-            of time; None for one that rests there; all rest unless given. A single one needs no
-            list.
-        displacement: (n,), at the start; the supports' own unless given.
-        step: of time; 0.9 of the critical one unless given.
+            of time; None for one that rests there; by default all rest. A single one need not be
+            in a list.
+        displacement: (n,), at the start; by default the supports' own.
+        step: of time; by default 0.9 of the critical one.
         frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`.
 
     Raises:
-        TypeError, ValueError: for input that states no such problem; an unsymmetric stiffness,
-            a mass that is not diagonal, positive and isotropic, or a step that is not stable.
-        DegenerateMesh: for cells without volume or turned inside out.
+        TypeError, ValueError: for arguments that do not make such a problem; an unsymmetric
+            stiffness, a mass that is not diagonal, positive and isotropic, or a step that is not
+            stable.
+        DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
     stated = checked_problem(K, reduction, pairs, space, 1, None)

@@ -30,21 +30,21 @@ STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 class ContactFields:
     """A state as functions: vectors in the trial space, scalars in the space of its components.
 
-    What lives on the contact surface is zero elsewhere, except for the gap, which is NaN: zero
-    would be contact. ParaView draws NaN in a colour of its own and leaves it out of ranges. Where
+    Fields of the contact surface are zero elsewhere, except for the gap, which is NaN, because zero
+    would mean contact. ParaView draws NaN in a separate colour and ignores it in ranges. Where
     nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair; the law is not stated there, so that gap and slip are means of those of the
-    pair's nodes, and the status is that of which they face most (see `sides`). On both sides
-    pressures and tractions are NaN at nodes with forces of whose areas less than a tenth faces the
-    other: forces are right there, their quotients are not.
+    that face the pair. The law is not stated there: gap and slip are means of those of the pair's
+    nodes that they face, and the status is the prevailing one. On both sides, pressures and
+    tractions are NaN at loaded nodes of whose area less than a tenth faces the other side: the
+    forces are right there, but not their quotients by such an area.
 
-    Pressures are forces over areas and need the body (thickness, circumference), see
-    `recovery.SurfaceNodes` for the three measures of pressure; they are None where only the space
-    is given. They are nodal values: interpolated by the *test* functions, linearly between nodes
-    where the weights are, their integral over the surface is the total force. These functions
-    interpolate by the trial functions, and their integrals are near it.
+    Pressures are forces over areas and need the body (thickness, circumference); they are None if
+    only the space is given. `recovery.SurfaceNodes` explains the three measures of pressure. They
+    are nodal values: interpolated by the *test* functions, linearly between nodes where the weights
+    are linear, they integrate to the total force. The functions here interpolate by the trial
+    functions, and their integrals are only close to it.
 
     Args:
         displacement: vector.
@@ -87,7 +87,7 @@ class ContactFields:
             body: whose contact it is; its trial space serves all but the pressures.
 
         Raises:
-            TypeError: for things of another kind.
+            TypeError: for arguments of the wrong type.
             ValueError: for a state of another space, or if pressures are asked for and a node
                 belongs to no facet that has all of its nodes in the pair.
         """
@@ -116,7 +116,10 @@ class ContactFields:
         return fields
 
     def fill(self, state: ContactState) -> None:
-        """Takes over the values of another state of the same problem.
+        """Updates the functions.
+
+        Args:
+            state: another one of the same problem.
 
         Raises:
             ValueError: for one of another space or other pairs.
@@ -175,7 +178,7 @@ class ContactFields:
                 out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]
 
     def functions(self) -> list[fem.Function]:
-        """All of them."""
+        """All of these functions."""
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
 
 

@@ -33,27 +33,27 @@ def solve_contact(
     """Displacements and contact forces at the end of each increment.
 
     Args:
-        K: stiffness (n, n), all rows and columns free; unsymmetric ones are welcome.
+        K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
         loads: load vector (n,) at the end of each increment.
         reduction: supports (or condensation) that keep the contact nodes' displacements, or
             prescribe some that are tangential.
         pairs: contact pairs; a node belongs to one of them.
         space: trial space of the displacements.
-        start: states of the same increments, from a coarser mesh, say: each increment starts
-            from the status of the nearest node. It is a guess, no history: slip counts from the
-            undeformed body in the first increment (`ContactProblem.step` goes on from a state).
-            Without it the first starts from the nodes that touch, others from the one before.
+        start: states of the same increments, for example on a coarser mesh: each increment starts
+            from the status of the nearest node. It is a guess and carries no history: slip counts
+            from the undeformed body in the first increment (`ContactProblem.step` continues from a
+            state). Without it the first starts from the nodes that touch, others from the one
+            before.
         max_iterations: linear systems of one iteration.
-        solver: of the linear systems, as `solve` takes it; matching nodes need `Direct()`.
+        solver: of the linear systems, as in `solve`; contact of hybrid bodies needs `Direct()`.
         callback: called with a `Progress` after each iteration and each increment, on each process
-            that has one; what it raises ends the computation.
+            that has one; an exception that it raises ends the computation.
         remedies: as in `ContactProblem`.
 
     Raises:
-        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
-            `nodal.nodal_interface`; loads that are not finite, motions or starts that are not one
-            per increment, or no iterations.
-        DegenerateMesh: for cells without volume or turned inside out.
+        TypeError, ValueError: for arguments that do not make a contact problem; loads that are not
+            finite, motions or starts that are not one per increment, or no iterations.
+        DegenerateMesh: for cells that are flat or inverted.
         FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as `ContactProblem.step` says.
             They name the increment, counted from 0, and have the states before it as `states`.
     """

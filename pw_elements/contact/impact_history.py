@@ -76,7 +76,14 @@ class PairHistory:
 
     @classmethod
     def of(cls, interface: Interface, k: int, force: Array, translation: Array) -> "PairHistory":
-        """Of pair k, from forces (s, m, dim) of this process' points, and (s + 1, pairs, dim)."""
+        """History of one pair.
+
+        Args:
+            interface: of all pairs.
+            k: number of the pair.
+            force: (s, m, dim), at this process' points.
+            translation: (s + 1, pairs, dim), of the surfaces.
+        """
         return cls(
             interface.in_order(k, interface.position),
             interface.in_order(k, interface.node),
@@ -87,7 +94,7 @@ class PairHistory:
 
 @dataclass(frozen=True)
 class ImpactHistory:
-    """What `solve_impact` found.
+    """Result of `solve_impact`.
 
     Args:
         step: of time.
@@ -98,8 +105,8 @@ class ImpactHistory:
         displacement: (n,), at the last time; coefficients with the symmetric sibling.
         velocity: (n,), half a step before.
         frames: `ContactState`s with the displacements at `frame_times` and the contact forces
-            that led there, for `ContactFields` and `write`. They are no states of equilibrium:
-            residuals are NaN, and nothing static goes on from them. With the sibling
+            that led there, for `ContactFields` and `write`. They are not states of equilibrium:
+            residuals are NaN, and no static increment can continue from them. With the sibling
             displacements are true ones, gaps and slips those of the coefficients.
         frame_times: of the frames.
     """

@@ -12,6 +12,7 @@ from dolfinx import fem
 from pw_elements import arguments
 from pw_elements.choice import chosen
 from pw_elements.collective import agree, collective
+from pw_elements.contact.mortar import check_weights
 from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.remedies import REMEDIES, Remedy
 from pw_elements.contact.state import ContactState
@@ -40,9 +41,9 @@ def checked_problem(
     """The pairs of a problem, one or several.
 
     Raises:
-        TypeError: for arguments of another kind.
-        ValueError: for what does not make one problem (see `given.Problem`), no iterations, or
-            what differs between processes.
+        TypeError: for arguments of the wrong type.
+        ValueError: for what does not make one problem (see `given.Problem` and, of two bodies,
+            `mortar.check_weights`), no iterations, or what differs between processes.
     """
     arguments.space(space)
     comm = space.mesh.comm
@@ -58,6 +59,7 @@ def checked_problem(
         if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
             shape, offset = surface.shape, surface.offset
         if isinstance(surface, DeformableSurface):  # whose facets have
+            check_weights(K, space)
             shape = surface.revolved, surface.coincident
         agree(
             comm,
@@ -94,7 +96,7 @@ def checked_paths(
     """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
 
     Raises:
-        TypeError: for what is no function of time.
+        TypeError: for anything but functions of time.
         ValueError: for another number than that of the pairs, or pairs of two bodies.
     """
     with collective(space.mesh.comm):
@@ -155,7 +157,7 @@ def checked_step(
         guess: to start from.
 
     Raises:
-        TypeError: for arguments of another kind.
+        TypeError: for arguments of the wrong type.
         ValueError: for a load that is not finite or not of the problem, another number or
             dimension of motions, states of other pairs or that are not finite, or what differs
             between processes.

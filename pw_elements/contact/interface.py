@@ -144,7 +144,9 @@ class Interface:
         along = np.where(self.equation < 0, normal, 0.0)
         held = np.abs(along).max(axis=1, initial=0) > _TANGENTIAL
         self.refuse(
-            held & faced, "have a prescribed normal displacement: they cannot be in contact"
+            held & faced,
+            "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
+            "one facet away from the support",
         )
 
     def _check_sides(self) -> None:

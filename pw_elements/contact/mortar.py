@@ -5,15 +5,22 @@ both, N the quadratic trial functions, and psi the duals of the slave's weights,
 
     integral of psi_j w_i over the slave's face = delta_ij A_j,     A_j = integral of w_j,
 
-the contact pressure is p = sum p_j psi_j and the law is stated node by node on r_j = A_j p_j, a
-force, and on the mean gap
+body 2 acts on body 1 by the traction t = sum t_j psi_j, and body 1 on body 2 by -t at the place
+across. Tested with the weights v of both bodies these tractions do the work
 
-    g_j = integral of w_j n_j·(x_1 + u_1 - x_2 - u_2) / A_j,        n_j out of the master.
+    integral of t·(v_1 - v_2) = sum over j of t_j·(A_j v_1j - sum over k of M_jk v_2k),
 
-Equilibrium tests the contact traction with the weights: r_j enters the equations of slave node j
-and, less sums of M_jk / A_j with M_jk = integral of psi_j w_k, those of the master's nodes k. So H
-has the unit in a point's own equation, as for matching nodes; and forces, gaps and slips have the
-scales of nodal ones, A_j being the node's own area.
+M_jk = integral of psi_j w_k. So r_j = A_j t_j, a force, is all that slave node j gets, and the
+master's nodes k get - M_jk r_j / A_j. Pressure p_j = n_j·t_j and gap have the same normal, which is
+the slave's averaged one turned inwards: n_j points out of the master, p_j presses the slave along
+it, and the mean gap
+
+    g_j = integral of w_j n_j·(x_1 + u_1 - x_2 - u_2) / A_j
+
+is positive where the bodies are apart. The multiplier p_j is a pressure and the integral a length
+times an area; the law is stated node by node on p_j A_j and g_j, which have the scales of nodal
+forces and gaps, as A_j is the node's own area. H has the unit in a point's own equation, as for
+matching nodes; it is not G^T, for tractions are weighted with duals and gaps with weights.
 
 What is exact: H hands on the force, for sum w_k = 1, and the moment of a closed gap, for the
 weights reproduce positions on straight sub-facets; across a gap g friction t leaves a moment g t.
@@ -23,15 +30,15 @@ matrix of the weights over the part of the sub-facet that faces the master and D
 all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
 Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
 flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
-and displacements are the quadratic functions: measures, and so pressures, are of second order,
-on cylinders and spheres alike. Gaps that meshes of one curved surface leave are as
-large as the elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
+and displacements are the quadratic functions: measures, and so pressures, are of second order, on
+cylinders and spheres alike. Gaps that meshes of one curved surface leave are as large as the
+elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
 
 What is not: psi is negative in places, so that the master's nodal forces need not have one sign
 where neighbouring p_j differ by more than a factor of two, next to the edge of contact above all,
 and the more the coarser the slave is. Small sliding: who faces whom, and along which averaged
-normal of the slave, is settled on the undeformed bodies. Where next to
-nothing of a sub-facet is covered, a node's force is right, but not its quotient by the area.
+normal of the slave, is settled on the undeformed bodies. Where next to nothing of a sub-facet is
+covered, a node's force is right, but not its quotient by the area.
 
 The duals of straight sub-edges and flat sub-triangles that are covered all are 3 w - 1 and
 4 w - 1 (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
@@ -41,20 +48,24 @@ import logging
 from dataclasses import dataclass
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from dolfinx import fem
 
 from pw_elements.contact.nodes import BodyNodes
 from pw_elements.contact.overlap import Overlap, overlaps
 from pw_elements.contact.pairs import DeformableSurface
 from pw_elements.contact.points import DEFORMABLE, Points
 from pw_elements.contact.trace import facets_of, gathered_trace
+from pw_elements.hybrid import is_hybrid
 from pw_elements.parts import exterior_facets
 from pw_elements.recovery import by_position
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 # Cosine up to which a normal is turned into a symmetry plane
 _NEARLY = 0.9
@@ -84,6 +95,24 @@ class InitialGap:
         return self.direction
 
 
+def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a stiffness (n, n) that is known to be tested with other weights.
+
+    They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
+    """
+    form = K.getAttr("form")
+    if form is None:
+        return
+    test = form.function_spaces[0]
+    element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
+    quarter = np.eye(1, space.mesh.topology.dim) / 4
+    if K.getAttr("sibling") is not None or element.tabulate(0, quarter).min() < -0.1:
+        raise ValueError(
+            "a deformable surface hands on forces of piecewise-linear weights, with which the "
+            "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"
+        )
+
+
 def mortar_points(
     number: int,
     master: DeformableSurface,
@@ -105,7 +134,7 @@ def mortar_points(
     Raises:
         ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
             has no facets, both parts share a node, no part of the pair's facets faces the
-            opposite part, or sides that are to coincide do not.
+            opposite part, friction at supports would be lost, or sides that are to coincide do not.
     """
     space, comm = body.space, body.space.mesh.comm
     own = node + np.int64(space.dofmap.index_map.local_range[0])
@@ -147,6 +176,13 @@ def mortar_points(
     motion = overlap.integrals(overlap.weight, at1, N1, (m, nodes))
     motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
     force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
+    meets = overlap.integrals(overlap.weight, at3, w2, (m, nodes))[:, other.nodes] > 0
+    lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
+    body.refuse(
+        node[faced & (friction > 0) & lone.any(axis=1)],
+        "have a prescribed displacement that none of the nodes which they face has, so that these "
+        "would get no friction: exchange both sides",
+    )
     into = -one.normals(own)
     into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
@@ -173,6 +209,16 @@ def mortar_points(
         other.nodes[by_position(at)],
     )
     return points, InitialGap(body.x[node], gap, into)
+
+
+def _prescribed(node: Indices, body: BodyNodes) -> npt.NDArray[np.bool_]:
+    """Which displacements (n, dim) of global nodes are, of whichever process."""
+    first, last = body.space.dofmap.index_map.local_range
+    mine = (node >= first) & (node < last)
+    held = np.zeros((len(node), body.x.shape[1]), dtype=np.int8)
+    held[mine] = body.column[node[mine] - first] == -1
+    body.space.mesh.comm.Allreduce(MPI.IN_PLACE, held, MPI.MAX)
+    return held > 0
 
 
 def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:

@@ -26,7 +26,7 @@ class Motion:
             the axis); without meaning in prescribed ones.
 
     Raises:
-        ValueError: for values that are no finite numbers, or a force in a prescribed component.
+        ValueError: for values that are not finite numbers, or a force in a prescribed component.
     """
 
     translation: Sequence[float | None]
@@ -64,19 +64,20 @@ class Motion:
 class MatchingNodes:
     """Another part of the same mesh's boundary, each node of which faces one of the pair's.
 
-    It takes the place of a rigid surface, for two bodies (disconnected parts of one mesh) whose
-    meshes match along the contact. What a `Motion` says of a rigid surface, it says of a rigid
-    motion that the opposite body makes in addition to its displacements: a given or, under a
-    given force, free approach of two bodies that are both supported.
+    It replaces the rigid surface in contact of two bodies (disconnected parts of one mesh) whose
+    meshes match along the contact. A `Motion` then is a rigid motion of the opposite body in
+    addition to its displacements: an approach, prescribed or found from a force, of two bodies that
+    are both supported.
 
     Args:
-        nodes: of the opposite part, as `ContactPair.nodes`.
+        nodes: of the opposite part: a marker of positions as columns (3, n), local numbers, or a
+            mask.
         shape: what a rigid surface in the opposite part's place would be: gap (n,) to it and
             normal (n, dim) towards the pair's own nodes, at their positions (n, dim).
-        offset: (dim,), from the pair's nodes to the ones that they face; zero unless given.
+        offset: (dim,), from the pair's nodes to the ones that they face; zero by default.
 
     Raises:
-        TypeError: for arguments of another kind, exchanged ones, for example.
+        TypeError: for arguments of the wrong type, such as exchanged ones.
         ValueError: for an offset that is not finite.
     """
 
@@ -97,12 +98,12 @@ class MatchingNodes:
 
 @dataclass(frozen=True)
 class DeformableSurface:
-    """Another part of the same mesh's boundary, whose nodes need not face the pair's.
+    """Another part of the same mesh's boundary, whose nodes need not match the pair's.
 
-    It takes the place of a rigid surface, for two bodies (disconnected parts of one mesh). The
+    It replaces the rigid surface in contact of two bodies (disconnected parts of one mesh). The
     pair's own side is the mortar's slave: contact is stated at its nodes, so the finer mesh
-    should be the pair's. What a `Motion` says of a rigid surface, it says of a rigid motion that
-    this side makes in addition to its displacements, as for `MatchingNodes`.
+    should be the pair's. A `Motion` then is a rigid motion of this side in addition to its
+    displacements, as for `MatchingNodes`.
 
         materials = {STEEL: Material(210e3, 0.3), ALUMINIUM: Material(70e3, 0.33)}
         material = Material.by_tag(mesh, cell_tags, materials)
@@ -110,19 +111,20 @@ class DeformableSurface:
         own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
         pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
 
-    Contact is stated at the pair's own nodes, `PairState` has their results, and the nodal forces
-    of the opposite side; `ContactFields` has pressures, gaps, slips and statuses of both, see
-    `sides`. See `mortar` for what is exact, and what is not.
+    Contact is stated at the pair's own nodes: `PairState` has their results, and the nodal forces
+    of the opposite side; `ContactFields` has pressures, gaps, slips and statuses of both. The
+    module `pw_elements.contact.mortar` explains what is exact and what is not.
 
     Args:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
             local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-        revolved: whether areas are round the axis, as in axisymmetry.
+        revolved: whether areas are those of the circumference, as in axisymmetry.
         coincident: whether both sides are one surface before any motion, as a tube's and its
-            liner's. Meshes of a curved one miss each other by a little, which is no gap then.
+            liner's. The small distances between meshes of a curved surface then do not
+            count as gaps.
 
     Raises:
-        TypeError: for arguments of another kind.
+        TypeError: for arguments of the wrong type.
     """
 
     where: Part
@@ -137,23 +139,25 @@ class DeformableSurface:
 
 @dataclass(frozen=True)
 class ContactPair:
-    """Nodes of the body that may touch a rigid surface, or the nodes of another part of it.
+    """Nodes of a body that may touch a rigid surface, or another part of the mesh.
 
     Args:
         nodes: marker of their positions as columns (3, n), or their local numbers in the space,
             such as `fem.locate_dofs_topological` gives for tagged facets, or a mask of these
-            (ghosts are passed over, so that every process may give all it knows).
-        surface: the rigid surface at its initial place, or what faces the nodes instead.
-        friction: Coulomb's mu, or a function of positions as columns (3, n) that gives it per
-            node, (n,). A node between a smooth and a rough part is thereby assigned to one of them.
-        motions: one per increment of `solve_contact`; the surface rests where there are none. A
+            (ghosts are skipped, so every process may pass all it knows).
+        surface: the rigid surface at its initial place, or the other part of the mesh, as
+            `DeformableSurface` or `MatchingNodes`.
+        friction: Coulomb's mu, or a function of positions as columns (3, n) that returns it for
+            each node, (n,). It also assigns a node between a smooth and a rough part to one of
+            them.
+        motions: one per increment of `solve_contact`; without them the surface rests. A
             single one needs no list.
-        interference: whether the surface may cut the body before any motion, as in a shrink fit:
-            the first increment presses the nodes out of it.
+        interference: whether the surface may cut the body before any motion, as in a shrink fit;
+            the first increment then pushes the nodes out of it.
 
     Raises:
-        TypeError: for arguments of another kind, exchanged ones, for example.
-        ValueError: for a friction that is negative or no number, or an interference of sides
+        TypeError: for arguments of the wrong type, such as exchanged ones.
+        ValueError: for a friction that is negative or not a number, or an interference of sides
             that coincide.
     """
 

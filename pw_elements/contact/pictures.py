@@ -47,22 +47,22 @@ def plot(
     along: int | None = None,
     opposite: bool = False,
 ) -> Axes:
-    """Draws pressure and shear of one pair, by Matplotlib; every process calls it.
+    """Draws pressure and shear of one pair with Matplotlib; every process calls it.
 
     In the plane and in axisymmetry they are drawn along the contact line: the pressure, the shear
     traction on the body in the direction of the line, the bounds ± mu p between which it lies, and
-    how each node stands. In space the pressure is a colour on the undeformed face, seen along the
-    mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
+    the status of each node. In space the pressure is a colour on the undeformed face, seen along
+    the mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
 
     Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
-    `recovery`), in units of the modulus. Labels name no units: set your own.
+    `recovery`), in units of the modulus. Labels have no units; set your own.
 
     Args:
         state: what to draw.
         body: whose contact it is.
         pair: number of the pair.
-        axes: to draw in; those of a new figure unless given.
-        along: coordinate (0 or 1) that the line is drawn along; its arc length unless given,
+        axes: to draw in; by default those of a new figure.
+        along: coordinate (0 or 1) that the line is drawn along; by default its arc length,
             from the end with the least coordinates. Faces know no such thing.
         opposite: whether to draw them on the deformable surface that the pair faces.
 
@@ -70,8 +70,8 @@ def plot(
         The axes. Each process has its own; let one of them save the figure.
 
     Raises:
-        TypeError: for things of another kind.
-        ValueError: for a pair, coordinate or opposite surface that there is not, and as
+        TypeError: for arguments of the wrong type.
+        ValueError: for a pair, coordinate or opposite surface that does not exist, and as
             `ContactFields.of`.
     """
     import matplotlib.pyplot as plt
@@ -98,7 +98,7 @@ def plot(
 def draw_surface(
     axes: Axes, surface: Surface, translation: Sequence[float] = (0.0, 0.0), colour: str = "0.6"
 ) -> None:
-    """Fills a rigid surface in a picture of a plane body, as far as the picture goes.
+    """Fills a rigid surface in a picture of a plane body, up to the picture's edges.
 
         axes = draw(mesh, displacement=u)
         draw_surface(axes, roller, states[-1].pairs[0].translation)
@@ -107,10 +107,10 @@ def draw_surface(
         axes: of the picture; make room with `axes.set(xlim=..., ylim=...)` first.
         surface: the rigid surface at its initial place.
         translation: (2,), from there.
-        colour: one of Matplotlib's.
+        colour: of Matplotlib.
 
     Raises:
-        ValueError: for a translation of another length, or a surface that is none in the plane.
+        ValueError: for a translation of another length, or a surface that is not one in the plane.
     """
     moved = vector("translation", translation, 2)
     ends = axes.get_xlim(), axes.get_ylim()

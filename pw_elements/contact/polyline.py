@@ -12,19 +12,19 @@ from pw_elements.values import number, vector
 
 @dataclass(frozen=True)
 class Polyline:
-    """Broken line in the plane; its first and last segment go on for ever.
+    """Polygonal line in the plane, whose first and last segment extend to infinity.
 
     The body lies to the left when one walks from the first point to the last. Corners that
-    stick out into the body are sharp (the normal at a point nearest to the corner is the
+    protrude into the body are sharp (the normal at a point nearest to the corner is the
     line that joins them) or rounded from within; re-entrant ones stay sharp.
 
     Args:
         points: (m, 2), two at least.
-        radius: of the rounding; less than what the shorter neighbour of a corner allows.
+        radius: of the rounding; it has to fit the shorter segment at each corner.
 
     Raises:
         ValueError: for fewer than two points, repeated points, or a radius that is negative
-            or eats up a segment.
+            or too large for a segment.
     """
 
     points: Sequence[Sequence[float]]
@@ -44,11 +44,11 @@ class Polyline:
             raise ValueError(f"radius = {self.radius}: leaves nothing of a segment")
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) from the (rounded) line."""
+        """Distance (n,) of points x (n, 2) from the (rounded) line."""
         return self._nearest(x)[0]
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, 2) from the nearest point of the (rounded) line."""
+        """Unit vectors (n, 2) from the nearest point of the (rounded) line to points x (n, 2)."""
         return self._nearest(x)[1]
 
     def _inset(self) -> Points:

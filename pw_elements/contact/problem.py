@@ -39,28 +39,27 @@ class ContactProblem:
         pushed = problem.step(pressed, load, [None, Motion((0.02, -0.1))])
         problem.save(pushed, "pushed.npz")
 
-    States are never changed: any of them can be gone on from, any number of times.
+    States are never changed: you can continue from any of them, any number of times.
 
     Args:
-        K: stiffness (n, n), all rows and columns free; unsymmetric ones are welcome.
+        K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
         reduction: supports (or condensation) that keep the contact nodes' displacements, or
             prescribe some that are tangential.
         pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
             `solve_contact` and do not count here.
         space: trial space of the displacements, or of the hybrid element.
-        solver: of the linear systems, as `solve` takes it.
+        solver: of the linear systems, as in `solve`; contact of hybrid bodies needs `Direct()`.
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
-            that has one; what it raises ends the computation.
-        remedies: what is tried where the iteration fails: "condensed" does without active sets,
-            on the contact points alone (see `remedies`), "cutback" halves the increment (see
-            `cutback` and `ContactState.substates`), which with friction is another path, and
-            "search" looks through all statuses of few points in the plane (see `search`).
+            that has one; an exception that it raises ends the computation.
+        remedies: what is tried where the iteration fails: "condensed" iterates without
+            active sets, on the contact points alone; "cutback" halves the increment, which with
+            friction is another path (see `ContactState.substates`); and "search" examines all
+            statuses of a few points in the plane.
 
     Raises:
-        TypeError, ValueError: for input that states no contact problem, see `given.Problem` and
-            `nodal.nodal_interface`.
-        DegenerateMesh: for cells without volume or turned inside out.
+        TypeError, ValueError: for arguments that do not make a contact problem.
+        DegenerateMesh: for cells that are flat or inverted.
     """
 
     def __init__(
@@ -98,10 +97,10 @@ class ContactProblem:
             state: at its start, of this problem or one like it; slip counts from there.
             load: load vector (n,) at its end, in all.
             motions: of each pair's surface from its initial place, None for one that rests
-                there; all rest unless given. A single pair's needs no list.
-            guess: state from whose active set to start, of a coarser mesh, say: each node takes
-                the status of the nearest; an iterative solver takes its displacements, too (unless
-                it was read from a file). It is no history.
+                there; by default all rest. A single pair's need not be in a list.
+            guess: state whose active set is the start, for example on a coarser mesh: each node
+                takes the status of the nearest; an iterative solver takes its displacements, too
+                (unless it was read from a file). It carries no history.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of
@@ -111,8 +110,9 @@ class ContactProblem:
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
             NoSolution: if a search of all statuses proves that the increment has no state.
-            NotUnique: if the tangent is singular at a solution: friction too large, or body loose.
-            NotFound: if none has been found, whether there is one or not; `state` came nearest.
+            NotUnique: if the tangent is singular at a solution: the friction is too large, or the
+                body is loose.
+            NotFound: if no state has been found, though there may be one; `state` came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
             SolverNotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
@@ -127,12 +127,14 @@ class ContactProblem:
         return by_chosen(self._stepping.solver, self._asked, self._supports, stepped)
 
     def save(self, state: ContactState, path: str | Path) -> None:
-        """Writes a state to a file, whole or not at all: a NumPy archive without pickles.
+        """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
 
-        Everything that the next increment needs is there; `substates` are left out.
+        Args:
+            state: of this problem.
+            path: of the file, which is replaced if it exists; it holds all but `substates`.
 
         Raises:
-            TypeError: for what is no state or path.
+            TypeError: for anything but a state and a path.
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
@@ -142,8 +144,11 @@ class ContactProblem:
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
 
+        Args:
+            path: of the file.
+
         Raises:
-            TypeError: for what is no path.
+            TypeError: for anything but a path.
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """

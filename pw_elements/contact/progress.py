@@ -27,10 +27,10 @@ class Progress:
             `solve_contact`.
         iteration: number of linear systems solved in this increment.
         violation: largest violation of the laws of contact and friction, over its tolerance.
-        open: number of open nodes, of all pairs; of an iteration it is what was assumed.
-        stick: of sticking ones.
-        slip: of slipping ones.
-        state: what the increment ended with; None after an iteration.
+        open: number of open nodes of all pairs; after an iteration, as it was assumed.
+        stick: number of sticking ones.
+        slip: number of slipping ones.
+        state: at the end of the increment; None after an iteration.
     """
 
     increment: int

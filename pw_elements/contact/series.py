@@ -25,24 +25,25 @@ def write(
     body: Body | fem.FunctionSpace,
     times: Sequence[float] | None = None,
 ) -> None:
-    """Writes all fields of states as a time series for ParaView, whole or not at all.
+    """Writes all fields of states as a time series for ParaView, completely or not at all.
 
         states = solve_contact(K, loads, supports, [floor, punch], U)
         write("punch.bp", states, body)
 
-    The file, a folder in truth, is in ADIOS2's VTX format, which keeps quadratic functions and
-    curved cells: open it by ParaView's "ADIOS2 VTX Reader". What is there by this name is replaced.
+    The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
+    curved cells: open it with ParaView's "ADIOS2 VTX Reader". Anything of this name is replaced.
 
     Args:
         path: ends in ".bp".
         states: of one problem, or one of them.
         body: see `ContactFields`; without pressures where it is the space.
-        times: of the states, increasing; their increments' numbers unless given.
+        times: of the states, increasing; by default their increments' numbers.
 
     Raises:
-        TypeError: for things of another kind.
-        ValueError: for another ending, no states, times that do not increase or are not one per
-            state, states of another space, and elements without quadratic Lagrange functions.
+        TypeError: for arguments of the wrong type.
+        ValueError: for a path without this ending, no states, times that do not increase or are not
+            one per state, states of another space, and elements without quadratic Lagrange
+            functions.
         RuntimeError: if DOLFINx has been built without ADIOS2.
         OSError: if something else is there, or the folder cannot be written in.
     """

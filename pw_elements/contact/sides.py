@@ -11,12 +11,9 @@ one on both sides, whatever the meshes, also where facets face each other in par
 opposite's pressures times their areas sum up to the force. On flat faces |b_k| is the integral of
 w_k over what faces the pair. The pressures are sums over duals that have either sign: where the
 opposite mesh is the finer one they are off by a part of the differences of neighbouring p_j.
-
-Gap, slip and friction of node k are means of the pair's, weighted with integrals of w_j w_k, and
-its status is that of which it faces most: no law is stated there.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +24,7 @@ from dolfinx import fem
 from pw_elements.contact.errors import listed
 from pw_elements.contact.law import OPEN
 from pw_elements.contact.overlap import Overlap, whole_areas
+from pw_elements.contact.seen import STATUSES, TRUSTED, Seen
 from pw_elements.contact.state import PairState
 from pw_elements.contact.trace import Trace, gathered_trace
 from pw_elements.hybrid import SubSpace
@@ -36,85 +34,11 @@ from pw_elements.recovery import SurfaceNodes, facets_between
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-# Part of a node's area that has to face the other side for quotients by it. Where the pressure is
-# linear, they are off by up to 0.3 % at an eighth, 1 % at a twentieth, and 10 % at a 200th
-_TRUSTED = 0.1
-_STATUSES = 3
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Results at nodes (n) of opposite sides, summed over the pairs that they face.
-
-    Args:
-        facing: (n,), integrals of the nodes' weights over what they face.
-        gap: (n,), means times `facing`.
-        slip: (n, dim), likewise, of the nodes on the pair's own side.
-        friction: (n,), likewise.
-        statuses: (n, 3), what of `facing` is open, sticks and slips.
-        pressed: (n,), normal forces, compression positive.
-        pulled: (n, dim), tangential ones, on the nodes.
-        area: (n,), that make pressures of forces; zero without a body.
-        tributary: (n,), the same from tributary areas.
-        share: (n,), part of the nodes' areas that faces a pair.
-    """
-
-    facing: Array
-    gap: Array
-    slip: Array
-    friction: Array
-    statuses: Array
-    pressed: Array
-    pulled: Array
-    area: Array
-    tributary: Array
-    share: Array
-
-    def on(self, rows: npt.NDArray[np.int32], n: int) -> "Seen":
-        """The same at rows of n nodes, or at none where they are negative; zero elsewhere."""
-        values = []
-        for part in fields(self):
-            own = getattr(self, part.name)
-            values.append(np.zeros((n, *own.shape[1:])))
-            values[-1][rows[rows >= 0]] = own[rows >= 0]
-        return Seen(*values)
-
-    def __add__(self, other: "Seen") -> "Seen":
-        return Seen(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
-
-    @property
-    def faced(self) -> npt.NDArray[np.bool_]:
-        """Which nodes face anything."""
-        return self.facing > 0
-
-    def mean(self, values: Array) -> Array:
-        """`gap`, `slip` or `friction` over `facing`; zero where nothing is faced."""
-        return (values.T / np.where(self.faced, self.facing, 1.0)).T
-
-    @property
-    def status(self) -> npt.NDArray[np.int8]:
-        """Of most of what each node faces."""
-        return self.statuses.argmax(axis=1).astype(np.int8)
-
-    @property
-    def pressure(self) -> Array:
-        """By measure 2, (n,); NaN where too little of a node's area faces a pair that is closed."""
-        return self._over(self.pressed, self.area)
-
-    @property
-    def tributary_pressure(self) -> Array:
-        """By measure 3, (n,), likewise."""
-        return self._over(self.pressed, self.tributary)
-
-    @property
-    def traction(self) -> Array:
-        """Tangential, (n, dim), likewise."""
-        return self._over(self.pulled, self.area)
-
-    def _over(self, force: Array, area: Array) -> Array:
-        closed = np.delete(self.statuses, OPEN, axis=1).any(axis=1)
-        over = np.where(closed, np.where(self.share < _TRUSTED, np.nan, area), np.inf)
-        return np.asarray((force.T / over).T)
+# Largest difference of forces that are handed on, over the largest of them
+_HANDED = 1e-6
+# Part of an own node's area that faces the other side below which round-off of what it hands on,
+# some 1e-16 over the part's square, is no longer small
+_BARELY = 1e-4
 
 
 @dataclass(frozen=True)
@@ -125,6 +49,8 @@ class Opposite:
         own: (m,), global numbers of the pair's nodes.
         node: (k,), of its own.
         means: (k, m), integrals of products of both sides' weights.
+        handed: (k, m), parts of the pair's forces as above; None without a body.
+        barely: (k,), those that get any of a node of which next to nothing faces them.
         area: (k, dim), vectors as above, out of the pair's body; zero without a body.
         tributary: (k, dim), the same from tributary areas.
         share: (k,), part of the nodes' areas that faces the pair.
@@ -134,6 +60,8 @@ class Opposite:
     own: Indices
     node: Indices
     means: sp.csr_array
+    handed: sp.csr_array | None
+    barely: npt.NDArray[np.bool_]
     area: Array
     tributary: Array
     share: Array
@@ -144,7 +72,18 @@ class Opposite:
         return np.array_equal(self.own, pair.node) and np.array_equal(self.node, pair.opposite)
 
     def seen(self, pair: PairState) -> Seen:
-        """Results at its nodes."""
+        """Results at its nodes.
+
+        Raises:
+            ValueError: for forces that are not what the body's measure hands on.
+        """
+        if self.handed is not None:
+            off = np.abs(pair.opposite_force + self.handed @ pair.force_vector)[~self.barely]
+            if off.max(initial=0.0) > _HANDED * np.abs(pair.opposite_force).max(initial=0.0):
+                raise ValueError(
+                    "a pair's forces on a deformable surface are not of the body's measure: "
+                    "DeformableSurface is to be revolved=True in axisymmetry, and only there"
+                )
         facing = np.asarray(self.means.sum(axis=1))
         length = np.linalg.norm(self.area, axis=1)
         normal = self.normal
@@ -155,7 +94,7 @@ class Opposite:
             self.means @ gap,
             self.means @ pair.slip,
             self.means @ pair.friction,
-            self.means @ np.eye(_STATUSES)[pair.status],
+            self.means @ np.eye(STATUSES)[pair.status],
             pressed,
             pair.opposite_force - pressed[:, None] * normal,
             length,
@@ -184,7 +123,8 @@ def sides(
         whose: body, or space of the displacements.
 
     Raises:
-        ValueError: for a node that belongs to no facet that has all of its nodes in the pair.
+        ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
+            two of the opposite surface at one place.
     """
     body = whose if isinstance(whose, Body) else None
     own = None if body is None else _surface(number, pair, body)
@@ -195,7 +135,7 @@ def sides(
     means = facing.integrals(overlap, overlap.weight)
     if own is None or body is None:
         none = np.zeros_like(pair.opposite_force)
-        return None, Opposite(*nodes, means, none, none, none[:, 0], None)
+        return None, Opposite(*nodes, means, None, none[:, 0] > 0, none, none, none[:, 0], None)
     if revolved := body.state is StressState.AXISYMMETRIC:
         overlap = facing.overlap(revolved)
     duals = facing.integrals(overlap, overlap.dual)
@@ -207,11 +147,14 @@ def sides(
         -(handed @ ((area * share)[:, None] * pair.normal))
         for area in (own.own_area, own.tributary_area)
     )
+    barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
     part = (handed @ covered) / other[facing.places(1, pair.opposite)]
     opposite = SurfaceNodes.of(body, facets_between(displacements(body), pair.opposite))
-    counts = np.where(covered > 0, np.where(share < _TRUSTED, np.nan, share), 1.0)
+    if not np.array_equal(opposite.node, pair.opposite):
+        raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
+    counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
     own = replace(own, own_area=own.own_area * counts, tributary_area=own.tributary_area * counts)
-    return own, Opposite(*nodes, means, area, tributary, part, opposite)
+    return own, Opposite(*nodes, means, handed, barely, area, tributary, part, opposite)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class PairState:
             axis, so that the radial one is no resultant.
         displacement: (m, dim), of the nodes; relative to what they face where nodes match.
         direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
-        turning: (m,), of the law's linearisation at slipping nodes, see `law.ActiveSet`.
+        turning: (m,), of the law's linearisation at slipping nodes, which the next iteration needs.
         node: (m,), global numbers in the space, of this number of processes; component i of node
             k is the entry dim k + i of `ContactState.displacement`.
         faced: (m,), the same of the nodes that they face; -1 where a rigid surface does, -2 where
@@ -79,7 +79,7 @@ class PairState:
 
 @dataclass(frozen=True)
 class Residuals:
-    """How well each condition holds, largest value over all nodes.
+    """How well each condition is satisfied: the largest violation over all nodes.
 
     Forces over the largest nodal contact force of the history so far, lengths over the largest
     displacement of a contact node or its surface in its states with contact (`Scale`) and now.
@@ -107,7 +107,7 @@ class Residuals:
     balance: float
 
     def largest(self) -> float:
-        """The worst of them."""
+        """The largest of them."""
         return max(vars(self).values())
 
 
@@ -126,7 +126,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Smallness:
-    """How small displacements are: second-order terms, left out, are of this relative size.
+    """How small displacements are: neglected second-order terms are of this relative size.
 
     Args:
         strain: largest principal strain by magnitude; without the hoop strain u_r/r of bodies
@@ -144,7 +144,7 @@ class Smallness:
 
 @dataclass(frozen=True)
 class ContactState:
-    """The body at the end of one increment; `ContactProblem.step` goes on from it.
+    """The body at the end of one increment; `ContactProblem.step` continues from it.
 
     States can be pickled, each process' part by itself, for the same number of processes;
     `ContactProblem.save` writes files for any number.
@@ -153,14 +153,14 @@ class ContactState:
         displacement: full vector in the numbering of the displacements' space, which is the trial
             space unless that is hybrid.
         pairs: one state per contact pair.
-        iterations: linear systems solved, those of failed attempts and parts included. The
-            solutions by which a remedy condenses the body to its contact points are not counted,
-            their factorisation is, in `report`.
+        iterations: linear systems solved, including those of failed attempts and of parts. The
+            solutions by which a remedy condenses the body to its contact points are not counted;
+            `report` counts their factorisation.
         unique: False if determinants of tangents have different signs: of all that the problem
-            has factorised so far, and of those on the way to a state that was read. Then the
-            friction is so large that several states can be in equilibrium with the same loads;
+            has factorised so far, and of those on the way to a state that was loaded. The friction
+            is then so large that several states can be in equilibrium with the same loads, and
             another start or smaller increments may lead to another one. None if the linear
-            solver knows no determinants.
+            solver computes no determinants.
         residuals: of all conditions.
         report: what solved the linear systems of this increment.
         increment: number of increments from the undeformed body, where it is 0.
@@ -171,11 +171,12 @@ class ContactState:
             range of small displacements.
         substates: (share, state) of the inner ends of the parts into which the increment was cut,
             see `ContactProblem`: share of the way from the loads and motions before it to its own.
-            `slip` and `iterations` are of all parts. Files have none: they hold what the next
-            increment needs.
-        converged: False in the `state` of an error, which is no solution: nothing goes on from it.
+            `slip` and `iterations` are of all parts. Files do not
+            include them.
+        converged: False in the `state` of an error, which is no solution: nothing can continue from
+            it.
         unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
-            pressure of a hybrid one. The displacement unless given.
+            pressure of a hybrid one. By default the displacement.
     """
 
     displacement: PETSc.Vec
@@ -200,7 +201,7 @@ class ContactState:
 
     @property
     def translations(self) -> Array:
-        """Of all pairs' surfaces from their initial places, (pairs, dim)."""
+        """Translations (pairs, dim) of all pairs' surfaces from their initial places."""
         return np.array([pair.translation for pair in self.pairs])
 
     def __getstate__(self) -> dict[str, Any]:

@@ -21,21 +21,21 @@ class Surface(Protocol):
     """Geometry of a rigid surface at its initial place."""
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) of points (n, dim); negative inside, infinite where nothing faces x."""
+        """Distance (n,) of points x (n, dim); negative inside, infinite where nothing faces x."""
         ...
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, dim) in which the surface pushes a point at x, anywhere."""
+        """Unit vectors (n, dim) in which the surface pushes points x (n, dim), near it or not."""
         ...
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Plane (line in 2-D) through a point.
+    """Plane, in 2-D a line, through a point.
 
     Args:
         point: (dim,), any on the plane.
-        direction: (dim,) from the rigid into the body, of any length.
+        direction: (dim,) from the rigid surface into the body, of any length.
 
     Raises:
         ValueError: for a direction of no length.
@@ -49,11 +49,11 @@ class Plane:
         unit(self.direction)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,), positive on the side the direction points to."""
+        """Distance (n,) of points x (n, dim), positive on the side that the direction points to."""
         return (x - np.asarray(self.point)) @ unit(self.direction)
 
     def normal(self, x: Points) -> Points:
-        """The unit direction, n times."""
+        """The unit direction (n, dim), at any points x (n, dim)."""
         return np.tile(unit(self.direction), (len(x), 1))
 
 
@@ -62,11 +62,11 @@ class Parabola:
     """Parabola y = y_apex + s²/(2 radius), s the distance from the axis through the apex.
 
     y is the last coordinate and s that of all others: a parabola in 2-D, a paraboloid in
-    axisymmetry and 3-D. The rigid is inside the curve: above it for a positive radius (a
-    punch that presses downwards), below it for a negative one.
+    axisymmetry and 3-D. The rigid body is above the curve for a positive radius (a
+    punch that presses downwards), and below it for a negative one.
 
     The gap is measured along the axis and the normal is the axis: Hertz's approximation for
-    contacts that are small against the radius, in which slopes count as small like strains.
+    contacts that are small compared to the radius, where slopes are small, too.
 
     Args:
         apex: (dim,).
@@ -85,14 +85,14 @@ class Parabola:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) along the axis."""
+        """Distance (n,) of points x (n, dim) along the axis."""
         s = x - np.asarray(self.apex)
         return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * np.sign(
             self.radius
         )
 
     def normal(self, x: Points) -> Points:
-        """The axis (n, dim), from the rigid into the body."""
+        """The axis (n, dim), from the rigid surface into the body, at any points x (n, dim)."""
         axis = np.zeros_like(x)
         axis[:, -1] = -np.sign(self.radius)
         return axis
@@ -100,7 +100,7 @@ class Parabola:
 
 @dataclass(frozen=True)
 class Sphere:
-    """Sphere, in 2-D a circle, in axisymmetry a sphere on the axis; the rigid is inside.
+    """Sphere, in 2-D a circle, in axisymmetry a sphere on the axis; its inside is rigid.
 
     Args:
         centre: (dim,).
@@ -118,7 +118,7 @@ class Sphere:
         positive("radius", self.radius)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) from the sphere."""
+        """Distance (n,) of points x (n, dim) from the sphere."""
         y, row = x - np.asarray(self.centre), np.arange(len(x))
         # counted from the pole next to x, for |y| - R would lose the digits of a small gap
         axis = np.abs(y).argmax(axis=1)
@@ -129,17 +129,17 @@ class Sphere:
         return squares / (np.sqrt(squares + self.radius**2) + self.radius)
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, dim) away from the centre."""
+        """Unit vectors (n, dim) away from the centre, at points x (n, dim)."""
         return normalised(x - np.asarray(self.centre))
 
 
 @dataclass(frozen=True)
 class FlatPunch:
-    """Flat face of finite width, a disc in 3-D; what is not under it does not touch.
+    """Flat face of finite width, a disc in 3-D; only nodes below it can touch.
 
     Args:
         centre: (dim,) of the face.
-        direction: (dim,) from the rigid into the body, of any length.
+        direction: (dim,) from the rigid surface into the body, of any length.
         half_width: distance from centre to edge; a node on the edge touches.
 
     Raises:
@@ -156,32 +156,32 @@ class FlatPunch:
         positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) from the face; infinite beside it."""
+        """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
         s, n = x - np.asarray(self.centre), unit(self.direction)
         gap = s @ n
         beside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
         return np.where(beside, np.inf, gap)
 
     def normal(self, x: Points) -> Points:
-        """The unit direction, n times."""
+        """The unit direction (n, dim), at any points x (n, dim)."""
         return np.tile(unit(self.direction), (len(x), 1))
 
 
 @dataclass(frozen=True)
 class SignedDistance:
-    """A surface given as a function of points: positive in the body, negative in the rigid.
+    """Surface given as a function of points: positive in the body, negative in the rigid surface.
 
-    The gap is the function over the size of its gradient, which near the surface is the
+    The gap is the function divided by the size of its gradient, which near the surface is the
     distance whatever the function's scale: x² + y² - R² will do for a circle.
 
     Args:
         function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
             faces x.
-        gradient: of points as rows, (n, dim) to (n, dim); by central differences unless given.
+        gradient: of points as rows, (n, dim) to (n, dim), by default central differences.
         step: of the differences, a small part of the smallest radius of the surface.
 
     Raises:
-        TypeError: for what is no function.
+        TypeError: for anything but functions.
         ValueError: for a step that is not positive.
     """
 
@@ -197,14 +197,14 @@ class SignedDistance:
         positive("step", self.step)
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) at first order."""
+        """Distance (n,) of points x (n, dim), at first order."""
         gap = self._values(x)
         faced = np.isfinite(gap)
         gap[faced] /= np.linalg.norm(self._slope(x[faced]), axis=1)
         return gap
 
     def normal(self, x: Points) -> Points:
-        """The gradient's unit vectors (n, dim); any where nothing faces x."""
+        """The gradient's unit vectors (n, dim) at points x (n, dim); any where nothing faces x."""
         faced = np.isfinite(self._values(x))
         normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
         normal[faced] = normalised(self._slope(x[faced]))

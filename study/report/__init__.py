@@ -14,7 +14,7 @@ from study.core.cases import SECTIONS
 from study.core.store import CorruptResult, MissingResult, Results, StudyError, write_whole
 from study.judge import claims as judged
 from study.report import numbers
-from study.report.texts import HERE, Texts, counts, provenance, with_readings
+from study.report.texts import HERE, Texts, counts, italics, provenance, with_readings
 from study.vocabulary import ELEMENTS
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ PARTS = (
     ("7.6", "section", "Buckling of a beam (7.6)"),
     ("beyond", "chapter", "Beyond the paper"),
     ("bodies", "section", "Two deformable bodies"),
-    ("space", "section", "Contact and friction in space"),
+    ("space", "section", "Contact and friction in three dimensions"),
     ("friction", "section", "Friction: four benchmarks"),
     ("impact", "section", "Dynamics and impact"),
     ("fluxes", "section", "Fluxes"),
@@ -50,6 +50,7 @@ PARTS = (
 # Sections of the paper whose statements are listed with its examples; the others' come before
 HOMES = ("3", "4", "5", "6", "7.1", "7.2", "7.3", "7.4", "7.5", "7.6")
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text())
+BREAK = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end
 ROUND_OFF = 1e-9  # what a statement's number is away from a whole one without saying so
 
 
@@ -187,7 +188,7 @@ class _Paper(Texts):
             "paper/table.html",
             name=name,
             label=f"Table {self._next('table', name)}{paper}",
-            caption=caption,
+            caption=italics(caption),
             rows=caller(),
             long=long,
         )
@@ -249,7 +250,8 @@ class _Paper(Texts):
     def _body(self, name: str) -> Markup:
         before = dict(self.numbers)
         try:
-            return self.render(f"paper/{name}.html")
+            body = self.render(f"paper/{name}.html")
+            return Markup(re.sub(BREAK, numbers.THIN, body))
         except MissingResult as missing:
             self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")

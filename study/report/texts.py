@@ -20,6 +20,12 @@ from study.vocabulary import ELEMENTS, PLANE_ELEMENTS, WAYS
 HERE = Path(__file__).parent
 PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
 
+# Single letters in captions that are symbols: not units, "(a)" of a panel or, mostly, the word "a"
+_ALONE = r"(?<![A-Za-z0-9.;<])(?!(?<=\()[a-z]\)){}(?![A-Za-z0-9'>])"
+_LENGTH = r"(?:(?<=\d )|(?<=/)|(?<=width )|(?<=radius )|(?<=radius\) ))a"
+SYMBOL = re.compile(_ALONE.format(rf"([b-dhpqrt-zEFKNP]|[λμνρω]|{_LENGTH})"))
+MATRIX = re.compile(_ALONE.format("([LRT])"))
+
 
 class Texts:
     """Templates, and what they can call: numbers, curves, measures, claims and figures.
@@ -52,6 +58,7 @@ class Texts:
             "count": numbers.count,
             "most": numbers.most,
             "least": numbers.least,
+            "italics": italics,
         }
         self.environment.filters |= words
         self.environment.globals |= words | {
@@ -109,6 +116,12 @@ def load_figures(results: Results) -> dict[str, dict[str, Any]]:
         raise MissingResult(f"there is no {error.filename}: {remedy}") from None
     except (ValueError, TypeError, KeyError) as error:
         raise CorruptResult(f"{folder / 'index.json'} cannot be used ({error}): {remedy}") from None
+
+
+def italics(text: str) -> Markup:
+    """Write a plain text, such as a caption, with its symbols in italics, matrices bold, too."""
+    safe = MATRIX.sub(r"<b><i>\1</i></b>", str(Markup.escape(text)))
+    return Markup(SYMBOL.sub(r"<i>\1</i>", safe))
 
 
 def names_section(source: str, section: str) -> bool:

@@ -95,10 +95,11 @@ def _cerruti(body: Elastic, x: Array, places: Array, forces: Array) -> Array:
     """
     s, t = (x[:, axis, None] - places[:, axis] for axis in (0, 1))
     z = -x[:, 2, None]
-    rho = np.sqrt(s**2 + t**2 + z**2)
-    rest = 1 - 2 * body.poissons_ratio
-    u = 1 / rho + s**2 / rho**3 + rest * (1 / (rho + z) - s**2 / (rho * (rho + z) ** 2))
-    v = s * t / rho**3 - rest * s * t / (rho * (rho + z) ** 2)
-    w = s * z / rho**3 + rest * s / (rho * (rho + z))
+    near = 1 / np.sqrt(s**2 + t**2 + z**2)  # powers of the distance would take most of the time
+    below, rest = near / (1 + z * near), 1 - 2 * body.poissons_ratio
+    falls = near * (near**2 - rest * below**2)
+    u = near + rest * below + s**2 * falls
+    v = s * t * falls
+    w = s * near * (z * near**2 + rest * below)
     field = np.column_stack([u @ forces, v @ forces, -(w @ forces)])
     return np.asarray(field / (4 * np.pi * body.shear_modulus))

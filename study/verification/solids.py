@@ -63,7 +63,7 @@ class Solid:
     def of(cls, element: str, mesh: Mesh, material: Material) -> "Solid":
         """Assembles it."""
         body = Body(spaces(element, mesh), material, StressState.SOLID)
-        stiffness = assemble_matrix(body.stiffness())
+        stiffness = assemble_matrix(body.stiffness(), blocked=True)
         if element == "transferred-T10":
             T = force_transfer(body.spaces.trial)
             return cls(element, body, stiffness, stiffness, T)
