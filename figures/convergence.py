@@ -5,7 +5,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.style import LOOK
+from figures.style import CLEAR, LOOK
 from study.core.store import Results
 
 # pw-Q8 is left out: it has the nodal forces of its pairs of pw-T6
@@ -41,7 +41,8 @@ def slope(ax: Axes, results: Results, key: str, order: float, start: float) -> N
     end = (float(elements[1]), float(heights[1]))
     beside = (5, 0)  # of the last marker, in points
     name = f"order {order:g}"
-    ax.annotate(name, end, beside, textcoords="offset points", fontsize=7, va="center")
+    place: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+    ax.annotate(name, end, beside, fontsize=7, bbox=CLEAR, **place)
 
 
 def legend(fig: Figure, ax: Axes) -> None:

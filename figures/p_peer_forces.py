@@ -52,10 +52,10 @@ def caption(results: Results) -> str:
     )
     return (
         "Nodal forces on the block (traction over pressure 0.3, friction 0.3 everywhere): lines "
-        "are ours, open markers CalculiX's as computed and multiplied by T. Lower panels: their "
-        f"differences, at most {raw:.2g} % of the mean nodal force between the standard elements "
-        f"and {transferred:.2g} % between T times CalculiX's and the new element's, at the edges "
-        "of slip zones; 0.5 % is the bound set for nodes away from them."
+        "are ours, open markers CalculiX's as computed and multiplied by T. The last two panels "
+        f"show their differences, at most {raw:.2g} % of the mean nodal force between the standard "
+        f"elements and {transferred:.2g} % between T times CalculiX's and the new element's, at "
+        "the edges of slip zones; 0.5 % is the bound set for nodes away from them."
     )
 
 

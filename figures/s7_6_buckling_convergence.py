@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import CLEAR, FULL, LOOK
 from study.core.store import Results
 from study.judge import measures
 
@@ -41,7 +41,7 @@ def draw(results: Results) -> Figure:
         for order, start in ((4, 3e-4), (2, 4e-2)):
             ax.loglog(slope, start * (slope / 2) ** -order, color="#777777", linewidth=0.8)
             end, beside = (16, start * 8.0**-order), {"textcoords": "offset points", "va": "center"}
-            ax.annotate(f"order {order}", end, (4, 0), fontsize=7, **beside)
+            ax.annotate(f"order {order}", end, (4, 0), fontsize=7, bbox=CLEAR, **beside)
         letter = "a" if form == "G" else "b"
         ax.set(title=f"({letter}) geometric stiffness, form {form}")
         ax.set_xlabel("squares over the height")

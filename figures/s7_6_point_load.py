@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import CLEAR, FULL, LOOK
 from study.core.store import Results
 
 SECTION = "7.6"
@@ -33,7 +33,9 @@ def draw(results: Results) -> Figure:
             ax.axhline(exact, color="black", linewidth=0.8, linestyle=style)
             x, side = (2, "left") if mode == 1 else (HEIGHTS[-1], "right")  # clear of the curves
             above = {"xytext": (0, 2), "textcoords": "offset points", "va": "bottom"}
-            ax.annotate(f"uniform load, {form}", (x, exact), fontsize=7, ha=side, **above)
+            ax.annotate(
+                f"uniform load, {form}", (x, exact), fontsize=7, ha=side, bbox=CLEAR, **above
+            )
         ax.margins(y=0.08)
         ax.set(title=f"mode {mode}", xlabel="squares over the height")
         ax.set_xticks([2, *HEIGHTS], [str(n) for n in (2, *HEIGHTS)])

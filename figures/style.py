@@ -25,6 +25,9 @@ FULL = 7.0
 MANY = 50
 """Meshes of more cells and clouds of more points are images within a drawing: it would be slow."""
 
+CLEAR: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+"""Box of a name beside a line, which keeps the grid out of the letters."""
+
 LOOK: dict[str, dict[str, Any]] = {
     key: {"color": element.colour, "marker": element.marker, "label": element.name}
     for key, element in ELEMENTS.items()

@@ -46,7 +46,8 @@ def draw(results: Results) -> Figure:
         n = np.array([20.0, 50.0])
         line = at * (n / n[0]) ** -order
         orders.loglog(n, line, color=SUM, lw=0.7)
-        orders.annotate(f"{order}", (n[1], line[1]), xytext=(3, 0), textcoords="offset points")
+        beside = {"textcoords": "offset points", "va": "bottom"}
+        orders.annotate(f"order {order}", (n[0], line[0]), (7, 0), fontsize=7, **beside)
     orders.set(title="(b) elsewhere", xlabel="elements over the height, along a side")
     orders.set_ylabel("moment / magnitudes")
     orders.legend(loc="lower left", fontsize=6.5)

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import CLEAR, FULL, LOOK
 from study.core.store import Results
 from study.judge import measures
 
@@ -36,7 +36,7 @@ def draw(results: Results) -> Figure:
         axes[1].annotate(
             f"order {order}", (1 / size[1], start * (size[1] / size[0]) ** order),
             xytext=(3, 4) if order == 1 else (-30, -11), textcoords="offset points",
-            fontsize=7, color="#666666",
+            fontsize=7, color="#666666", bbox=CLEAR,
         )  # fmt: skip
     axes[0].set_ylabel("relative error")
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import FULL, LOOK
+from figures.style import CLEAR, FULL, LOOK
 from study.core.store import Results
 
 SECTION = "V8"
@@ -54,7 +54,7 @@ def draw(results: Results) -> Figure:
             ax.loglog(ends, line, color="#777777", linewidth=0.8)
             middle = np.sqrt(ends.prod()), np.sqrt(line.prod())
             align = {"ha": "right" if side == "top" else "left", "va": side}
-            ax.annotate(f"order {order}", middle, fontsize=7, **align)
+            ax.annotate(f"order {order}", middle, fontsize=7, bbox=CLEAR, **align)
         ax.set(title=title, xlabel=density, ylim=(3e-7, 0.6))
         ax.set_xticks(squares, [f"{n}" for n in squares])
         ax.set_xticks([], minor=True)

@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 
 if find_spec("dolfinx") is None:
     raise ImportError(
-        "pw_elements needs DOLFINx 0.9 or newer: take Debian's python3-dolfinx, conda-forge's "
+        "pw_elements needs DOLFINx 0.9 or newer: use Debian's python3-dolfinx, conda-forge's "
         "fenics-dolfinx or the container dolfinx/dolfinx, or start through ./run, which fetches it"
     )
 

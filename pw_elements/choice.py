@@ -1,7 +1,7 @@
 """The choice between factors and Krylov's method, where the user leaves it to "auto".
 
 Factors serve every body, as long as there is memory for them; Krylov's method takes little, and
-gives up where supports or contact hardly hold the body. Then factors go on, if they fit.
+may give up where supports or contact hardly hold the body. Then factors go on, if they fit.
 """
 
 import logging
@@ -41,7 +41,7 @@ def chosen(
     if solver is not None and not isinstance(solver, str):
         return solver
     if solver not in (None, "auto"):
-        raise ValueError(f'solver {solver!r}: take Direct(), Iterative() or "auto"')
+        raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()
     mesh, dofs = supports.space.mesh, _unknowns(supports)
@@ -103,7 +103,7 @@ def factors_instead(
     taken, left = memory.of_factors(_unknowns(supports)), memory.free(comm)
     if not _ROOM * taken <= left:
         raise SolverNotConverged(
-            f'{failure}. "auto" does not take Direct() with {left / 1e9:.2g} GB left'
+            f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
         ) from failure
     if comm.rank == 0:
         log.info(

@@ -65,7 +65,7 @@ _UNSTABLE = (
     "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
     "the symmetrised element is no stable one; refine the mesh"
 )
-_TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: take a smaller one"
+_TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: use a smaller one"
 
 
 class NoModes(RuntimeError):
@@ -298,7 +298,7 @@ def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSo
         why = "modes of hybrid bodies need factors"
     taken = chosen(solver, reduction.supports, why, modes=True)
     if hybrid and isinstance(taken, Iterative):
-        raise ValueError(f"Iterative(): {why}, take Direct()")
+        raise ValueError(f"Iterative(): {why}, use Direct()")
     return taken
 
 
@@ -378,7 +378,7 @@ def _largest(
     eigensolver.destroy()
     if supports is not None and not residuals.max() <= _TRUE:
         raise SolverNotConverged(
-            f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: take "
+            f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
             "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
         )
     return values, modes, residuals, inverse.report
@@ -404,7 +404,7 @@ def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:
     if inverse.negative_pivots is None:
         raise ValueError(
             f"{inverse.report.method} does not count negative pivots, without which a symmetrised "
-            "pair is not known to be positive definite: take Direct() with MUMPS"
+            "pair is not known to be positive definite: use Direct() with MUMPS"
         )
     if inverse.negative_pivots > 0:
         raise NoModes(otherwise)

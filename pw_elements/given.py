@@ -156,7 +156,7 @@ def check_weights(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PE
     if (K.getAttr("sibling") is None) != (thing.getAttr("sibling") is None):
         raise ValueError(
             f"one of {name} and {stiffness} belongs to the symmetric sibling, whose unknowns are "
-            "coefficients: take Sibling.matrix and Sibling.load for both or for none"
+            "coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
     (test, trial), theirs = own.function_spaces, other.function_spaces[0]
     if theirs.mesh is not test.mesh:
@@ -165,7 +165,7 @@ def check_weights(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PE
         standard = _same_element(test, trial)
         raise ValueError(
             f"{name} was made with other weight functions than {stiffness}: nodal forces differ by "
-            "some per cent; take the test space of "
+            "some per cent; use the test space of "
             + ("Spaces.galerkin" if standard else "Spaces.petrov_galerkin")
             + " in both"
         )

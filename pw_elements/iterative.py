@@ -92,7 +92,7 @@ class Iterative:
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
-                "not known to be positive definite: take Direct()"
+                "not known to be positive definite: use Direct()"
             )
         return Krylov(matrix, supports, self)
 
@@ -208,7 +208,7 @@ class Krylov:
         return SolverNotConverged(
             f"{self.report.method} left the relative residual {left:.1e} after "
             f"{self.ksp.getIterationNumber()} iterations: Poisson's ratio near 1/2, flat cells or "
-            "supports that hardly hold make it slow; take Direct() "
+            "supports that hardly hold make it slow; use Direct() "
             f"(some {memory.of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
 

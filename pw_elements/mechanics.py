@@ -211,7 +211,7 @@ class Body:
         if hybrid:
             if self.state is StressState.PLANE_STRESS:
                 raise ValueError(
-                    "hybrid spaces are of no use in plane stress, where nothing locks: take "
+                    "hybrid spaces are of no use in plane stress, where nothing locks: use "
                     "Spaces.petrov_galerkin"
                 )
             below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
@@ -268,7 +268,7 @@ class Body:
         names = ("displacements", "hybrid")
         with collective(mesh.comm):
             if formulation not in (None, *names):
-                raise ValueError(f"formulation {formulation!r}: take {' or '.join(names)}")
+                raise ValueError(f"formulation {formulation!r}: use {' or '.join(names)}")
         agree(mesh.comm, {"the formulation": formulation})
         if formulation is None:
             largest = _largest(material.poissons_ratio, mesh.comm)

@@ -69,7 +69,7 @@ def listed(points: Array, most: int = 6) -> str:
 
 
 def check_mesh(mesh: Mesh) -> None:
-    """Looks for cells and boundaries that make no body; see above for what can be told.
+    """Looks for cells and boundaries that do not make a body, as explained above.
 
     A mesh that passed is not looked at again until its nodes move.
 

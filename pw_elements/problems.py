@@ -94,14 +94,14 @@ class PetrovGalerkinProblem:
             if isinstance(solver, Iterative | str):
                 raise ValueError(
                     'Iterative() and "auto" solve with one free matrix under supports, not with '
-                    "Newton's tangents: take Direct()"
+                    "Newton's tangents: use Direct()"
                 )
         self.u, self.increments = u, tuple[Increment, ...]()
         self._space, self._conditions = u.function_space, conditions
         self._comm: MPI.Comm = self._space.mesh.comm
         if is_split(self._space):
             raise ValueError(
-                "the pressure of this space is split, and no residual ties it: take "
+                "the pressure of this space is split, and no residual ties it: use "
                 "Spaces.hybrid(mesh) without parts"
             )
         form = _residual(residual, u)

@@ -146,7 +146,7 @@ class Spaces:
         if mesh.ufl_domain().ufl_coordinate_element().degree > 1:
             raise ValueError(
                 "composite triangles need straight sides: their gradients are projected on the "
-                "reference triangle; take a mesh of degree 1"
+                "reference triangle; use a mesh of degree 1"
             )
         trial = fem.functionspace(mesh, composite_element(shape))
         return cls(trial, trial)

@@ -68,7 +68,7 @@ def refuse_unsymmetric(K: PETSc.Mat) -> None:
         raise ValueError(
             f"the stiffness is not symmetric, it differs from its transpose by {share:.1e}: some "
             "of its upper eigenvalues are complex, and undamped motions would grow whatever the "
-            "time step; take the symmetric sibling, Sibling.of(space).matrix(K_standard), whose "
+            "time step; use the symmetric sibling, Sibling.of(space).matrix(K_standard), whose "
             "nodal forces are even, too"
         )
 

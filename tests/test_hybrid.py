@@ -329,7 +329,7 @@ def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog
     parts = meshtags(mesh, 2, cells, (nu.x.array > 0.4).astype(np.int32))
     body = Body.on(mesh, Material(1.0, nu), "plane strain", parts=parts)
     assert body.spaces.parts is parts
-    with pytest.raises(ValueError, match="formulation 'mixed': take displacements or hybrid"):
+    with pytest.raises(ValueError, match="formulation 'mixed': use displacements or hybrid"):
         Body.on(mesh, Material(1.0, 0.4), "plane strain", "mixed")
 
 

@@ -257,7 +257,7 @@ def test_nearly_incompressible_bodies_take_more_iterations():
 
 def test_what_does_not_converge_is_not_returned():
     _, K, f, held = case("pw-T10")
-    with pytest.raises(SolverNotConverged, match=r"after 3 iterations: Poisson.* take Direct\(\)"):
+    with pytest.raises(SolverNotConverged, match=r"after 3 iterations: Poisson.* use Direct\(\)"):
         solve(K, f, held, Iterative(options={"ksp_max_it": 3}))
 
 
@@ -328,7 +328,7 @@ def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
     assert "auto: Direct for 19575 unknowns in space (a reason)" in said[2]
     asked = Iterative(1e-3)
     assert chosen(asked, None) is asked
-    with pytest.raises(ValueError, match="solver 'fast': take"):
+    with pytest.raises(ValueError, match="solver 'fast': use"):
         chosen("fast", small)
     with pytest.raises(ValueError, match=r"tolerance = 0\.0"):
         Iterative(0.0)

@@ -422,6 +422,15 @@ def test_all_figures_and_tables_of_the_paper_have_captions(own):
     assert sorted(tables) == ["1", "2"]
 
 
+def test_captions_name_panels_by_letters_not_by_side(own):
+    """On a telephone panels stand below each other."""
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", own[1], re.DOTALL)
+    assert len(captions) > 30
+    side = r"(?i)\b(left|right|middle|above|upper|lower) ?(panel|:|\))|on the (left|right)\b"
+    for caption in captions:
+        assert not re.search(side, caption), caption
+
+
 def test_no_statement_of_the_paper_is_without_a_grade(own):
     results, html = own
     statements = [row for row in results.claims() if row["kind"] in ("paper", "implied")]

@@ -1,4 +1,4 @@
-"""All statuses of few contact points in the plane, searched by branch and bound.
+"""Searches all statuses of a few contact points in the plane by branch and bound.
 
 A branch allows each point some of the four statuses: open, sticking, slipping forwards or backwards
 along its tangent. What these have in common is linear in the motions z of the condensed increment:

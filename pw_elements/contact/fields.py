@@ -35,10 +35,10 @@ class ContactFields:
     nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair. The law is not stated there: gap and slip are means of those of the pair's
-    nodes that they face, and the status is the prevailing one. On both sides, pressures and
-    tractions are NaN at loaded nodes of whose area less than a tenth faces the other side: the
-    forces are right there, but not their quotients by such an area.
+    that face the pair (see `sides`). The law is not stated there: gap and slip are means of those
+    of the pair's nodes that they face, and the status is the prevailing one. On both sides,
+    pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
+    side: the forces are right there, but not their quotients by such an area.
 
     Pressures are forces over areas and need the body (thickness, circumference); they are None if
     only the space is given. `recovery.SurfaceNodes` explains the three measures of pressure. They

@@ -84,7 +84,7 @@ def solver_for(solver: Solver, reduction: Reduction) -> LinearSolver:
         why = "contact of hybrid bodies needs factors"
     taken = chosen(solver, reduction.supports, why)
     if why and isinstance(taken, Iterative):
-        raise ValueError(f"Iterative() knows contact of displacements alone, {why}: take Direct()")
+        raise ValueError(f"Iterative() knows contact of displacements alone, {why}: use Direct()")
     return taken
 
 

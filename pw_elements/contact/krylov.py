@@ -16,8 +16,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.contact.anchors import Anchors
 from pw_elements.contact.unassembled import Bordered, NodePoints, Tied, Unassembled
-from pw_elements.iterative import Iterative, Krylov
+from pw_elements.iterative import Iterative, Krylov, free_motion
 from pw_elements.matrices import collect_garbage, python_matrix
 from pw_elements.multigrid import Multigrid
 from pw_elements.projection import Supports
@@ -89,6 +90,9 @@ class KrylovTangent:
         else:
             self._ksp = self.solver.ksp
             self._ksp.setOperators(self._operator, self._multigrid.operator)
+        # supports that hold all pieces need no help of contact
+        loose = free_motion(K, supports)
+        self._anchors = Anchors.of(supports.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
         self.own_factors = self.settled = self.always_exact = False
         self.factorised: bool | None = True
@@ -176,6 +180,8 @@ class KrylovTangent:
             np.einsum("nak,nk,nbk->nab", left, (size < bound).astype(float), left)
             for bound in (_HELD, _NONE)
         )
+        if self._anchors is not None:
+            held = self._anchors.held(held)
         self._multigrid.hold(self._points.node, held, self._points.scale)
         if self._tied is not None:
             self._tied.hold(held)

@@ -151,7 +151,7 @@ class ContactPair:
             each node, (n,). It also assigns a node between a smooth and a rough part to one of
             them.
         motions: one per increment of `solve_contact`; without them the surface rests. A
-            single one needs no list.
+            single one need not be in a list.
         interference: whether the surface may cut the body before any motion, as in a shrink fit;
             the first increment then pushes the nodes out of it.
 
@@ -207,7 +207,7 @@ def _check_part(what: str, part: object, call: str, of_tags: str) -> None:
     if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
         raise TypeError(f"a surface is given in place of {name}: {call} has them first")
     if isinstance(part, MeshTags):
-        raise TypeError(f"tags are given in place of {name}: take {of_tags}")
+        raise TypeError(f"tags are given in place of {name}: use {of_tags}")
     listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
     if isinstance(part, type) or not (callable(part) or listed):
         raise TypeError(f"{what} are {described(part)}: give a marker, numbers or a mask")

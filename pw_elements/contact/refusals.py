@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 _ENCLOSED = (
     "Supports and contact enclose an incompressible body, whose volume has no room and whose "
-    "pressure no scale: leave a part of its surface free, or take nu below 1/2"
+    "pressure no scale: leave a part of its surface free, or use nu below 1/2"
 )
 
 

@@ -37,7 +37,7 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
         OSError: on all processes, if the file cannot be written.
     """
     if not state.converged:
-        raise ValueError("the state is no solution: nothing goes on from it")
+        raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
     for name, field in _fields(space).items():

@@ -53,7 +53,7 @@ class Watch:
         """How small the displacements of a solution are; logs what no longer is, once.
 
         Raises:
-            SurfacePassed: if a rigid surface is through the body, or pushes it outwards.
+            SurfacePassed: if a rigid surface has gone through the body, or pushes it outwards.
         """
         self._passage.check_way(increment.past, now.translations)
         strain, rotation = self._gradients.largest(self._interface.field.part(now.full))

@@ -119,6 +119,7 @@ class _Sheets(Texts):
             return Markup()
         entry = dict(self.figures[name])
         folder = "../_static/figures"
+        entry["caption"] = typeset(entry["caption"])
         entry["uri"] = f"{folder}/{name}.svg"
         entry["narrow_uri"] = f"{folder}/{name}.narrow.svg" if "narrow" in entry else None
         return self.render("figure.html", name=name, figure=entry, label=_label(name))
@@ -140,8 +141,8 @@ class _Sheets(Texts):
         page = self.render("all_claims.html", rows=rows, grades=judged.GRADES, sections=sections)
         text = (
             "Statements of the paper, each with one grade, and findings of this study, each with "
-            "the number it is judged by. A tolerance is in favour of the statement; each says "
-            "whether it was set before or after its number was first seen."
+            "the number it is judged by. Tolerances count in favour of the statement; each entry "
+            "says whether its tolerance was set before or after the first value was seen."
         )
         return f"# Claims and findings\n\n{text}\n\n{_raw(page)}\n"
 

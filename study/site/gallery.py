@@ -118,7 +118,7 @@ def _page(one: Example, store: Path) -> str:
         f"```{{image}} {one.name}.png\n:alt: {one.title}\n```",
         one.text,
         f"```sh\n~/pw-elements/run python3 ~/pw-elements/examples/{one.name}.py\n```",
-        *([f"It prints\n\n```text\n{printed}\n```"] if printed else []),
+        *([f"Output:\n\n```text\n{printed}\n```"] if printed else []),
         f"{{download}}`{one.name}.py <{one.name}.py>`{files}",
         f"```{{literalinclude}} {one.name}.py\n:language: python\n```",
     ]
@@ -133,8 +133,8 @@ def _index(every: list[Example]) -> str:
     ]
     tree = "\n".join(one.name for one in every)
     text = (
-        "Each example is a script of at most 60 lines, run as it stands when this site is made. "
-        "Copy one and change it. Pictures come into the folder you are in."
+        "Each example is a script of at most 60 lines, run as it stands when this site is "
+        "built. Copy one and adapt it; it saves its picture in the current folder."
     )
     grid = "\n".join(["::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::"])
     return f"# Gallery\n\n{text}\n\n{grid}\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"

@@ -164,9 +164,9 @@ def write(pages: Path, used: dict[str, list[Example]]) -> None:
     (pages / "index.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-_INTRODUCTION = """Every public name has a page, made of its docstring: what it takes and gives,
-with the shapes of arrays, what it refuses, and where it comes from. Units are any consistent ones.
-Equations "Eq. (n)" are those of the paper."""
+_INTRODUCTION = """Every public name has a page made from its docstring: arguments with shapes of
+arrays, results, errors and sources. Any consistent units will do. "Eq. (n)" refers to an equation
+of the paper."""
 
 
 def _page(module: str, name: str, thing: object, used: dict[str, list[Example]]) -> str:
