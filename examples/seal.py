@@ -35,7 +35,7 @@ problem = PetrovGalerkinProblem(residual, w, conditions)
 # plates are flat and smooth: a node in contact has a known displacement across, or is let go
 across, unknowns = W.sub(0).sub(1).collapse()
 x, y = across.tabulate_dof_coordinates()[:, :2].T
-rim, unknowns = np.hypot(x - ring, y) > 1 - 1e-9, np.array(unknowns)
+rim, unknowns = np.hypot(x - ring, y) > 1 - 1e-9, np.ravel(unknowns)
 held, target = np.zeros(len(y), dtype=bool), fem.Function(W)
 for height in 1 - squeeze * np.arange(1, steps + 1) / steps:
     held |= rim & (np.abs(y + w.x.array[unknowns]) > height)

@@ -185,7 +185,8 @@ def _lean(svg: str) -> str:
 
     A hundredth of a point is enough for places; the page has dozens of drawings.
     """
-    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>", "", svg, flags=re.DOTALL)
+    without = r"<\?xml.*?\?>|<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE.*?>"
+    svg = re.sub(without, "", svg, flags=re.DOTALL)
     svg = re.sub(r' transform="rotate\(-0 [^"]*\)"', "", svg)
     svg = re.sub(r"\bfont: ([^;\"]+)", _longhand, svg)
     svg = re.sub(r'="(?!data:)[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
