@@ -92,8 +92,8 @@ class SaddlePoint:
 
     def release(self) -> None:
         """Frees what Python objects are in, on all processes."""
-        destroy(self._preconditioner, self.operator)
-        self._levels.release()
+        destroy(self.inner, self.operator, self.scaled)
+        self.levels.release()
 
     def ready(self) -> None:
         """Makes the multigrid's coarse level.
