@@ -86,6 +86,16 @@ def test_no_results_are_no_agreement(tmp_path):
         ("V8/rod-pw-T6 omega2_1_error", "errors"),
         ("V8/rod-pw-T6 omega2_1_order", "orders"),
         ("V8/rod-pw-T6 omega2_1", "all others"),
+        ("V15/cube-pw-hybrid-T10-0.5-6 h1_error", "numbers on Gmsh's tetrahedra"),
+        ("V15/cube-pw-hybrid-H27-0.5-4 h1_error", "errors"),
+        ("V12/frequency-cube-hrz order", "numbers on Gmsh's tetrahedra"),
+        ("V12/frequency-square-hrz order", "orders"),
+        ("V12/bar-3d-pw-5 energy_end", "motions that grow"),
+        ("V12/bar-3d-sibling-5 energy_end", "all others"),
+        ("V10/punch-pw-T10-4 krylov_iterations", "counts of Krylov's iterations"),
+        ("V11/patch-3d-pw-dual balance_force", "residuals and identities"),
+        ("V11/patch-3d-pw-dual master_force_min", "errors"),
+        ("V11/hertz-2d-pw-dual-16 pressure_l2", "errors"),
     ],
 )
 def test_kinds(scalar, kind):
