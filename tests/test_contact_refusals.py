@@ -324,7 +324,7 @@ def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
     problem = ContactProblem(greco.K, greco.symmetry, pair, greco.space)
     with pytest.raises(ValueError, match="no solution: it can be a guess only"):
         problem.step(state, greco.load)
-    with pytest.raises(ValueError, match="the state is no solution"):
+    with pytest.raises(ValueError, match="the state is not a solution"):
         problem.save(state, tmp_path / "state.npz")
     found = problem.step(problem.undeformed, greco.load, guess=state)
     assert found.converged

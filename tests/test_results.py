@@ -101,6 +101,8 @@ QUICK = [
     "V15/pushed-pw-hybrid-T6-30",
     "V15/sphere-pw-hybrid-H27-3",
     "V15/seal-pw-hybrid-T6-8",
+    "V15/enclosed-pw-hybrid-H27-0.4999-4",
+    "V15/cube-pw-hybrid-H27-0.4999-12",
 ]
 SLOW = {("7.6", "mesh_scan")}
 

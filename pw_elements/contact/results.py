@@ -26,7 +26,7 @@ def contact_state(
 ) -> ContactState:
     """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
-    orientations = system.orientations
+    own = orientations = system.tangent.solver.orientations
     if before.free == system.free:
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)
@@ -34,7 +34,7 @@ def contact_state(
         increment.interface.field.part(now.full),
         tuple(_pair(k, increment.interface, now, active) for k in range(increment.interface.pairs)),
         iterations,
-        len(orientations) <= 1 if system.orientations else None,
+        len(orientations) <= 1 if own else None,
         residuals,
         report,
         before.increment + 1,

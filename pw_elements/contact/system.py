@@ -124,11 +124,6 @@ class ContactSystem:
         """What the linear solver has done so far."""
         return self.tangent.solver.report
 
-    @property
-    def orientations(self) -> frozenset[int]:
-        """Signs of the determinants of all tangents factorised so far; empty if unknown."""
-        return self.tangent.solver.orientations
-
     def solve(
         self,
         load: PETSc.Vec,
