@@ -37,8 +37,8 @@ def draw(results: Results) -> Figure:
         )
     ax.annotate("smooth", (0.0, -0.2), va="top", color="#D55E00", fontsize=8)
     ax.annotate("smooth", (length, -0.2), va="top", ha="right", color="#D55E00", fontsize=8)
-    ax.annotate("rigid foundation,\nCoulomb friction", (length / 2, -0.2), va="top", ha="center")
-    ax.set(xlim=(-0.5, length + 0.6), ylim=(-0.6, height + 0.5))
+    ax.annotate("rigid foundation, Coulomb friction", (length / 2, -0.42), va="top", ha="center")
+    ax.set(xlim=(-0.5, length + 0.6), ylim=(-0.7, height + 0.5))
     ax.set_axis_off()
     return fig
 

@@ -25,7 +25,9 @@ def narrowed(figure: Figure) -> Figure:
     panels = {ax: spec for ax in figure.axes if (spec := ax.get_subplotspec())}
     grids = {spec.get_topmost_subplotspec().get_gridspec() for spec in panels.values()}
     grid = grids.pop() if len(grids) == 1 else None
-    if grid is None or grid.ncols == 1 or len(panels) != grid.nrows * grid.ncols:
+    if grid is not None and grid.ncols == 1 < grid.nrows == len(panels):
+        figure.set_size_inches(WIDTH, height)
+    elif grid is None or grid.ncols == 1 or len(panels) != grid.nrows * grid.ncols:
         figure.set_size_inches(WIDTH, max(height * WIDTH / width, min(height, TALL * WIDTH)))
     else:
         _own_labels(panels, grid.nrows)

@@ -47,11 +47,9 @@ def draw(results: Results) -> Figure:
     )
     _bars(axes[0], results, NEW, "")
     _bars(axes[1], results, COMPOSITE, "composite-")
-    axes[0].set_title(
-        r"(a) new element: $\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}$", loc="left"
-    )
+    axes[0].set_title(r"(a) new: $\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}$")
     both = r"$\mathbf{A} = \mathbf{T\,A}_\mathrm{standard}\mathbf{T}^\mathsf{T}$"
-    axes[1].set_title(f"(b) composite triangle: {both}", loc="left")
+    axes[1].set_title(f"(b) composite: {both}")
     axes[1].set_xlabel("relative difference of both sides")
     return fig
 
