@@ -137,7 +137,10 @@ def test_degenerate_meshes_are_named(name):
 def test_more_than_two_cells_at_a_facet(name):
     """In a process of its own: building such a mesh is beyond what DOLFINx promises."""
     command = [sys.executable, "-m", "tests.degenerate_meshes", name]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
+    for _ in range(5):  # DOLFINx itself crashes now and then, before anything is said
+        run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
+        if run.stdout:
+            break
     said = {
         "twice the same cell": "cells around (0.5, 0.5) have the same vertices as another cell",
         "three triangles at an edge": "cells around (0.3333, 0.6667), (0.5, 0.6), (0.6667, 0.3333) "
