@@ -6,7 +6,7 @@ displacements, its forces belong to them, and contact is stated on their gaps.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -20,6 +20,7 @@ from pw_elements import (
     Material,
     Reduction,
     Sibling,
+    Spaces,
     StressState,
     assemble_matrix,
     assemble_vector,
@@ -34,6 +35,7 @@ from study.discretisation import displacement_space, held_nodes, spaces
 from study.units import dimensionless
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 # Radius within which pressures are compared, over the contact's
 INNER = 0.8
@@ -123,16 +125,43 @@ class Solid:
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
     def tractions(self, surface: SurfaceNodes, forces: Array) -> Array:
-        """Forces (m, 3) over areas, by the nodes' weights; NaN where a node has none."""
+        """Forces (m, 3) over the nodes' weights; NaN where a node has none."""
+        return np.asarray(forces / self.weights(surface)[:, None])
+
+    def weights(self, surface: SurfaceNodes) -> Array:
+        """Integrals (m,) of what the forces are weighted with; NaN where a node has none."""
         if self.T is None and self.sibling is None:
-            return surface.pressure(forces)
-        return surface.tributary_pressure(forces)
+            return _or_none(surface)
+        return surface.tributary_area  # what T makes of the standard element's integrals
+
+    def common(self, where: Marker) -> Mask:
+        """Nodes (m,) that have a traction with the standard element, and so with every one."""
+        standard = replace(self.body, spaces=Spaces.galerkin(self.body.spaces.mesh))
+        return np.isfinite(_or_none(SurfaceNodes.of(standard, where)))
+
+
+def _or_none(surface: SurfaceNodes) -> Array:
+    """Own integrals (m,), NaN for zero."""
+    return np.asarray(1 / surface.pressure(np.ones(len(surface.position))))
+
+
+def errors(name: str, error: Array, common: Mask) -> dict[str, float]:
+    """Scalars of errors (m,), NaN where there is none, on common nodes (m,) and on others."""
+    here, there = error[common], error[~common & np.isfinite(error)]
+    found = {
+        f"{name}_common_median": np.median(here),
+        f"{name}_common_rms": np.sqrt(np.mean(here**2)),
+        f"{name}_common_max": here.max(),
+    }
+    if len(there):
+        found |= {f"{name}_other_median": np.median(there), f"{name}_other_max": there.max()}
+    return {scalar: float(value) for scalar, value in found.items()}
 
 
 def face_result(
     states: list[ContactState],
     solid: Solid,
-    surface: SurfaceNodes,
+    where: Marker,
     forces: Array,
     exact: Array,
     scale: float,
@@ -144,15 +173,16 @@ def face_result(
     Args:
         states: all increments.
         solid: the body.
-        surface: nodes (m) of the face.
-        forces: (m, 3), at them; the last component presses, the first shears.
+        where: marker of the face.
+        forces: (m, 3), at its nodes; the last component presses, the first shears.
         exact: (m,), pressure.
         scale: what errors and curves are over.
         inner: distance from the origin within which errors count.
         further: scalars to store besides.
     """
+    surface = SurfaceNodes.of(solid.body, where)
     x, tractions = surface.position, solid.tractions(surface, forces)
-    pressure, tributary = tractions[:, 2], surface.tributary_pressure(forces[:, 2])
+    pressure = tractions[:, 2]
     r = np.linalg.norm(x[:, :2], axis=1)
     counts = r < inner
     error = np.abs(pressure - exact)[counts] / scale
@@ -160,6 +190,7 @@ def face_result(
     scalars = {
         "pressure_error_median": np.nanmedian(error),
         "pressure_error_max": np.nanmax(error),
+        **errors("pressure_error", error, solid.common(where)[counts]),
         "weightless_nodes": np.isnan(pressure[counts]).sum(),
         "nodes": counts.sum(),
         "iterations": sum(state.iterations for state in states),
@@ -170,7 +201,6 @@ def face_result(
     curves = {
         "x": x,
         "pressure": pressure / scale,
-        "pressure_tributary": tributary / scale,
         "exact_pressure": exact / scale,
         "shear": tractions[:, 0] / scale,
         "status": pair.status,

@@ -20,7 +20,7 @@ from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, hertz_force
 from study.verification.mesh_lines import OUTER, graded
 from study.verification.solid_meshes import box, cell_of, with_mirror_image
-from study.verification.solids import INNER, Solid, face_result
+from study.verification.solids import INNER, Solid, errors, face_result
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -37,8 +37,11 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     """Half of two equal bodies, pressed and then pushed along x; they would slide at twice that.
 
     The outer sides have the displacements of half spaces under the known tractions. Errors of
-    the shear are over mu p0, away from the border of the disc that sticks; `sticking_area` is over
-    that disc's.
+    the shear are over mu p0, away from the border of the disc that sticks. `sticking_area_own` is
+    the sum of the sticking nodes' own weights, over that of the nodes inside the exact disc.
+    `stick_radius`, over the disc's, is where (mu p - |t|)² would vanish: the exact one is a
+    straight line over r², and one is fitted through the nodes that stick. (Interpolation would
+    reach zero at the first slipping node, and so count nodes again.)
     """
     body = Elastic(YOUNGS_MODULUS, poissons_ratio)
     known = MindlinSphere(
@@ -88,20 +91,36 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     forces = forces * [1.0, 1.0, -1.0]  # pressing is positive, and pulling
     r = np.linalg.norm(surface.position[:, :2], axis=1)
     away = (r < INNER) & (np.abs(r - known.stick) > APART)
-    shear = solid.tractions(surface, forces)[:, 0]
-    pulled = np.abs(shear - known.shear(r))[away] / (SLIDING * known.normal.peak)
+    tractions = solid.tractions(surface, forces)
+    off = np.abs(tractions[:, 0] - known.shear(r))[away] / (SLIDING * known.normal.peak)
+    sticks = states[-1].pairs[0].status == STICK
+    if solid.T is None:  # which decides nothing
+        weights = solid.weights(surface)
+        inside = np.nansum(weights[r < known.stick])
+        stick = {
+            "sticking_area_own": np.nansum(weights[sticks]) / inside,
+            "stick_radius": _vanishing(r, tractions, sticks) / known.stick,
+        }
+    else:
+        stick = {}
     return face_result(
         states,
         solid,
-        surface,
+        facing(0.0),
         forces,
         known.pressure(r),
         known.normal.peak,
         INNER,
         force_error=abs(2 * forces[:, 2].sum() / known.normal.force - 1),
         shear_force_error=abs(2 * forces[:, 0].sum() / known.force - 1),
-        shear_error_median=np.nanmedian(pulled),
-        shear_error_max=np.nanmax(pulled),
-        sticking_area=surface.tributary_area[states[-1].pairs[0].status == STICK].sum()
-        / (np.pi / 2 * known.stick**2),
+        **errors("shear_error", off, solid.common(facing(0.0))[away]),
+        **stick,
     )
+
+
+def _vanishing(r: Array, tractions: Array, sticks: Mask) -> float:
+    """Radius at which what is left of friction at the sticking nodes would vanish."""
+    left = SLIDING * tractions[:, 2] - np.linalg.norm(tractions[:, :2], axis=1)
+    of = sticks & np.isfinite(left)
+    slope, start = np.polyfit(r[of] ** 2, left[of] ** 2, 1)
+    return float(np.sqrt(start / -slope))

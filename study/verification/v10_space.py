@@ -28,6 +28,7 @@ from study.verification.c_mesh_families import on_cube
 from study.verification.half_space import Elastic, FlatRound, HertzSphere, KnownContact
 from study.verification.half_space_shear import hertz_force
 from study.verification.mesh_lines import GROWTH, OUTER, depths, graded, growing
+from study.verification.recorded import longer
 from study.verification.solid_meshes import box, cell_of, quarter_disc
 from study.verification.solids import INNER, Solid, face_result
 from study.verification.v10_partial_slip import mindlin
@@ -121,7 +122,7 @@ def _block(
     return face_result(
         states,
         solid,
-        surface,
+        base,
         forces,
         np.full(len(forces), PRESSURE),
         PRESSURE,
@@ -165,7 +166,7 @@ def _indented(
     return face_result(
         states,
         solid,
-        surface,
+        below,
         forces,
         exact,
         1.5 * known.force / np.pi,
@@ -219,3 +220,16 @@ CASES += [
     for element in ELEMENTS
     for n in of
 ]
+COMPARED = ("galerkin-T10", "sibling-T10", "pw-T10")
+"""Of partial slip on the finer meshes."""
+
+
+def _slipping(element: str, n: int) -> Case:
+    return Case("V10", f"mindlin-{element}-{n}", mindlin, {"element": element, "elements": n})
+
+
+CASES += [_slipping(element, 4) for element in COMPARED]
+LONGER = [_slipping(element, n) for element in COMPARED for n in (5, 6, 8)]
+LONGER += [_slipping(element, n) for element in ("galerkin-H27", "pw-H27") for n in (4, 5)]
+"""Computed by `longer`."""
+CASES += longer("V10")
