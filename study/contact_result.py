@@ -10,9 +10,10 @@ import numpy.typing as npt
 from pw_elements import reactions
 from pw_elements.contact import OPEN, STICK, ContactState
 from pw_elements.mechanics import Marker
-from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
+from pw_elements.recovery import force_transfer, forces_along
 from study.core.store import Result
 from study.discretisation import Discretisation, mesh_curves
+from study.reading import contact_surface
 from study.units import Units, units_of
 
 Array = npt.NDArray[np.float64]
@@ -78,7 +79,7 @@ def surface_result(
     contact = state.pairs[pair]
     (x, y), r_n = contact.position.T, contact.force_normal
     r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
-    surface = SurfaceNodes.of(body.body, line)
+    surface = contact_surface(body.body, line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {
