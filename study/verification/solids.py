@@ -32,10 +32,10 @@ from pw_elements.mechanics import Marker, Vector
 from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
+from study.reading import compared, contact_surface
 from study.units import dimensionless
 
 Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 # Radius within which pressures are compared, over the contact's
 INNER = 0.8
@@ -124,38 +124,16 @@ class Solid:
         order = by_position(self.space.tabulate_dof_coordinates()[nodes])
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
-    def tractions(self, surface: SurfaceNodes, forces: Array) -> Array:
-        """Forces (m, 3) over the nodes' weights; NaN where a node has none."""
-        return np.asarray(forces / self.weights(surface)[:, None])
+    def surface(self, where: Marker) -> SurfaceNodes:
+        """Nodes (m) of a part of the boundary, with weights by which its forces are read."""
+        T = self.T if self.sibling is None else force_transfer(self.space)
+        return contact_surface(self.body, where, T)
 
-    def weights(self, surface: SurfaceNodes) -> Array:
-        """Integrals (m,) of what the forces are weighted with; NaN where a node has none."""
-        if self.T is None and self.sibling is None:
-            return _or_none(surface)
-        return surface.tributary_area  # what T makes of the standard element's integrals
-
-    def common(self, where: Marker) -> Mask:
-        """Nodes (m,) that have a traction with the standard element, and so with every one."""
-        standard = replace(self.body, spaces=Spaces.galerkin(self.body.spaces.mesh))
-        return np.isfinite(_or_none(SurfaceNodes.of(standard, where)))
-
-
-def _or_none(surface: SurfaceNodes) -> Array:
-    """Own integrals (m,), NaN for zero."""
-    return np.asarray(1 / surface.pressure(np.ones(len(surface.position))))
-
-
-def errors(name: str, error: Array, common: Mask) -> dict[str, float]:
-    """Scalars of errors (m,), NaN where there is none, on common nodes (m,) and on others."""
-    here, there = error[common], error[~common & np.isfinite(error)]
-    found = {
-        f"{name}_common_median": np.median(here),
-        f"{name}_common_rms": np.sqrt(np.mean(here**2)),
-        f"{name}_common_max": here.max(),
-    }
-    if len(there):
-        found |= {f"{name}_other_median": np.median(there), f"{name}_other_max": there.max()}
-    return {scalar: float(value) for scalar, value in found.items()}
+    def compared(self, name: str, error: Array, where: Marker) -> dict[str, float]:
+        """Scalars of errors (m,) on the nodes that the standard element reads, and on others."""
+        galerkin = replace(self.body, spaces=Spaces.galerkin(self.body.spaces.mesh))
+        standard = contact_surface(galerkin, where).pressure(np.zeros(len(error)))
+        return {f"{name}_{of}": size for of, size in compared(error, standard).items()}
 
 
 def face_result(
@@ -180,17 +158,17 @@ def face_result(
         inner: distance from the origin within which errors count.
         further: scalars to store besides.
     """
-    surface = SurfaceNodes.of(solid.body, where)
-    x, tractions = surface.position, solid.tractions(surface, forces)
+    surface = solid.surface(where)
+    x, tractions = surface.position, surface.pressure(forces)
     pressure = tractions[:, 2]
     r = np.linalg.norm(x[:, :2], axis=1)
     counts = r < inner
-    error = np.abs(pressure - exact)[counts] / scale
+    off = np.where(counts, np.abs(pressure - exact), np.nan) / scale
     (pair,) = states[-1].pairs
     scalars = {
-        "pressure_error_median": np.nanmedian(error),
-        "pressure_error_max": np.nanmax(error),
-        **errors("pressure_error", error, solid.common(where)[counts]),
+        "pressure_error_median": np.nanmedian(off),
+        "pressure_error_max": np.nanmax(off),
+        **solid.compared("pressure_error", off, where),
         "weightless_nodes": np.isnan(pressure[counts]).sum(),
         "nodes": counts.sum(),
         "iterations": sum(state.iterations for state in states),

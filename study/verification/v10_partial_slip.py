@@ -14,13 +14,12 @@ from pw_elements.contact import (
     Parabola,
     solve_contact,
 )
-from pw_elements.recovery import SurfaceNodes
 from study.core.store import Result
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, hertz_force
 from study.verification.mesh_lines import OUTER, graded
 from study.verification.solid_meshes import box, cell_of, with_mirror_image
-from study.verification.solids import INNER, Solid, errors, face_result
+from study.verification.solids import INNER, Solid, face_result
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -86,23 +85,19 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
     pair = ContactPair(facing(0.0), upper, SLIDING, motions)
     states = solve_contact(solid.K, loads, supports, [pair], solid.space)
 
-    surface = SurfaceNodes.of(solid.body, facing(0.0))
+    surface = solid.surface(facing(0.0))
     forces = solid.nodal_forces(states[-1], loads[-1], facing(0.0))
     forces = forces * [1.0, 1.0, -1.0]  # pressing is positive, and pulling
     r = np.linalg.norm(surface.position[:, :2], axis=1)
     away = (r < INNER) & (np.abs(r - known.stick) > APART)
-    tractions = solid.tractions(surface, forces)
-    off = np.abs(tractions[:, 0] - known.shear(r))[away] / (SLIDING * known.normal.peak)
-    sticks = states[-1].pairs[0].status == STICK
-    if solid.T is None:  # which decides nothing
-        weights = solid.weights(surface)
-        inside = np.nansum(weights[r < known.stick])
-        stick = {
-            "sticking_area_own": np.nansum(weights[sticks]) / inside,
-            "stick_radius": _vanishing(r, tractions, sticks) / known.stick,
-        }
-    else:
-        stick = {}
+    tractions = surface.pressure(forces)
+    off = np.abs(tractions[:, 0] - known.shear(r)) / (SLIDING * known.normal.peak)
+    further = solid.compared("shear_error", np.where(away, off, np.nan), facing(0.0))
+    if solid.T is None:  # else the standard element's zone
+        sticks = states[-1].pairs[0].status == STICK
+        inside = surface.own_area[r < known.stick].sum()
+        further["sticking_area_own"] = surface.own_area[sticks].sum() / inside
+        further["stick_radius"] = _vanishing(r, tractions, sticks) / known.stick
     return face_result(
         states,
         solid,
@@ -113,8 +108,7 @@ def mindlin(element: str, elements: int, poissons_ratio: float = 0.0) -> Result:
         INNER,
         force_error=abs(2 * forces[:, 2].sum() / known.normal.force - 1),
         shear_force_error=abs(2 * forces[:, 0].sum() / known.force - 1),
-        **errors("shear_error", off, solid.common(facing(0.0))[away]),
-        **stick,
+        **further,
     )
 
 

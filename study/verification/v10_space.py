@@ -21,7 +21,6 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.verification.c_mesh_families import on_cube
@@ -116,9 +115,8 @@ def _block(
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, load, supports, [pair], solid.space)
 
-    surface = SurfaceNodes.of(solid.body, base)
     forces = solid.nodal_forces(states[-1], load, base) @ turn
-    off = np.abs(solid.tractions(surface, forces)[:, 0] + shear) / PRESSURE
+    off = np.abs(solid.surface(base).pressure(forces)[:, 0] + shear) / PRESSURE
     return face_result(
         states,
         solid,
@@ -158,7 +156,7 @@ def _indented(
     nothing = solid.K.createVecLeft()
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, nothing, supports, [pair], solid.space)
-    surface = SurfaceNodes.of(solid.body, below)
+    surface = solid.surface(below)
     forces = -solid.nodal_forces(states[-1], nothing, below)
     r = np.linalg.norm(surface.position[:, :2], axis=1)
     with np.errstate(invalid="ignore"):
