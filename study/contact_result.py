@@ -31,6 +31,8 @@ CONTACT_UNITS = {
     "stick_to*": "length",
     "sawtooth*": "1",
     "unevenness*": "1",
+    "shear_second_difference*": "1",
+    "edge_force_*": "force",
     "iterations": "1",
     "iterations_most": "1",
     "residual": "1",
@@ -110,7 +112,19 @@ def surface_result(
     }
     if len(sticking):
         scalars |= {"stick_from": sticking.min(), "stick_to": sticking.max()}
+    stuck = surface.edges[(contact.status[surface.edges] == STICK).all(axis=1)]
+    if len(stuck):
+        scalars["shear_second_difference"] = _second_difference(curves["shear"], stuck)
     return {name: float(value) for name, value in scalars.items()}, curves
+
+
+def _second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
+    """Largest mid-side value less the mean of both corners', over the largest of all values.
+
+    A kink, as where sliding begins, has one just as a zigzag has.
+    """
+    middle, first, last = values[edges].T
+    return np.nanmax(np.abs(middle - (first + last) / 2)) / np.nanmax(np.abs(values))
 
 
 def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:

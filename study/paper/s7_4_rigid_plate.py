@@ -14,6 +14,7 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise
+from study.paper.bands import DATA, DIAGONALS
 from study.units import KN_M
 
 TITLE = "Rigid plate acting on an elastic body"
@@ -37,7 +38,10 @@ def plate(
     depth: float = DEPTH,
     pattern: Pattern = PATTERN,
 ) -> Result:
-    """Contact forces below the plate, pressed by its force; `translation` is its settlement."""
+    """Contact forces below the plate, pressed by its force; `translation` is its settlement.
+
+    `edge_force_left` and `edge_force_right` are normal forces of the nodes at the plate's edges.
+    """
     build = partial(_mesh, under_half, half_width, depth, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, StressState(state))
@@ -48,6 +52,7 @@ def plate(
     pair = ContactPair(_below, FlatPunch((0.0, 0.0), (0.0, -1.0), HALF_PLATE), friction, motions)
     nothing = [body.K.createVecLeft()] * INCREMENTS
     states = solve_contact(body.K, nothing, body.supports(held), [pair], body.space)
+    (contact,) = states[-1].pairs
     return contact_result(
         body,
         states,
@@ -55,7 +60,9 @@ def plate(
         _below,
         FORCE / (2 * HALF_PLATE),
         KN_M,
-        translation=-states[-1].pairs[0].translation[1],
+        translation=-contact.translation[1],
+        edge_force_left=contact.force_normal[0],
+        edge_force_right=contact.force_normal[-1],
     )
 
 
@@ -96,11 +103,17 @@ CASES += [
     for element in ELEMENTS
 ]
 CASES += [
-    Case("7.4", f"{element}-strain", plate, {"element": element, "state": "plane strain"})
-    for element in ELEMENTS
+    Case("7.4", f"{element}-strain", plate, {"element": element, **DATA["7.4"]["-strain"]})
+    for element in ("galerkin-T6", "composite-T6", "pw-Q9")
 ]
 CASES += [
-    Case("7.4", "pw-T6-deep", plate, {"element": "pw-T6", "half_width": 40.0, "depth": 20.0}),
-    Case("7.4", "pw-T6-cut-right", plate, {"element": "pw-T6", "pattern": "right"}),
-    Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16}),
+    Case("7.4", element + suffix, plate, {"element": element, **given})
+    for element in ("galerkin-Q8", "pw-T6", "pw-Q8")
+    for suffix, given in DATA["7.4"].items()
 ]
+CASES += [
+    Case("7.4", element + suffix, plate, {"element": element, **given})
+    for element in ("galerkin-T6", "pw-T6")
+    for suffix, given in DIAGONALS["7.4"].items()
+]
+CASES += [Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16})]
