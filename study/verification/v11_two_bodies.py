@@ -270,7 +270,7 @@ def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> 
     return result, found.states
 
 
-def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
+def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:
     """A quarter of two spheres of unequal moduli without friction; far fields are exact."""
     two, known = _two_spheres(way, edges, ratio)
     force = known[0].force
@@ -299,7 +299,7 @@ def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
     return _result(two, found, known[0].pressure(r), known[0].peak, INNER, force / 4)
 
 
-def _two_spheres(way: str, edges: int, ratio: float) -> tuple[TwoBodies, list[HertzSphere]]:
+def _two_spheres(way: str, edges: float, ratio: float) -> tuple[TwoBodies, list[HertzSphere]]:
     """A quarter of both, and their exact fields."""
     bodies = [Elastic(E, POISSONS_RATIO) for E in MODULI]
     force = 4 / 3 / RADIUS / _compliance(*bodies)
@@ -614,6 +614,7 @@ def _case(name: str, problem: Callable[..., Result], way: str, **parameters: flo
     return Case("V11", name.format(way), problem, stated, {"element": element})
 
 
+DUAL = (*NEW, "p2-dual")
 CASES = [
     _case(f"{problem.__name__}-{dim}d-{{}}", problem, way, dim=dim)
     for problem in (patch, overhang)
@@ -637,7 +638,10 @@ CASES += [
 CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
 CASES += [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
 CASES += [_case("spheres-{}-5-ratio1.37", spheres, way, edges=5, ratio=1.37) for way in WAYS]
-CASES += [_case("spheres-{}-3", spheres, way, edges=3) for way in (*NEW, "p2-dual")]
+CASES += [_case("spheres-{}-3", spheres, way, edges=3) for way in DUAL]
+# the finer and the coarser mesh of others exchanged
+CASES += [_case("hertz-2d-{}-8-ratio2.0", hertz, way, edges=8, ratio=2.0) for way in DUAL]
+CASES += [_case("spheres-{}-3.55-ratio1.41", spheres, way, edges=3.55, ratio=1.41) for way in DUAL]
 CASES += [
     Case(
         "V11",
