@@ -14,7 +14,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 from scipy.spatial import cKDTree
 
-from pw_elements import StressState, assemble_matrix, prescribe
+from pw_elements import Spaces, StressState, assemble_matrix, prescribe
 from pw_elements.contact import STICK, ContactState, Motion
 from pw_elements.contact.trace import Trace, gathered_trace, sizes
 from pw_elements.meshes import curved, mapped, on_lines
@@ -24,6 +24,7 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.peers.calculix import peer_of, tracked_digest
 from study.peers.two_bodies import PAIRS, Blocks
+from study.reading import compared, contact_surface
 from study.units import dimensionless
 from study.verification.c_mesh_families import meshed
 from study.verification.friction import Cattaneo
@@ -525,6 +526,8 @@ def _result(
 ) -> Result:
     """Errors of the pressure (m,) at the slave's nodes against `exact`, forces on both bodies.
 
+    In space errors are given on the nodes that the standard element reads, `common`, and on others.
+
     Args:
         two: the bodies.
         found: what a way gives.
@@ -564,6 +567,11 @@ def _result(
         **found.balances(x),
         **(further or {}),
     }
+    if dim == 3:
+        galerkin = replace(two.body, spaces=Spaces.galerkin(two.space.mesh))
+        standard = contact_surface(galerkin, two.slave).pressure(np.zeros(len(at)))
+        errors = compared(np.where(near, error, np.nan) / scale, standard)
+        scalars |= {f"pressure_error_{of}": size for of, size in errors.items()}
     if slowly.any():
         scalars["master_force_slow"] = all_of[slowly].min() / mean
     if force is not None:
