@@ -130,9 +130,11 @@ class _Sheets(Texts):
         if page == name:
             self.numbers = {}
         self._page = page
+        before = dict(self.numbers)
         try:
             body = self.text(name)
         except MissingResult as missing:
+            self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
         mine = [n for n, entry in self.figures.items() if entry["section"] == name]
