@@ -33,7 +33,7 @@ def shear_off_fine(
     """
     ours, fine, case = results.curves(key), results.curves(FINE_PUNCH), results[averaged_on or key]
     nodes, standard = case.curves["x"], case.parameters["element"].startswith("galerkin")
-    x = np.linspace(*fine["x"][[0, -1]], SAMPLES)
+    x = np.linspace(fine["x"][0], fine["x"][-1], SAMPLES)
     weights = _test_functions(nodes, x, standard)
 
     def averaged(line: dict[str, Array]) -> Array:
