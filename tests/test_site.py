@@ -14,7 +14,8 @@ from study.core.cases import SECTIONS
 from study.core.store import Results
 from study.paper.items import ITEMS
 from study.site import evidence, gallery, reference
-from study.site.evidence import SHEETS
+from study.texts import HEADS
+from study.texts import HERE as TEXTS
 from tests.browser import dead
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -107,8 +108,8 @@ def test_main_entries_have_an_example(full):
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_every_section_says_what_it_is_about_and_judged_by(section):
-    assert section in SHEETS, "study/texts/heads.toml has no words on it"
-    assert SHEETS[section].keys() == {*evidence.PARTS}
+    assert section in HEADS, "study/texts/heads.toml has no words on it"
+    assert HEADS[section].keys() == {*evidence.PARTS}
 
 
 def test_groups_have_every_section_once():
@@ -194,7 +195,7 @@ def test_links_that_lead_nowhere_are_found(tmp_path):
 
 
 def test_figures_that_texts_place_have_scripts():
-    text = "".join(path.read_text() for path in evidence.TEXTS.glob("*.html"))
+    text = "".join(path.read_text() for path in TEXTS.glob("*.html"))
     placed = re.findall(r'figure\("([^"]+)"\)', text)
     assert len(placed) > 40
     drawn = {path.stem for path in (evidence.ROOT / "figures").glob("*.py")}

@@ -40,6 +40,7 @@ PARTS = (
     ("codes", "chapter", "Other codes, and verification in one table"),
     ("alternatives", "chapter", "Alternatives"),
     ("unknown", "chapter", "What could not be known, and errata of the paper"),
+    ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
     ("references", "chapter", "References and nomenclature"),
 )
 BREAK = r"(?<=[\d>]) (?=(?:%|°|mm|MPa|kN|μm)(?![\w/]))"  # where no line may end

@@ -9,7 +9,6 @@ import html
 import math
 import re
 import shutil
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,16 +21,13 @@ from study.core.store import MissingResult, Results, StudyError
 from study.judge import claims as judged
 from study.paper.items import ITEMS, TITLES, Item
 from study.site import mathematics
-from study.texts import HERE as TEXTS
-from study.texts import PAPERS, Place, Texts, provenance
+from study.texts import HEADS, PAPERS, Place, Texts, provenance
 from study.texts.numbers import short
 from study.texts.statements import names_section
 from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-# What each sheet says at its head, in words
-SHEETS: dict[str, dict[str, str]] = tomllib.loads((TEXTS / "heads.toml").read_text("utf-8"))
 PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
     "The paper's sections": [s for s in SECTIONS if s[0].isdigit() or s == "I"],
@@ -130,9 +126,11 @@ class _Sheets(Texts):
         if page == name:
             self.numbers = {}
         self._page = page
+        before = dict(self.numbers)
         try:
             body = self.text(name)
         except MissingResult as missing:
+            self.numbers = before  # its figures and tables are not shown
             self.incomplete.append(f"{name}: {missing}")
             body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
         mine = [n for n, entry in self.figures.items() if entry["section"] == name]
@@ -204,7 +202,7 @@ class _Sheets(Texts):
         return _raw(self.text("decision").replace('href="', 'href="evidence/'))
 
     def _facts(self, section: str) -> str:
-        sheet = SHEETS.get(section, {})
+        sheet = HEADS.get(section, {})
         if strange := sheet.keys() - {*PARTS}:
             raise StudyError(f"heads.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])

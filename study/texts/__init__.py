@@ -20,6 +20,7 @@ from markupsafe import Markup
 from study.core.store import CorruptResult, MissingResult, Results, Stored, StudyError
 from study.judge.claims import GRADES, PAPER
 from study.texts import numbers
+from study.texts.appendix import computed, rational_degree
 from study.texts.statements import (
     HOMES,
     counts,
@@ -30,9 +31,11 @@ from study.texts.statements import (
     wanted,
     with_readings,
 )
-from study.vocabulary import ELEMENTS, PLANE_ELEMENTS, WAYS
+from study.vocabulary import ELEMENTS, NO_WEIGHT, OWN, PLANE_ELEMENTS, TRIBUTARY, WAYS
 
 HERE = Path(__file__).parent
+# What each section starts from and is judged by, in words
+HEADS: dict[str, dict[str, str]] = tomllib.loads((HERE / "heads.toml").read_text("utf-8"))
 REFERENCES: dict[str, dict[str, str]] = tomllib.loads((HERE / "references.toml").read_text("utf-8"))
 PLAIN = "/;:=,+()!*'"  # what an address may have as it is, and be shorter than by base64
 
@@ -107,6 +110,9 @@ class Texts:
         self.environment.globals |= words | {
             "elements": [(key, ELEMENTS[key].name) for key in PLANE_ELEMENTS],
             "names": {key: one.name for key, one in (ELEMENTS | WAYS).items()},
+            "own": OWN,
+            "tributary": TRIBUTARY,
+            "no_weight": NO_WEIGHT,
             "s": results.scalar,
             "has": results.__contains__,
             "parameters": lambda key: results[key].parameters,
@@ -122,6 +128,10 @@ class Texts:
             "statements": self.statements,
             "counts": counts(self.claims),
             "graded": self.graded,
+            "heads": HEADS,
+            "computed": lambda section: computed(results, section),
+            "has_section": lambda section: bool(results.cases(section)),
+            "rational_degree": rational_degree(),
         }
         self.environment.filters |= {"found": found, "wanted": wanted, "in_words": in_words}
 
@@ -204,7 +214,7 @@ class Texts:
     def cited(self) -> list[dict[str, str]]:
         """Return key, text and address of what is cited, in the order of the numbers."""
         keys = [name for kind, name in self.numbers if kind == "reference"]
-        return [{"key": key, "url": "", **REFERENCES[key]} for key in keys]
+        return [{"key": key, "url": "", "address": "", **REFERENCES[key]} for key in keys]
 
     def statements(self, *homes: str) -> Markup:
         """Return a table of the paper's statements in some sections; without any, of the others."""
