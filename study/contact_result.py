@@ -10,9 +10,10 @@ import numpy.typing as npt
 from pw_elements import reactions
 from pw_elements.contact import OPEN, STICK, ContactState
 from pw_elements.mechanics import Marker
-from pw_elements.recovery import SurfaceNodes, force_transfer, forces_along
+from pw_elements.recovery import force_transfer, forces_along
 from study.core.store import Result
 from study.discretisation import Discretisation, mesh_curves
+from study.reading import contact_surface
 from study.units import Units, units_of
 
 Array = npt.NDArray[np.float64]
@@ -30,6 +31,8 @@ CONTACT_UNITS = {
     "stick_to*": "length",
     "sawtooth*": "1",
     "unevenness*": "1",
+    "shear_second_difference*": "1",
+    "edge_force_*": "force",
     "iterations": "1",
     "iterations_most": "1",
     "residual": "1",
@@ -78,7 +81,7 @@ def surface_result(
     contact = state.pairs[pair]
     (x, y), r_n = contact.position.T, contact.force_normal
     r_t = -contact.force_tangential[:, 0]  # of the body on the surface, as it is pulled
-    surface = SurfaceNodes.of(body.body, line)
+    surface = contact_surface(body.body, line)
     pressure = surface.pressure(r_n)
     closed = contact.status != OPEN
     curves = {
@@ -106,10 +109,21 @@ def surface_result(
         "peak_over_mean": np.nanmax(pressure) / mean_pressure,
         "closed_from": x[closed].min(),
         "closed_to": x[closed].max(),
+        "edge_force_from": r_n[0],
+        "edge_force_to": r_n[-1],
     }
     if len(sticking):
         scalars |= {"stick_from": sticking.min(), "stick_to": sticking.max()}
+    stuck = surface.edges[(contact.status[surface.edges] == STICK).all(axis=1)]
+    if len(stuck):
+        scalars["shear_second_difference"] = _second_difference(curves["shear"], stuck)
     return {name: float(value) for name, value in scalars.items()}, curves
+
+
+def _second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
+    """Largest mid-side value less the mean of both corners', over the largest of all values."""
+    middle, first, last = values[edges].T
+    return np.nanmax(np.abs(middle - (first + last) / 2)) / np.nanmax(np.abs(values))
 
 
 def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:

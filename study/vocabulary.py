@@ -60,6 +60,33 @@ WAYS = {
     "node-to-segment": Element("standard, node to segment", "v", "#B0568C"),
 }
 
+
+@dataclass(frozen=True)
+class Reading:
+    """A way to read the stress at a contact node from its force.
+
+    Attributes:
+        name: Of the stress, as an adjective.
+        meaning: What the force is divided by.
+    """
+
+    name: str
+    meaning: str
+
+
+# By the curves of result files: "pressure" and "shear" are read by OWN, with the ending
+# "_tributary" by TRIBUTARY
+OWN = Reading("own-function", "nodal force over the integral of the node's own test function")
+TRIBUTARY = Reading(
+    "tributary",
+    "nodal force over the part of the surface nearest to the node, as node-to-surface codes print",
+)
+NO_WEIGHT = (
+    "no reading where that integral is zero: at corners of the standard T10, and on the axis of "
+    "rotation for the standard T6 and Q8"
+)
+"""Where OWN is undefined."""
+
 PLANE_ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 """Those of the contact examples, in the order of tables."""
 

@@ -34,9 +34,9 @@ def test_mesh_fills_the_section(section, cell):
     assert outline == pytest.approx(2 * sum(section.heights) + np.abs(np.diff(radii)).sum())
 
 
-@pytest.mark.parametrize("cut", ["right", "left"])
-def test_triangles_are_cut_quadrilaterals(cut):
-    spaces = Spaces.petrov_galerkin(s7_5_profiles.mesh(FIRST, "triangle", cut=cut))
+@pytest.mark.parametrize("pattern", ["right", "left"])
+def test_triangles_are_cut_quadrilaterals(pattern):
+    spaces = Spaces.petrov_galerkin(s7_5_profiles.mesh(FIRST, "triangle", pattern=pattern))
     inner = mid_diagonal_nodes(spaces.trial)
     assert len(inner) == 759
     corners = Spaces.serendipity(s7_5_profiles.mesh(FIRST, "quadrilateral"))

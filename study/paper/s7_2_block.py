@@ -10,11 +10,12 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, StressState
 from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
-from pw_elements.meshes import quadrilaterals, triangles
+from pw_elements.meshes import Pattern, quadrilaterals, triangles
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.paper.bands import DATA, DIAGONALS
 from study.units import UNSTATED
 
 TITLE = "Elastic block on a rigid surface"
@@ -39,32 +40,36 @@ def block(
     shared_is_rough: bool = True,
     state: str = "plane stress",
     pressed_first: bool = True,
+    height: float = HEIGHT,
+    pattern: Pattern = "right",
 ) -> Result:
     """Contact forces below the block after the last increment.
 
     Each mesh starts from the active sets of the next coarser one, down to that of the paper.
     """
     levels = [(divisions[0], divisions[1])]
-    while levels[0][0] > DIVISIONS[0]:
+    while levels[0][0] >= 2 * DIVISIONS[0]:
         levels.insert(0, (levels[0][0] // 2, levels[0][1] // 2))
     states: list[ContactState] = []
     for level in levels:
         body = discretise(
             element,
-            partial(mesh, level),
+            partial(mesh, level, height=height, pattern=pattern),
             Material(YOUNGS_MODULUS, POISSONS_RATIO),
             StressState(state),
         )
-        loads = press_and_pull(body, pull, pressed_first)
-        states = on_foundation(body, loads, friction, shared_is_rough, states)
+        loads = press_and_pull(body, pull, pressed_first, height)
+        states = on_foundation(
+            body, loads, friction, shared_is_rough, states, LENGTH / levels[0][0]
+        )
     return contact_result(body, states, loads[-1], lower_side, PRESSURE, UNSTATED)
 
 
 def press_and_pull(
-    body: Discretisation, pull: float, pressed_first: bool = True
+    body: Discretisation, pull: float, pressed_first: bool = True, height: float = HEIGHT
 ) -> list[PETSc.Vec]:
     """Loads at the end of each increment: the pressure, then the pull in equal steps, or both."""
-    pressure = body.surface_load((0.0, -PRESSURE), _upper_side)
+    pressure = body.surface_load((0.0, -PRESSURE), lambda x: np.isclose(x[1], height))
     traction = body.surface_load((pull * PRESSURE, 0.0), _right_side)
     steps = [k / INCREMENTS for k in range(INCREMENTS + 1)]
     if pressed_first:
@@ -78,9 +83,10 @@ def on_foundation(
     friction: float,
     shared_is_rough: bool,
     start: list[ContactState],
+    smooth: float = SMOOTH,
 ) -> list[ContactState]:
     """Contact states at the end of each increment, started from those of a coarser mesh."""
-    edge = SMOOTH - 1e-9 if shared_is_rough else SMOOTH + 1e-9
+    edge = smooth - 1e-9 if shared_is_rough else smooth + 1e-9
 
     def per_node(x: np.ndarray) -> np.ndarray:
         return np.where((x[0] > edge) & (x[0] < LENGTH - edge), friction, 0.0)
@@ -89,10 +95,13 @@ def on_foundation(
     return solve_contact(body.K, loads, body.supports([]), [foundation], body.space, start)
 
 
-def mesh(divisions: tuple[int, int], cell: str) -> Mesh:
+def mesh(
+    divisions: tuple[int, int], cell: str, height: float = HEIGHT, pattern: Pattern = "right"
+) -> Mesh:
     """The block of "triangle" or "quadrilateral" cells."""
-    build = triangles if cell == "triangle" else quadrilaterals
-    return build(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
+    if cell == "triangle":
+        return triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, height), divisions, pattern)
+    return quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, height), divisions)
 
 
 def lower_side(x: np.ndarray) -> np.ndarray:
@@ -100,34 +109,27 @@ def lower_side(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[1], 0.0)
 
 
-def _upper_side(x: np.ndarray) -> np.ndarray:
-    return np.isclose(x[1], HEIGHT)
-
-
 def _right_side(x: np.ndarray) -> np.ndarray:
     return np.isclose(x[0], LENGTH)
 
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
-VARIANTS: dict[str, dict[str, object]] = {
-    "-pull0.15": {"pull": 0.15},
-    "-pull0.40": {"pull": 0.4},
-    "-mu0.5-pull0.50": {"friction": 0.5, "pull": 0.5},
-    "-together": {"pressed_first": False},
-}
 CASES = [Case("7.2", element, block, {"element": element}) for element in ELEMENTS]
-CASES += [
-    Case("7.2", f"pw-T6{name}-80x40", block, {"element": "pw-T6", "divisions": (80, 40), **variant})
-    for name, variant in VARIANTS.items()
-]
+CASES += [Case("7.2", "pw-T6-80x40", block, {"element": "pw-T6", "divisions": (80, 40)})]
 # Everything rough sticks: there T times the standard forces has to be the new ones exactly
 CASES += [
     Case("7.2", f"{element}-stick", block, {"element": element, "friction": 5.0, "pull": 0.1})
     for element in ("galerkin-T6", "pw-T6")
 ]
-CASES += [Case("7.2", "pw-T6-80x40", block, {"element": "pw-T6", "divisions": (80, 40)})]
 CASES += [
-    Case("7.2", f"{element}-smooth", block, {"element": element, "shared_is_rough": False})
+    Case("7.2", element + suffix, block, {"element": element, **given})
     for element in ("galerkin-T6", "pw-T6")
+    for suffix, given in DIAGONALS["7.2"].items()
 ]
-CASES += [Case("7.2", "pw-T6-strain", block, {"element": "pw-T6", "state": "plane strain"})]
+CASES += [
+    Case("7.2", f"pw-T6{suffix}", block, {"element": "pw-T6", **given})
+    for suffix, given in DATA["7.2"].items()
+]
+CASES += [
+    Case("7.2", "galerkin-T6-smooth", block, {"element": "galerkin-T6", **DATA["7.2"]["-smooth"]})
+]

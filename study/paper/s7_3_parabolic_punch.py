@@ -10,11 +10,12 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, ContactState, Motion, Parabola, solve_contact
-from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.paper.bands import DATA, DIAGONALS
 from study.units import UNSTATED
 
 TITLE = "Contact of an elastic body and a parabolic rigid punch"
@@ -38,24 +39,31 @@ def punch(
     height: float = HEIGHT,
     radius: float = RADIUS,
     tangential_share: float = TANGENTIAL_SHARE,
+    depth_held: bool = True,
+    increments: int = INCREMENTS,
+    pattern: Pattern = "right",
 ) -> Result:
     """Contact forces below the punch, pressed in and then pushed to the right.
+
+    While it is pushed either its depth is held or its normal force.
 
     Further scalars: `force_indentation`, before the tangential force, and the punch's
     `translation` to the right.
     """
-    build = partial(_mesh, (divisions[0], divisions[1]), width, height)
+    build = partial(_mesh, (divisions[0], divisions[1]), width, height, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, StressState.PLANE_STRESS)
     solve = partial(_solve, body, friction, height, radius)
 
-    steps = np.arange(1, INCREMENTS + 1) / INCREMENTS
+    steps = np.arange(1, increments + 1) / increments
     indentation = [Motion((0.0, -DEPTH * s)) for s in steps]
     states = solve(indentation)
     force = -states[-1].pairs[0].force[1]
     if tangential_share:
         pushed = tangential_share * force
-        states = solve([*indentation, *(Motion((None, -DEPTH), (pushed * s, 0.0)) for s in steps)])
+        down = -DEPTH if depth_held else None
+        push = [Motion((None, down), (pushed * s, 0.0 if depth_held else -force)) for s in steps]
+        states = solve([*indentation, *push])
     return contact_result(
         body,
         states,
@@ -77,13 +85,15 @@ def _solve(
     return solve_contact(body.K, nothing, body.supports(base), [pair], body.space)
 
 
-def _mesh(divisions: tuple[int, int], width: float, height: float, cell: str) -> Mesh:
+def _mesh(
+    divisions: tuple[int, int], width: float, height: float, pattern: Pattern, cell: str
+) -> Mesh:
     def graded(x: np.ndarray) -> np.ndarray:
         s = x[:, 0]
         stretched = (s + (GRADING - 1) * s**3) / GRADING
         return np.column_stack([width / 2 * stretched, height * x[:, 1], x[:, 2]])
 
-    build = triangles if cell == "triangle" else quadrilaterals
+    build = partial(triangles, pattern=pattern) if cell == "triangle" else quadrilaterals
     return mapped(build(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
 
 
@@ -96,16 +106,17 @@ def _base(x: np.ndarray) -> np.ndarray:
 
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
-GEOMETRIES: dict[str, dict[str, float]] = {
-    "-4x2-R2": {"width": 4.0, "height": 2.0, "radius": 2.0},
-    "-16x4-R8": {"width": 16.0, "height": 4.0, "radius": 8.0},
-}
 FINE = {"divisions": (114, 24)}
 SMOOTH = {"friction": 0.0, "tangential_share": 0.0}
 CASES = [Case("7.3", element, punch, {"element": element}) for element in ELEMENTS]
 CASES += [
-    Case("7.3", f"galerkin-Q8{name}", punch, {"element": "galerkin-Q8", **geometry})
-    for name, geometry in GEOMETRIES.items()
+    Case("7.3", element + suffix, punch, {"element": element, **given})
+    for element in ("galerkin-T6", "pw-T6")
+    for suffix, given in DIAGONALS["7.3"].items()
+]
+CASES += [
+    Case("7.3", f"pw-Q9{suffix}", punch, {"element": "pw-Q9", **given})
+    for suffix, given in DATA["7.3"].items()
 ]
 CASES += [
     Case("7.3", f"{element}-mu0", punch, {"element": element, **SMOOTH}) for element in ELEMENTS
@@ -113,4 +124,11 @@ CASES += [
 CASES += [
     Case("7.3", "pw-T6-114x24", punch, {"element": "pw-T6", **FINE}),
     Case("7.3", "pw-T6-mu0-114x24", punch, {"element": "pw-T6", **FINE, **SMOOTH}),
+    # how far the shear of the fine mesh can be trusted: another element, four times the increments
+    Case(
+        "7.3",
+        "pw-Q9-57x12",
+        punch,
+        {"element": "pw-Q9", "divisions": (57, 12), "increments": 4 * INCREMENTS},
+    ),
 ]

@@ -14,6 +14,7 @@ from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise
+from study.paper.bands import DATA, DIAGONALS
 from study.units import KN_M
 
 TITLE = "Rigid plate acting on an elastic body"
@@ -96,11 +97,17 @@ CASES += [
     for element in ELEMENTS
 ]
 CASES += [
-    Case("7.4", f"{element}-strain", plate, {"element": element, "state": "plane strain"})
-    for element in ELEMENTS
+    Case("7.4", f"{element}-strain", plate, {"element": element, **DATA["7.4"]["-strain"]})
+    for element in ("galerkin-T6", "composite-T6", "pw-Q9")
 ]
 CASES += [
-    Case("7.4", "pw-T6-deep", plate, {"element": "pw-T6", "half_width": 40.0, "depth": 20.0}),
-    Case("7.4", "pw-T6-cut-right", plate, {"element": "pw-T6", "pattern": "right"}),
-    Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16}),
+    Case("7.4", element + suffix, plate, {"element": element, **given})
+    for element in ("galerkin-Q8", "pw-T6", "pw-Q8")
+    for suffix, given in DATA["7.4"].items()
 ]
+CASES += [
+    Case("7.4", element + suffix, plate, {"element": element, **given})
+    for element in ("galerkin-T6", "pw-T6")
+    for suffix, given in DIAGONALS["7.4"].items()
+]
+CASES += [Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16})]

@@ -22,6 +22,7 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, ContactState, Motion, Plane, solve_contact
+from pw_elements.meshes import Pattern
 from study.contact_result import (
     CONTACT_UNITS,
     deformation_curves,
@@ -32,7 +33,8 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, is_symmetrised
 from study.paper import s7_5_profiles
-from study.paper.s7_5_profiles import PROFILES, Cut, Profile
+from study.paper.bands import DATA, DIAGONALS
+from study.paper.s7_5_profiles import PROFILES, Profile
 from study.units import KN_M, SI, units_of
 
 TITLE = "Column of changing cross-section on rigid surfaces"
@@ -54,13 +56,14 @@ def stepped_column(
     gaps: tuple[float, float] = GAPS,
     refined: int = 1,
     section: str = "first",
+    pattern: Pattern = "right",
 ) -> Result:
     """Contact forces on all four surfaces after the last increment, and Table 1's eigenvalues.
 
     Scalars and curves of surface k end in `_k`; those without a number are of surface 4.
     """
     geometry = PROFILES[section]
-    body = _discretised(element, geometry, refined=refined)
+    body = _discretised(element, geometry, refined, pattern)
     states = _pressed(body, geometry, (gaps[0], gaps[1]))
     scalars, curves = solver_scalars(states), deformation_curves(body, states[-1])
     nothing = body.K.createVecLeft()
@@ -85,7 +88,7 @@ def vibration(
     element: str,
     mass: Literal["consistent", "lumped"] = "consistent",
     guyan: Literal["transposed", "same"] = "transposed",
-    cut: Cut = "right",
+    pattern: Pattern = "right",
     refined: int = 1,
     quadrature_degree: int | None = None,
     youngs_modulus: float = YOUNGS_MODULUS,
@@ -98,14 +101,14 @@ def vibration(
             condensation.
         mass: consistent, or its row sums, which are condensed afterwards.
         guyan: left matrix of the 8-node element's condensation.
-        cut: diagonal of the quadrilaterals.
+        pattern: diagonals of the quadrilaterals.
         refined: factor of all divisions.
         quadrature_degree: of both matrices on each sub-triangle; 1 is one point.
         youngs_modulus: as printed or in SI.
         section: which synthetic column.
     """
     geometry = PROFILES[section]
-    body = _discretised(element, geometry, refined, cut, quadrature_degree, youngs_modulus)
+    body = _discretised(element, geometry, refined, pattern, quadrature_degree, youngs_modulus)
     modes = _modes(body, geometry, mass, guyan)
     scalars = _mode_scalars(modes)
     return Result(scalars, _units(scalars, youngs_modulus), dofs=body.K.getSize()[0])
@@ -120,12 +123,12 @@ def _discretised(
     element: str,
     section: Profile,
     refined: int = 1,
-    cut: Cut = "right",
+    pattern: Pattern = "right",
     quadrature_degree: int | None = None,
     youngs_modulus: float = YOUNGS_MODULUS,
 ) -> Discretisation:
     material = Material(youngs_modulus, POISSONS_RATIO, DENSITY)
-    build = partial(s7_5_profiles.mesh, section, refined=refined, cut=cut)
+    build = partial(s7_5_profiles.mesh, section, refined=refined, pattern=pattern)
     body = discretise(element, build, material, StressState.AXISYMMETRIC)
     if quadrature_degree is None:
         return body
@@ -217,8 +220,7 @@ TREATMENTS: dict[str, dict[str, object]] = {
 VARIANTS: dict[str, dict[str, object]] = {
     **TREATMENTS,
     # what the lost mesh could change
-    "galerkin-T6-left": {"element": "galerkin-T6", "cut": "left"},
-    "pwsym-T6-left": {"element": "pwsym-T6", "cut": "left"},
+    "pwsym-T6-left": {"element": "pwsym-T6", "pattern": "left"},
     "galerkin-T6-fine": {"element": "galerkin-T6", "refined": 2},
     "pwsym-T6-fine": {"element": "pwsym-T6", "refined": 2},
     "pw-T6-lumped-fine": {"element": "pw-T6", **_LUMPED, "refined": 2},
@@ -232,7 +234,6 @@ VARIANTS: dict[str, dict[str, object]] = {
 _UNTREATED: dict[str, object] = {
     "mass": "consistent",
     "guyan": "transposed",
-    "cut": "right",
     "quadrature_degree": None,
     "youngs_modulus": YOUNGS_MODULUS,
     "friction": FRICTION,
@@ -245,18 +246,20 @@ def _in_contact(element: str, suffix: str = "", **parameters: object) -> Case:
 
 
 CASES = [_in_contact(element) for element in ELEMENTS]
+CASES += [_in_contact("pw-T6", "-fine", refined=2)]
+CASES += [_in_contact("pw-T6", suffix, **given) for suffix, given in DATA["7.5"].items()]
 CASES += [
-    _in_contact("pw-T6", "-fine", refined=2),
-    _in_contact("pw-T6", "-gaps0.0-0.0", gaps=(0.0, 0.0)),
-    _in_contact("pw-T6", "-gaps0.2-0.2", gaps=(2e-4, 2e-4)),
+    _in_contact(element, suffix, **given)
+    for element in ("galerkin-T6", "pw-T6")
+    for suffix, given in DIAGONALS["7.5"].items()
 ]
 CASES += [Case("7.5", name, vibration, variant) for name, variant in VARIANTS.items()]
 
 # what the lost section could change: another column with the printed eigenvalues
-_SECOND: dict[str, object] = {"section": "second"}
+_SECOND = DATA["7.5"]["-second"]
 CASES += [
     _in_contact(element, "-second", **_SECOND)
-    for element in ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8")
+    for element in ("galerkin-T6", "galerkin-Q8", "pw-Q8")
 ]
 CASES += [
     Case("7.5", f"{name}-second", vibration, {**variant, **_SECOND})

@@ -7,7 +7,6 @@ tell alike may be said of the paper's; what they do not, its numbers alone canno
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 from mpi4py import MPI
 
@@ -16,11 +15,21 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, create_mesh
 
-Points = npt.NDArray[np.float64]
-Cut = Literal["right", "left"]
+from pw_elements.meshes import Pattern
 
-# Two triangles of a quadrilateral with the corners 2 3 above 0 1; "right" goes up to the right
-_HALVES: dict[Cut, list[int]] = {"right": [0, 1, 3, 0, 2, 3], "left": [0, 1, 2, 1, 2, 3]}
+Points = npt.NDArray[np.float64]
+
+# Triangles of a quadrilateral with the corners 2 3 above 0 1; "right" goes up to the right. The
+# crossed ones have their centre, 4
+_RIGHT, _LEFT = [0, 1, 3, 0, 2, 3], [0, 1, 2, 1, 2, 3]
+_CROSSED = [0, 1, 4, 1, 3, 4, 3, 2, 4, 2, 0, 4]
+_OF_EVEN_AND_ODD = {
+    "right": (_RIGHT, _RIGHT),
+    "left": (_LEFT, _LEFT),
+    "left_right": (_LEFT, _RIGHT),
+    "right_left": (_RIGHT, _LEFT),
+    "crossed": (_CROSSED, _CROSSED),
+}
 
 
 @dataclass(frozen=True)
@@ -90,8 +99,8 @@ def axis(x: Points) -> npt.NDArray[np.bool_]:
     return np.isclose(x[0], 0.0)
 
 
-def mesh(section: Profile, cell: str, refined: int = 1, cut: Cut = "right") -> Mesh:
-    """The section in quadrilaterals, or in triangles: each quadrilateral cut in two.
+def mesh(section: Profile, cell: str, refined: int = 1, pattern: Pattern = "right") -> Mesh:
+    """The section in quadrilaterals, or in triangles: each quadrilateral cut in two or four.
 
     Mesh lines run through all steps; blocks outside of the section are left out.
 
@@ -99,7 +108,7 @@ def mesh(section: Profile, cell: str, refined: int = 1, cut: Cut = "right") -> M
         section: radii, heights and divisions.
         cell: "quadrilateral" or "triangle".
         refined: factor of all divisions.
-        cut: which diagonal of the quadrilaterals.
+        pattern: diagonals of the quadrilaterals; of two neighbours, where they alternate.
     """
     r = _lines((0.0, *sorted(section.radii)), section.ring_divisions, refined)
     z = _lines(section.levels, section.height_divisions, refined)
@@ -111,9 +120,15 @@ def mesh(section: Profile, cell: str, refined: int = 1, cut: Cut = "right") -> M
     quadrilaterals = np.column_stack([corner[inside] for corner in corners])
     used, cells = np.unique(quadrilaterals, return_inverse=True)
     cells = cells.reshape(quadrilaterals.shape)
-    if cell == "triangle":
-        cells = cells[:, _HALVES[cut]].reshape(-1, 3)
     x = np.column_stack([np.repeat(r, len(z)), np.tile(z, len(r))])[used]
+    if cell == "triangle":
+        if pattern == "crossed":
+            centres = x[cells].mean(axis=1)
+            cells = np.column_stack([cells, len(x) + np.arange(len(cells))])
+            x = np.concatenate([x, centres])
+        odd = (np.indices(inside.shape).sum(axis=0) % 2)[inside]
+        of_even, of_odd = (cells[:, corners] for corners in _OF_EVEN_AND_ODD[pattern])
+        cells = np.where(odd[:, None], of_odd, of_even).reshape(-1, 3)
     geometry = basix.ufl.element("Lagrange", cell, 1, shape=(2,))
     return create_mesh(MPI.COMM_SELF, cells=cells.astype(np.int64), x=x, e=geometry)
 
