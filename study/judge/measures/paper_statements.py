@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 
 from study.core.store import Results
+from study.vocabulary import STICK
 
 FINE_PUNCH = "7.3/pw-T6-114x24"
 
@@ -15,22 +16,43 @@ def factor_entries_ratio(results: Results, key: str, other: str) -> float:
 
 
 def shear_off_fine(
-    results: Results, key: str, within: float, kind: Literal["largest", "rms"] = "largest"
+    results: Results,
+    key: str,
+    within: float | None = None,
+    kind: Literal["largest", "rms"] = "largest",
+    fine: str = FINE_PUNCH,
+    surface: str = "",
 ) -> float:
-    """Shear over tributary lengths below the punch of section 7.3 against the fine mesh's.
+    """Shear over tributary lengths against a fine mesh's, averaged over the same lengths.
 
-    The fine mesh's traction is averaged over the same lengths. Nodes in |x| < `within`; in per
-    cent of the fine mesh's largest shear.
+    Nodes in |x| < `within`, or those that stick; in per cent of the fine mesh's largest shear. A
+    numbered surface is that of a body of revolution: over rings.
     """
-    ours, fine = results.curves(key), results.curves(FINE_PUNCH)
-    x, shear = fine["x"], fine["shear"]
-    integral = np.concatenate([[0.0], np.cumsum(np.diff(x) * (shear[1:] + shear[:-1]) / 2)])
-    nodes = ours["x"]
+    end = f"_{surface}" if surface else ""
+    ours, known = results.curves(key), results.curves(fine)
+    x, shear = known[f"x{end}"], known[f"shear{end}"]
+    ring = x if surface else np.ones_like(x)
+    nodes = ours[f"x{end}"]
     borders = np.concatenate([nodes[:1], (nodes[1:] + nodes[:-1]) / 2, nodes[-1:]])
-    known = np.diff(np.interp(borders, x, integral)) / np.diff(borders)
-    off = (ours["shear_tributary"] - known)[np.abs(nodes) < within]
-    size = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
-    return float(100 * size / np.abs(shear).max())
+    force, size = (
+        np.diff(np.interp(borders, x, np.concatenate([[0.0], np.cumsum(part)])))
+        for part in (np.diff(x) * (y[1:] + y[:-1]) / 2 for y in (shear * ring, ring))
+    )
+    used = ours[f"status{end}"] == STICK if within is None else np.abs(nodes) < within
+    off = (ours[f"shear_tributary{end}"] - force / size)[used]
+    distance = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
+    return float(100 * distance / np.abs(shear).max())
+
+
+def shear_zigzag(results: Results, key: str, surface: str = "") -> float:
+    """Largest second difference of the shear of three sticking nodes, per cent of the largest."""
+    end = f"_{surface}" if surface else ""
+    curves = results.curves(key)
+    shear, sticks = curves[f"shear{end}"], curves[f"status{end}"] == STICK
+    second = np.abs(shear[1:-1] - (shear[:-2] + shear[2:]) / 2)
+    return float(
+        100 * second[sticks[1:-1] & sticks[:-2] & sticks[2:]].max() / np.nanmax(np.abs(shear))
+    )
 
 
 # Section, and the scalar of mid-side over corner force
