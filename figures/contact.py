@@ -1,7 +1,8 @@
 """What the figures of contact examples share: stress curves, zones, deformed shapes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +12,8 @@ from matplotlib.transforms import Affine2D, ScaledTranslation, blended_transform
 
 from figures.style import LOOK, MANY
 from study.core.store import Results
-from study.vocabulary import OPEN, SLIP
+from study.paper.bands import DATA_NAME, DIAGONALS_NAME, Family, envelope, members
+from study.vocabulary import ELEMENTS, OPEN, SLIP
 
 # Contact status as the library numbers it
 ZONES = {0: ("open", "#FFFFFF"), 1: ("stick", "#4C78A8"), 2: ("slip", "#F2B447")}
@@ -19,14 +21,31 @@ SMOOTH = ("frictionless", "#C9C9C9")
 STRIP_BELOW, STRIP_HEIGHT = 8.5, 3.5
 """Lower edge of a strip of zones below its axes, and its height, in points."""
 
+DATA_BAND = {"color": "#BFBFBF", "label": DATA_NAME}
+"""Look of the band of data that are not printed."""
+
 RECONSTRUCTED = "Dimensions and loads are reconstructed."
 
 Curves = dict[str, np.ndarray]
 
 
-def reported(curves: Curves, quantity: str) -> np.ndarray:
-    """Pressure or shear as a node-to-surface code reports it: force over tributary length."""
-    return curves[f"{quantity}_tributary"]
+def family(results: Results, key: str, families: Mapping[str, Family]) -> list[Curves]:
+    """Curves of a case and of the others of its family."""
+    return [results.curves(member) for member in members(key, families)]
+
+
+def diagonal_band(element: str) -> dict[str, Any]:
+    """Look of the band of an element whose squares can be cut in several ways."""
+    stated = ELEMENTS[element]
+    return {"color": stated.colour, "alpha": 0.45, "label": f"{stated.name}, {DIAGONALS_NAME}"}
+
+
+def band(
+    ax: Axes, lines: Sequence[Curves], quantity: str, scale: float, look: Mapping[str, Any]
+) -> None:
+    """Shades what lies between the least and the largest of several cases, times a scale."""
+    x, low, high = envelope([(curves["x"], curves[quantity]) for curves in lines])
+    ax.fill_between(x, scale * low, scale * high, linewidth=0, zorder=0.5, **look)
 
 
 def compare(
@@ -37,17 +56,17 @@ def compare(
     scale: float = 1.0,
     hollow: str = "composite",
 ) -> None:
-    """Draws a reported stress of several elements, times a scale, over x.
+    """Draws a stress or force of several elements, times a scale, over x.
 
     One whose element has `hollow` in it nearly coincides with another and gets hollow markers.
     """
     for key in keys:
         curves = results.curves(key)
         element = results[key].parameters["element"]
-        look = LOOK[element]
+        look = {**LOOK[element], "linewidth": 0.9, "markersize": 3}
         if hollow in element:
-            look = {**look, "markerfacecolor": "none", "markersize": 7, "linewidth": 0.6}
-        ax.plot(curves["x"], scale * reported(curves, quantity), **look)
+            look |= {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.5}
+        ax.plot(curves["x"], scale * curves[quantity], **look)
 
 
 def zone_strip(ax: Axes, curves: Curves) -> None:

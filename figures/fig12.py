@@ -3,14 +3,26 @@
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED, compare, zone_legend, zone_strip
+from figures.contact import (
+    DATA_BAND,
+    band,
+    compare,
+    diagonal_band,
+    family,
+    zone_legend,
+    zone_strip,
+)
 from figures.style import FULL
 from study.core.store import Results
+from study.paper.bands import DATA, DIAGONALS, members
+from study.vocabulary import OWN
 
 SECTION = "7.4"
 ELEMENTS = ("galerkin-Q8", "pw-Q8")
 FINE = "7.4/pw-T6-fine"
-NEEDS = [*(f"7.4/{element}" for element in ELEMENTS), FINE]
+VARIED, CUT = "7.4/pw-Q8", "7.4/pw-T6"
+DRAWN = [f"7.4/{element}" for element in ELEMENTS]
+NEEDS = [*DRAWN, FINE, *members(VARIED, DATA)[1:], *members(CUT, DIAGONALS)]
 
 
 def draw(results: Results) -> Figure:
@@ -18,16 +30,17 @@ def draw(results: Results) -> Figure:
     fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.9))
     fine = results.curves(FINE)
     for ax, quantity in zip(axes, ("pressure", "shear"), strict=True):
+        band(ax, family(results, VARIED, DATA), quantity, 1.0, DATA_BAND)
+        band(ax, family(results, CUT, DIAGONALS), quantity, 1.0, diagonal_band("pw-T6"))
         ax.plot(fine["x"], fine[quantity], color="black", lw=0.9, label="new T6, fine")
-        compare(ax, results, NEEDS[:-1], quantity)
+        compare(ax, results, DRAWN, quantity)
         zone_strip(ax, results.curves("7.4/pw-Q8"))
         ax.set(xlabel="$x/b$", xlim=(-1.03, 1.03))
-    axes[0].set(ylabel="normal pressure / (kN/m²)", ylim=(0, 90))
+    axes[0].set(ylabel="normal pressure / (kN/m²)", ylim=(0, 50))
     axes[1].set(ylabel="shear stress / (kN/m²)", ylim=(-26, 26))
-    axes[1].legend(fontsize=7)
-    fig.legend(
-        handles=zone_legend(results.curves("7.4/pw-Q8")), loc="outside lower center", ncols=3
-    )
+    handles, _ = axes[1].get_legend_handles_labels()
+    zones = zone_legend(results.curves("7.4/pw-Q8"))
+    fig.legend(handles=[*handles, *zones], loc="outside lower center", ncols=4, fontsize=7)
     return fig
 
 
@@ -35,15 +48,16 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     angle = "friction angle 20 degrees, plane stress"
     return (
-        f"Stresses below the plate ({angle}): nodal force over tributary length. The singular "
-        "values at both edges are cut off; unit length and thickness are taken as 1 m. Strips: "
-        f"contact zones of the new Q8. {RECONSTRUCTED}"
+        f"{OWN.name.capitalize()} stresses below the plate ({angle}): {OWN.meaning}. The singular "
+        "values at both edges are cut off; unit length and thickness are taken as 1 m. Grey band: "
+        "bodies half and twice as wide and deep, and plane strain, new Q8. Blue band: the new T6, "
+        "which has the new Q8's forces, with all diagonals. Strips: contact zones of the new Q8."
     )
 
 
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Pressure rises towards both edges, shear is antisymmetric. The standard element's curves "
-        "form a sawtooth, the piecewise-linear element's follow the fine mesh's."
+        "Pressure rises towards both edges, shear is antisymmetric. The curves of both elements "
+        "follow the fine mesh's, but for the nodes next to the edges."
     )

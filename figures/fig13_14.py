@@ -1,17 +1,24 @@
 """Reaction forces along the contact area of the rigid plate: standard and new element."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from figures.contact import RECONSTRUCTED
+from figures.contact import DATA_BAND, diagonal_band, family
 from figures.style import FULL, LOOK
 from study.core.store import Results
+from study.paper.bands import DATA, DIAGONALS, Family, envelope, members
 from study.vocabulary import ELEMENTS
 
 SECTION = "7.4"
 PANELS = ("galerkin-Q8", "pw-Q8")
 FINE = "7.4/pw-T6-fine"
-NEEDS = [*(f"7.4/{element}" for element in PANELS), FINE]
+CUT = "7.4/pw-T6"
+NEEDS = [FINE, *(member for element in PANELS for member in members(f"7.4/{element}", DATA))]
+NEEDS += members(CUT, DIAGONALS)
 COARSER = 4  # times as many elements in the fine mesh: its forces are as many times smaller
 
 
@@ -21,15 +28,31 @@ def draw(results: Results) -> Figure:
     fine = results.curves(FINE)
     for ax, element in zip(axes, PANELS, strict=True):
         curves = results.curves(f"7.4/{element}")
-        ax.bar(curves["x"], curves["force_n"], 0.06, color=LOOK[element]["color"])
+        ax.bar(curves["x"], curves["force_n"], 0.04, color=LOOK[element]["color"])
+        _ranges(ax, results, f"7.4/{element}", DATA, 0.07, DATA_BAND | {"edgecolor": "black"})
         label = f"new T6, {COARSER} times finer: force × {COARSER}"
         ax.plot(fine["x"], COARSER * fine["force_n"], color="black", lw=0.9, label=label)
         ax.set(xlabel="$x/b$", xlim=(-1.08, 1.08), ylim=(0, 6), title=LOOK[element]["label"])
         ax.set_xticks((-1, -0.5, 0, 0.5, 1))
         ax.grid(visible=False, axis="x")
+    _ranges(axes[1], results, CUT, DIAGONALS, 0.1, diagonal_band("pw-T6"))
     axes[0].set_ylabel("normal nodal force / kN")
     axes[1].legend(loc="upper center", fontsize=7)
     return fig
+
+
+def _ranges(
+    ax: Axes,
+    results: Results,
+    key: str,
+    families: Mapping[str, Family],
+    width: float,
+    look: Mapping[str, Any],
+) -> None:
+    """Shades the least to the largest force of each node."""
+    lines = [(c["x"], c["force_n"]) for c in family(results, key, families)]
+    x, low, high = envelope(lines)
+    ax.bar(x, high - low, width, bottom=low, linewidth=0.4, zorder=2.5, **look)
 
 
 def caption(results: Results) -> str:
@@ -39,7 +62,8 @@ def caption(results: Results) -> str:
     return (
         f"Normal nodal forces below the plate: {ELEMENTS[PANELS[0]].name} (the paper's Fig. 13) "
         f"and {ELEMENTS[PANELS[1]].name} (Fig. 14). Both sum to {total:.3g} kN; the median ratio "
-        f"of mid-side to corner force is {standard:.2f} and {new:.2f}. {RECONSTRUCTED}"
+        f"of mid-side to corner force is {standard:.2f} and {new:.2f}. Bands as in Fig. 12, grey "
+        "for each of the two elements."
     )
 
 

@@ -109,8 +109,6 @@ def surface_result(
         "peak_over_mean": np.nanmax(pressure) / mean_pressure,
         "closed_from": x[closed].min(),
         "closed_to": x[closed].max(),
-        "edge_force_from": r_n[0],
-        "edge_force_to": r_n[-1],
     }
     if len(sticking):
         scalars |= {"stick_from": sticking.min(), "stick_to": sticking.max()}
@@ -121,7 +119,10 @@ def surface_result(
 
 
 def _second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
-    """Largest mid-side value less the mean of both corners', over the largest of all values."""
+    """Largest mid-side value less the mean of both corners', over the largest of all values.
+
+    A kink, as where sliding begins, has one just as a zigzag has.
+    """
     middle, first, last = values[edges].T
     return np.nanmax(np.abs(middle - (first + last) / 2)) / np.nanmax(np.abs(values))
 

@@ -70,6 +70,7 @@ def envelope(lines: Sequence[tuple[Array, Array]]) -> tuple[Array, Array, Array]
     first = lines[0][0]
     x = np.unique(np.concatenate([places for places, _ in lines]))
     x = x[(x >= first[0]) & (x <= first[-1])]
+    x = x[np.diff(x, prepend=-np.inf) > 1e-9 * (x[-1] - x[0])]  # places that round-off made two
     known = [(places[~np.isnan(values)], values[~np.isnan(values)]) for places, values in lines]
     every = np.array([np.interp(x, *line) for line in known])
     return x, every.min(axis=0), every.max(axis=0)

@@ -38,7 +38,10 @@ def plate(
     depth: float = DEPTH,
     pattern: Pattern = PATTERN,
 ) -> Result:
-    """Contact forces below the plate, pressed by its force; `translation` is its settlement."""
+    """Contact forces below the plate, pressed by its force; `translation` is its settlement.
+
+    `edge_force_left` and `edge_force_right` are normal forces of the nodes at the plate's edges.
+    """
     build = partial(_mesh, under_half, half_width, depth, pattern)
     material = Material(YOUNGS_MODULUS, POISSONS_RATIO)
     body = discretise(element, build, material, StressState(state))
@@ -49,6 +52,7 @@ def plate(
     pair = ContactPair(_below, FlatPunch((0.0, 0.0), (0.0, -1.0), HALF_PLATE), friction, motions)
     nothing = [body.K.createVecLeft()] * INCREMENTS
     states = solve_contact(body.K, nothing, body.supports(held), [pair], body.space)
+    (contact,) = states[-1].pairs
     return contact_result(
         body,
         states,
@@ -56,7 +60,9 @@ def plate(
         _below,
         FORCE / (2 * HALF_PLATE),
         KN_M,
-        translation=-states[-1].pairs[0].translation[1],
+        translation=-contact.translation[1],
+        edge_force_left=contact.force_normal[0],
+        edge_force_right=contact.force_normal[-1],
     )
 
 
@@ -110,4 +116,7 @@ CASES += [
     for element in ("galerkin-T6", "pw-T6")
     for suffix, given in DIAGONALS["7.4"].items()
 ]
-CASES += [Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16})]
+CASES += [
+    Case("7.4", f"{element}-fine", plate, {"element": element, "under_half": 16})
+    for element in ("pw-T6", "pw-Q9")
+]

@@ -96,8 +96,8 @@ from study.judge.measures.known_solutions import (
 from study.judge.measures.paper_statements import (
     corner_share_in_examples,
     factor_entries_ratio,
+    shear_band,
     shear_off_fine,
-    shear_zigzag,
     unevenness_of_standard,
 )
 from study.judge.measures.peers import (

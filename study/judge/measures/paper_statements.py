@@ -3,11 +3,17 @@
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from study.core.store import Results
+from study.paper.bands import DIAGONALS, members
 from study.vocabulary import STICK
 
+Array = npt.NDArray[np.float64]
+
 FINE_PUNCH = "7.3/pw-T6-114x24"
+STUCK = 1.1  # half length over which the punch sticks
+SAMPLES = 20_001  # of its shear, some 90 from node to node
 
 
 def factor_entries_ratio(results: Results, key: str, other: str) -> float:
@@ -20,39 +26,59 @@ def shear_off_fine(
     key: str,
     within: float | None = None,
     kind: Literal["largest", "rms"] = "largest",
+    averaged_on: str = "",
     fine: str = FINE_PUNCH,
     surface: str = "",
 ) -> float:
-    """Shear over tributary lengths against a fine mesh's, averaged over the same lengths.
+    """Shear along a contact surface against a fine mesh's, read by the same functions.
 
-    Nodes in |x| < `within`, or those that stick; in per cent of the fine mesh's largest shear. A
-    numbered surface is that of a body of revolution: over rings.
+    A node's shear is its force over the integral of its own test function; the fine mesh's is
+    averaged with that function. In per cent of the fine mesh's largest shear.
+
+    Args:
+        results: of the study.
+        key: of the case.
+        within: nodes in |x| < `within` count; without it, those that stick.
+        kind: of the size of the differences.
+        averaged_on: names a coarser case, with whose functions both are averaged.
+        fine: the fine mesh's case.
+        surface: number of a surface of a body of revolution.
     """
     end = f"_{surface}" if surface else ""
-    ours, known = results.curves(key), results.curves(fine)
-    x, shear = known[f"x{end}"], known[f"shear{end}"]
-    ring = x if surface else np.ones_like(x)
-    nodes = ours[f"x{end}"]
-    borders = np.concatenate([nodes[:1], (nodes[1:] + nodes[:-1]) / 2, nodes[-1:]])
-    force, size = (
-        np.diff(np.interp(borders, x, np.concatenate([[0.0], np.cumsum(part)])))
-        for part in (np.diff(x) * (y[1:] + y[:-1]) / 2 for y in (shear * ring, ring))
-    )
-    used = ours[f"status{end}"] == STICK if within is None else np.abs(nodes) < within
-    off = (ours[f"shear_tributary{end}"] - force / size)[used]
-    distance = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
-    return float(100 * distance / np.abs(shear).max())
+    ours, known, case = results.curves(key), results.curves(fine), results[averaged_on or key]
+    nodes, standard = case.curves[f"x{end}"], case.parameters["element"].startswith("galerkin")
+    x = np.linspace(*known[f"x{end}"][[0, -1]], SAMPLES)
+    weights = _test_functions(nodes, x, standard) * (x if surface else 1.0)
+
+    def averaged(line: dict[str, Array]) -> Array:
+        shear = np.interp(x, line[f"x{end}"], line[f"shear{end}"])
+        return weights @ shear / weights.sum(axis=1)
+
+    off = (averaged(ours) if averaged_on else ours[f"shear{end}"]) - averaged(known)
+    stick = case.curves[f"status{end}"] == STICK
+    off = off[stick if within is None else np.abs(nodes) < within]
+    size = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
+    return float(100 * size / np.abs(known[f"shear{end}"]).max())
 
 
-def shear_zigzag(results: Results, key: str, surface: str = "") -> float:
-    """Largest second difference of the shear of three sticking nodes, per cent of the largest."""
-    end = f"_{surface}" if surface else ""
-    curves = results.curves(key)
-    shear, sticks = curves[f"shear{end}"], curves[f"status{end}"] == STICK
-    second = np.abs(shear[1:-1] - (shear[:-2] + shear[2:]) / 2)
-    return float(
-        100 * second[sticks[1:-1] & sticks[:-2] & sticks[2:]].max() / np.nanmax(np.abs(shear))
-    )
+def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
+    """Test functions (m, n) of nodes (m,) along a line, at places (n,): quadratic ones, or hats."""
+    if not standard:
+        return np.array([np.interp(x, nodes, unit) for unit in np.eye(len(nodes))])
+    corners = nodes[::2]
+    hats = np.array([np.interp(x, corners, unit) for unit in np.eye(len(corners))])
+    functions = np.empty((len(nodes), len(x)))
+    functions[1::2] = 4 * hats[:-1] * hats[1:]
+    functions[::2] = hats
+    functions[2::2] -= functions[1::2] / 2
+    functions[:-1:2] -= functions[1::2] / 2
+    return functions
+
+
+def shear_band(results: Results, end: Literal["least", "largest"]) -> float:
+    """The same of the new element on that of all diagonals where it is least, or largest."""
+    keys = members("7.3/pw-T6", DIAGONALS)
+    return (min if end == "least" else max)(shear_off_fine(results, k, STUCK) for k in keys)
 
 
 # Section, and the scalar of mid-side over corner force
