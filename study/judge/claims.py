@@ -5,7 +5,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -183,9 +183,26 @@ def judge(claims: list[Claim], results: Results) -> list[Verdict]:
     return [_judged(claim, results) for claim in claims]
 
 
-def write(out: Path, verdicts: list[Verdict]) -> None:
-    """Write `<out>/claims.json`."""
-    write_json(Path(out) / "claims.json", [_row(verdict) for verdict in verdicts])
+def write(
+    out: Path,
+    verdicts: list[Verdict],
+    facts: Mapping[str, str],
+    turned: Mapping[str, Sequence[str]],
+) -> None:
+    """Write `<out>/claims.json`.
+
+    Args:
+        out: Folder of the results.
+        verdicts: What was found.
+        facts: The fact that each statement of the paper rests on, by its id.
+        turned: Names of the mutations that turn it.
+    """
+    rows = [
+        _row(verdict)
+        | {"fact": facts.get(verdict.claim.id), "turned_by": list(turned.get(verdict.claim.id, ()))}
+        for verdict in verdicts
+    ]
+    write_json(Path(out) / "claims.json", rows)
 
 
 def table(verdicts: list[Verdict]) -> str:
@@ -234,6 +251,7 @@ def _row(verdict: Verdict) -> dict[str, Any]:
         "reading_of": claim.reading_of,
         "grade": claim.grade,
         "grade_why": claim.grade_why,
+        "basis": claim.basis,
         "missing": claim.missing,
         "measured": verdict.measured,
         "relation": how and how.relation,

@@ -12,6 +12,7 @@ from pw_elements import (
     Material,
     Reduction,
     StressState,
+    assemble_matrix,
     assemble_vector,
     prescribe,
     reactions,

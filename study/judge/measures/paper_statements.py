@@ -57,8 +57,8 @@ def shear_off_fine(
     off = (averaged(ours) if averaged_on else ours[f"shear{end}"]) - averaged(known)
     stick = case.curves[f"status{end}"] == STICK
     off = off[stick if within is None else np.abs(nodes) < within]
-    size = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
-    return float(100 * size / np.abs(known[f"shear{end}"]).max())
+    size = np.nanmax(np.abs(off)) if kind == "largest" else np.sqrt(np.mean(off**2))
+    return float(100 * size / np.nanmax(np.abs(known[f"shear{end}"])))
 
 
 def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
