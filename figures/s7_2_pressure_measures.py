@@ -7,14 +7,15 @@ from figures.contact import RECONSTRUCTED
 from figures.style import FULL, LOOK
 from study.core.store import Results
 from study.judge import measures
+from study.vocabulary import OWN, TRIBUTARY
 
 SECTION = "7.2"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"7.2/{element}" for element in ELEMENTS]
 PANELS = {
     "force_n": "(a) nodal force / mean",
-    "pressure": "(b) own-function pressure / mean",
-    "pressure_tributary": "(c) tributary pressure / mean",
+    "pressure": f"(b) {OWN.name} pressure / mean",
+    "pressure_tributary": f"(c) {TRIBUTARY.name} pressure / mean",
 }
 
 
@@ -37,9 +38,10 @@ def caption(results: Results) -> str:
     """What the figure shows."""
     return (
         "A block pressed and pulled on a rough plane, computed once with either element and read "
-        "in three ways. (a) Nodal forces. (b) Divided by the integral of the node's own weight "
-        "function: the standard element's sawtooth disappears. (c) Divided by the node's tributary "
-        f"length: it is back. {RECONSTRUCTED}"
+        f"in three ways. (a) Nodal forces. (b) {OWN.name.capitalize()} pressure, {OWN.meaning}: "
+        "the standard element's sawtooth disappears. "
+        f"(c) {TRIBUTARY.name.capitalize()} pressure, {TRIBUTARY.meaning} it: the sawtooth is "
+        f"back. {RECONSTRUCTED}"
     )
 
 

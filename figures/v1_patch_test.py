@@ -6,13 +6,14 @@ from matplotlib.figure import Figure
 from figures.style import FULL, LOOK, mesh_plot
 from figures.symbols import load_arrows
 from study.core.store import Results
+from study.vocabulary import OWN, TRIBUTARY
 
 SECTION = "V1"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"V1/{element}-distorted" for element in ELEMENTS]
 MEASURES = {
-    "pressure": "(b) own-function",
-    "pressure_tributary": "(c) tributary",
+    "pressure": f"(b) {OWN.name}",
+    "pressure_tributary": f"(c) {TRIBUTARY.name}",
 }
 
 
@@ -43,9 +44,9 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Contact patch test on a distorted mesh (a). The own-function pressure (b) of both "
-        "elements is the applied one; the tributary pressure (c) of the standard element is off by "
-        "a third."
+        f"Contact patch test on a distorted mesh (a). The {OWN.name} pressure (b) of both "
+        f"elements is the applied one; the {TRIBUTARY.name} pressure (c), {TRIBUTARY.meaning} it, "
+        "is off by a third with the standard element."
     )
 
 

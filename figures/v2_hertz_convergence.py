@@ -6,14 +6,15 @@ from matplotlib.figure import Figure
 from figures import convergence
 from figures.style import FULL
 from study.core.store import Results
+from study.vocabulary import OWN, TRIBUTARY
 
 SECTION = "V2"
 KINDS = {"line": "cylinder", "sphere": "sphere"}
 NEEDS = [f"V2/{kind}-{element}" for kind in KINDS for element in convergence.ELEMENTS]
 ERRORS = {
-    "error_pressure_tributary": "tributary, all nodes",
-    "error_pressure_own": "own-function, all nodes",
-    "error_pressure_own_inner": "own-function, inner 80 %",
+    "error_pressure_tributary": f"{TRIBUTARY.name}, all nodes",
+    "error_pressure_own": f"{OWN.name}, all nodes",
+    "error_pressure_own_inner": f"{OWN.name}, inner 80 %",
 }
 # orders and heights of lines to compare with
 SLOPES = {
@@ -45,8 +46,8 @@ def caption(results: Results) -> str:
     return (
         "Relative root mean square error of the contact pressure against Hertz's (over four "
         "positions of the edge of contact within an element). The condensed pair of new triangles "
-        "has the errors of the new triangle. In tributary pressure both standard elements stay off "
-        "by a third."
+        "has the errors of the new triangle. In tributary pressure, as node-to-surface codes print "
+        "it, both standard elements stay off by a third."
     )
 
 

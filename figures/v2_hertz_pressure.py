@@ -6,12 +6,13 @@ from matplotlib.figure import Figure
 
 from figures.style import FULL, LOOK
 from study.core.store import Results
+from study.vocabulary import OWN, TRIBUTARY
 
 SECTION = "V2"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 KINDS = {"line": "cylinder", "sphere": "sphere"}
 NEEDS = [f"V2/{kind}-{element}" for kind in KINDS for element in ELEMENTS]
-MEASURES = {"pressure": "own-function", "pressure_tributary": "tributary"}
+MEASURES = {"pressure": OWN.name, "pressure_tributary": TRIBUTARY.name}
 
 
 def draw(results: Results) -> Figure:
@@ -40,9 +41,10 @@ def caption(results: Results) -> str:
     elements = results.curves(NEEDS[0])["elements"][1]
     return (
         f"Hertz contact with {elements:.0f} elements over the half width a. The own-function "
-        "pressures of both elements follow the exact pressure; the tributary pressures of the "
-        "standard element form a sawtooth. At its node on the sphere's axis the integral of the "
-        "shape function is zero, and there is no own-function pressure."
+        "pressures of both elements follow the exact pressure; the tributary pressures, as "
+        "node-to-surface codes print them, form a sawtooth with the standard element. At its node "
+        "on the sphere's axis the integral of the shape function is zero, and there is no "
+        "own-function pressure."
     )
 
 

@@ -26,7 +26,7 @@ GRECO = [f"V6/{element}-64" for element in ELEMENTS]
 WEDGE = {mu: [f"V7/{element}-mu{mu}-16x4" for element in ELEMENTS] for mu in WEDGE_SPRINGS}
 NEEDS = [*CATTANEO, *SPENCE, *GRECO, *(key for keys in WEDGE.values() for key in keys)]
 STYLES = ("-", "--", "-.", ":")
-ALLOWED = 0.05  # what the published displacements allow
+ALLOWED = 0.05  # of the published displacements; the manual calls their uncertainty average
 
 
 def draw(results: Results) -> Figure:
@@ -101,12 +101,12 @@ def caption(results: Results) -> str:
     return (
         "Friction with known answers (black). (a) Flat punch of half width b on a half plane, new "
         "T6, 128 elements below one half: shear over the largest possible one; black ticks: end of "
-        "sticking by a boundary-element computation (± 0.003 b). (b) Pressure p and shear q of two "
-        "equal cylinders pressed together and pulled by half of what friction can hold, 16 "
-        "elements over the half width a; sticking ends at "
+        "sticking by this study's boundary-element program (± 0.003 b). (b) Pressure p and shear "
+        "q of two equal cylinders pressed together and pulled by half of what friction can hold, "
+        "16 elements over the half width a; sticking ends at "
         f"{stick:.3f} a (exact {exact:.3f} a). (c) GRECO plate, 64 × 64 squares, and the published "
-        "displacements with their uncertainty of 5 %. (d) Wedge pushed up an incline of 1:10 "
-        "(NAFEMS CGS-4)."
+        "displacements with bars of 5 %, for an uncertainty that is called average. (d) Wedge "
+        "pushed up an incline of 1:10 (NAFEMS CGS-4)."
     )
 
 

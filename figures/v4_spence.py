@@ -4,9 +4,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.contact import reported, zone_legend, zone_strip
+from figures.contact import zone_legend, zone_strip
 from figures.style import FULL, LOOK
 from study.core.store import Results
+from study.vocabulary import OWN
 
 SECTION = "V4"
 ELEMENTS = ("galerkin-T6", "pw-T6")
@@ -22,7 +23,7 @@ STYLES = ("-", "--", "-.", ":")
 
 
 def draw(results: Results) -> Figure:
-    """Panels: stresses over the tributary length, used friction of four materials."""
+    """Panels: stresses, used friction of four materials."""
     fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 3.3))
     for key, element in zip(LEFT, ELEMENTS, strict=True):
         curves = results.curves(key)
@@ -30,8 +31,8 @@ def draw(results: Results) -> Figure:
         for quantity, line in (("pressure", "-"), ("shear", ":")):
             look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
             look["label"] = f"{look['label']}: {quantity}"
-            left.plot(curves["x"], np.abs(reported(curves, quantity)) / mean, **look)
-    left.set(title="(a) tributary stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
+            left.plot(curves["x"], np.abs(curves[quantity]) / mean, **look)
+    left.set(title=f"(a) {OWN.name} stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
     left.set_ylabel("stress / mean pressure")
     left.legend(loc="upper left", fontsize=7)
     zone_strip(left, curves)
@@ -55,23 +56,23 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     radii = "; ".join(
-        f"{results.scalar(key, 'stick'):.3f} (known {results.scalar(key, 'stick_known'):.3f})"
+        f"{results.scalar(key, 'stick'):.3f} ({results.scalar(key, 'stick_known'):.3f})"
         for key in RIGHT
     )
     return (
-        "One half of a flat punch of half width b. (a) Nodal contact forces over the "
-        "tributary length, ν = 0.25, friction angle 20°, 32 elements below the half; strip: "
-        "contact zones of the new triangle; the singularity at the edge is cut off. (b) Shear over "
-        "the largest possible one, new triangle, 128 elements; black ticks: stick radii known from "
-        "a boundary-element computation to ± 0.003. Computed stick radii in the order of the "
-        f"legend: {radii}."
+        f"One half of a flat punch of half width b. (a) {OWN.name.capitalize()} stresses, "
+        "ν = 0.25, friction angle 20°, 32 elements below the half; strip: contact zones of the new "
+        "triangle; the singularity at the edge is cut off. (b) Shear over the largest possible "
+        "one, new triangle, 128 elements; black ticks: stick radii by a boundary-element program "
+        "of this study, to ± 0.003. Computed stick radii (by that program) in "
+        f"the order of the legend: {radii}."
     )
 
 
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Pressure and shear grow towards the punch's edge, smooth for the new element and "
-        "alternating for the standard one. Four curves of used friction rise from zero to "
-        "one, which each reaches at its black tick, and stay there."
+        "Pressure and shear grow towards the punch's edge, alike for both elements. Four curves "
+        "of used friction rise from zero to one, which each reaches at its black tick, and stay "
+        "there."
     )

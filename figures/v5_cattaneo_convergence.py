@@ -4,24 +4,24 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from figures.style import CLEAR, FULL, LOOK
+from figures.style import BESIDE, CLEAR, LOOK
 from study.core.store import Results
 from study.judge import measures
+from study.vocabulary import OWN
 
 SECTION = "V5"
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q9")
 LEVELS = (10, 20, 40)
 NEEDS = [f"V5/{element}-{n}" for element in ELEMENTS for n in LEVELS]
 ERRORS = {
-    "error_pressure_tributary": "(a) tributary pressure",
-    "error_pressure": "(b) own-function pressure",
-    "error_shear_apart": "(c) own-function shear",
+    "error_pressure": f"(a) {OWN.name} pressure",
+    "error_shear_apart": f"(b) {OWN.name} shear",
 }
 
 
 def draw(results: Results) -> Figure:
     """A panel an error."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.9), sharex=True, sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(BESIDE, 2.9), sharex=True, sharey=True)
     size = np.array([results.scalar(f"V5/{ELEMENTS[0]}-{n}", "element_size") for n in LEVELS])
     for ax, (name, title) in zip(axes, ERRORS.items(), strict=True):
         for element in ELEMENTS:
@@ -32,8 +32,8 @@ def draw(results: Results) -> Figure:
         ax.set_xticks(1 / size, [f"{1 / h:.0f}" for h in size], minor=False)
         ax.minorticks_off()
     for order, start in ((1, 1.6e-2), (2, 6e-4)):
-        axes[1].plot(1 / size, start * (size / size[0]) ** order, color="#888888", lw=0.8, ls="--")
-        axes[1].annotate(
+        axes[0].plot(1 / size, start * (size / size[0]) ** order, color="#888888", lw=0.8, ls="--")
+        axes[0].annotate(
             f"order {order}", (1 / size[1], start * (size[1] / size[0]) ** order),
             xytext=(3, 4) if order == 1 else (-30, -11), textcoords="offset points",
             fontsize=7, color="#666666", bbox=CLEAR,
@@ -55,7 +55,7 @@ def caption(results: Results) -> str:
 
     return (
         "Root mean square errors of contact pressure and shear where |x| < 0.9 a, shear without "
-        "the neighbourhood of the ends of the sticking zone. Mean observed orders of own-function "
+        "the neighbourhood of the ends of the sticking zone. Mean observed orders of "
         "pressure and shear: " + "; ".join(orders(element) for element in ELEMENTS) + "."
     )
 
@@ -63,7 +63,6 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Three log-log plots of error over the number of elements. Over the tributary length the "
-        "standard elements stay at one third; over the own test function all fall, the composite "
-        "triangle with slope one and the others with slopes near two."
+        "Two log-log plots of error over the number of elements. All errors fall, the composite "
+        "triangle's with slope one and the others' with slopes near two."
     )

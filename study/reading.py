@@ -13,18 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements import Body
-from pw_elements.mechanics import Marker
+from pw_elements.parts import Part
 from pw_elements.recovery import SurfaceNodes
 
 Array = npt.NDArray[np.float64]
 
 
-def contact_surface(body: Body, where: Marker, transfer: PETSc.Mat | None = None) -> SurfaceNodes:
+def contact_surface(body: Body, where: Part, transfer: PETSc.Mat | None = None) -> SurfaceNodes:
     """Nodes of a surface with their weights; `.pressure(forces)` reads, NaN without a weight.
 
     Args:
         body: on one process.
-        where: marker of the surface.
+        where: the surface, a part of the boundary as `SurfaceNodes.of` takes it.
         transfer: T (n, n) of `force_transfer`, if forces are transferred by it or the sibling's:
             their test functions are T times the standard ones, and so are the weights.
     """

@@ -54,6 +54,7 @@ ELEMENTS = {
 # Ways to state contact of two bodies whose meshes do not match
 WAYS = {
     "pw-dual": Element("new weights, their duals", "o", "#0072B2"),
+    "pw-dual-gap": Element("new weights, gaps by duals", "P", "#56B4E9"),
     "p2-dual": Element("standard, dual quadratic", "D", "#007A5A"),
     "p2-p2": Element("standard, quadratic multipliers", "^", "#D55E00"),
     "p2-p1": Element("standard, linear multipliers", "s", "#B87A00"),

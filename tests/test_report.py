@@ -8,17 +8,18 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from study import report
+from study import report, texts
 from study.core.store import MissingResult, Results, StudyError
-from study.report import build, numbers, render
-from study.report.texts import italics, names_section
+from study.report import build, render
+from study.texts import italics, numbers, statements
+from study.texts.statements import names_section
 from tests.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
 
 RESULTS = Path(__file__).parents[1] / "results"
-TEXTS = Path(report.__file__).parent
+TEXTS = Path(texts.__file__).parent
 
 
 @pytest.fixture
@@ -32,9 +33,9 @@ def text(tmp_path):
     folder = tmp_path / "templates"
 
     def page(fragment, out):
-        (folder / "paper").mkdir(parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
         for name, *_ in report.PARTS:
-            (folder / "paper" / f"{name}.html").write_text(fragment if name == "answer" else "")
+            (folder / f"{name}.html").write_text(fragment if name == "answer" else "")
         return render(Results(out), folder).html
 
     return page
@@ -129,7 +130,7 @@ def test_figures_tables_and_references_are_numbered_as_they_come(out, text):
     ],
 )
 def test_captions_say_what_of_the_paper_a_figure_is(name, of):
-    assert report._of_the_paper(name) == of
+    assert texts.of_the_paper(name) == of
 
 
 @pytest.mark.parametrize(
@@ -176,8 +177,8 @@ def test_statements_have_grade_anchor_and_numbers(out, text):
 )
 def test_numbers_of_statements_are_written_with_units(row, asked, found):
     row = {"unit": "", **row}
-    assert report.wanted(row).unescape().replace("\u202f", " ") == asked
-    assert report.found(row).replace("\u202f", " ") == found
+    assert statements.wanted(row).unescape().replace("\u202f", " ") == asked
+    assert statements.found(row).replace("\u202f", " ") == found
 
 
 @pytest.mark.parametrize(
@@ -191,11 +192,11 @@ def test_numbers_of_statements_are_written_with_units(row, asked, found):
     ],
 )
 def test_statement_stands_with_the_first_section_that_it_names(source, home):
-    assert report.home(source) == home
+    assert statements.home(source) == home
 
 
 def test_statements_are_in_words():
-    words = report.in_words("CAX8 (C-pairs) by the pw-Q8-lumped, where |x| < 1: L D L^T, 5 x 2")
+    words = statements.in_words("CAX8 (C-pairs) by the pw-Q8-lumped, where |x| < 1: L D L^T, 5 x 2")
     assert words == (
         "CAX8 by the new Q8, condensed pair, lumped mass, where |<i>x</i>| &lt; 1: "
         "L D L<sup>T</sup>, 5 × 2"
@@ -234,8 +235,8 @@ def test_figure_that_was_not_drawn_is_a_remark(out, text):
         ('{{ figure("fig05") }}{{ figure("fig05") }}', "fig05 twice"),
         ('{{ cite("nobody") }}', "cites nobody"),
         ('{{ ref("nothing") }}', "refers to nothing"),
-        ("{{ no_such_word }}", r"paper/answer\.html: 'no_such_word' is undefined"),
-        ("{% if %}", r"paper/answer\.html: "),
+        ("{{ no_such_word }}", r"answer\.html: 'no_such_word' is undefined"),
+        ("{% if %}", r"answer\.html: "),
         ('{{ s("1/a", "z") }}', "no scalar 'z'"),
     ],
 )
@@ -477,12 +478,12 @@ def test_first_page_gives_the_numbers_of_the_results(sheets):
 
 
 def test_no_measured_number_is_typed_into_the_first_page():
-    text = (TEXTS / "paper" / "answer.html").read_text()
+    text = "".join((TEXTS / f"{name}.html").read_text() for name in ("answer", "decision"))
     plain = re.sub(r"\{\{.*?\}\}|\{%.*?%\}|<[^>]*>", " ", text)
     assert re.findall(r"\d[\d.]*", plain) == ["0.48", "0.4999"]  # Poisson's ratios of the hybrid
 
 
 def test_every_reference_is_cited(own):
     assert {link["id"] for link in Page(own[1]).all("li") if "id" in link} == {
-        f"ref-{key}" for key in report.REFERENCES
+        f"ref-{key}" for key in texts.REFERENCES
     }

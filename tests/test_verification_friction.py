@@ -63,15 +63,6 @@ def test_partial_slip_pressure_converges_as_the_element_allows(slipped):
     assert 0.7 < np.log2(coarse / fine) < 1.3
 
 
-def test_partial_slip_reported_over_tributary_lengths(slipped):
-    galerkin, pw = (slipped[element, 20].scalars for element in T6)
-    for traction in ("pressure", "shear"):
-        assert galerkin[f"error_{traction}_tributary"] == pytest.approx(1 / 3, abs=0.01)
-        own = pw[f"error_{traction}"]
-        assert pw[f"error_{traction}_tributary"] == pytest.approx(own, rel=1e-9)
-        assert own < 0.01
-
-
 def test_partial_slip_without_the_far_field_is_wrong(slipped):
     held = v5_cattaneo.partial_slip("pw-T6", 20, far_field=False).scalars
     assert held["error_pressure"] > 10 * slipped["pw-T6", 20].scalars["error_pressure"]

@@ -33,6 +33,22 @@ def test_duals_of_quadratics_are_biorthogonal(cell):
 
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
+    """By the integral of its weight; and the master as much."""
+    stack = Stack((2, 3), cell)
+    one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    found = mortar_ways._of_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
+    forces = found.forces.toarray()
+    assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)
+    assert found.weight.sum() == pytest.approx(1.0)
+    assert forces.sum(axis=1) == pytest.approx(0.0, abs=1e-12)
+    # gaps of a rigid motion of the slave away from the master
+    moved = np.zeros(len(stack.x))
+    moved[one.nodes] = 1.0
+    assert found.rows @ moved == pytest.approx(found.weight)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 @pytest.mark.parametrize("linear", [True, False])
 def test_loads_beyond_an_end_have_the_area_and_its_centre(cell, linear):
     """Of a strip of width 1 - end; both kinds of functions reproduce x."""

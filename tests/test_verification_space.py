@@ -7,6 +7,7 @@ from dolfinx import fem
 
 from pw_elements import Material, solve
 from pw_elements.matrices import unblocked
+from study.verification import v10_partial_slip as v10
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force
 from study.verification.mesh_lines import graded
@@ -71,6 +72,16 @@ def test_mindlin_holds_what_it_says():
     assert known.shear(np.array([known.stick])) == pytest.approx(
         0.4 * known.pressure(np.array([known.stick]))
     )
+
+
+def test_stick_radius_of_mindlins_tractions_is_that_of_its_disc():
+    """At any nodes that stick, without those that have no traction."""
+    known = MindlinSphere(HertzSphere(BODY, 1e3, hertz_force(BODY, 1e3)), v10.SLIDING, v10.SHARE)
+    r = np.random.default_rng(3).uniform(0, 1, 200)
+    tractions = np.column_stack([known.shear(r), 0 * r, known.pressure(r)])
+    tractions[::7] = np.nan
+    sticks = r < known.stick
+    assert v10._vanishing(r, tractions, sticks) == pytest.approx(known.stick, rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])

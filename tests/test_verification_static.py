@@ -162,7 +162,6 @@ def test_flat_punches(kind, element):
     assert graded["error_approach"] < 5e-3
     standard = element.startswith("galerkin")
     assert even["open_inside"] == (standard and kind == "round")
-    assert even["error_pressure_tributary_inner"] > 0.3 or not standard
     if kind == "bonded":
         assert graded["error_force_tangential"] < 2e-3
 

@@ -24,10 +24,11 @@ from pw_elements.contact import (
 from pw_elements.linear_solver import Direct
 from pw_elements.mechanics import boundary_measure
 from pw_elements.meshes import triangles
-from pw_elements.recovery import SurfaceNodes, forces_along
+from pw_elements.recovery import forces_along
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.reading import contact_surface
 from study.units import dimensionless
 
 TITLE = "The paper's introduction: cost and tensile nodal forces"
@@ -84,7 +85,7 @@ def dip(element: str, refined: int = 1) -> Result:
     held = [prescribe(body.space, 1, _lower_side), prescribe(body.space, 0, _left_side)]
     a = solve(body.K, f, body.supports(held))
     force = forces_along(body.space, reactions(body.K, a, f), _lower_side)
-    pressures = SurfaceNodes.of(body.body, _lower_side).pressure(force.force[:, 1])
+    pressures = contact_surface(body.body, _lower_side).pressure(force.force[:, 1])
     scalars = {
         "smallest_force": force.force[:, 1].min() / force.force[:, 1].mean(),
         "smallest_pressure": pressures.min() / (ROW**2 / 12),

@@ -1,15 +1,14 @@
 """The evidence: a sheet for each section, an index of the paper's items, and all claims.
 
 A sheet has what is computed and with what reference, figures, and a table of quantities with their
-reference, error and tolerance. Texts are those of `study/report/sections`; numbers come from stored
-results and judged claims.
+reference, error and tolerance. Texts are those of `study/texts`; numbers come from stored results
+and judged claims.
 """
 
 import html
 import math
 import re
 import shutil
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,15 +20,14 @@ from study.core.sources import source
 from study.core.store import MissingResult, Results, StudyError
 from study.judge import claims as judged
 from study.paper.items import ITEMS, TITLES, Item
-from study.report.numbers import short
-from study.report.texts import Texts, names_section, provenance
 from study.site import mathematics
+from study.texts import HEADS, PAPERS, Place, Texts, provenance
+from study.texts.numbers import short
+from study.texts.statements import names_section
 from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-# What each sheet says at its head, in words
-SHEETS: dict[str, dict[str, str]] = tomllib.loads((HERE / "sheets.toml").read_text("utf-8"))
 PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
     "The paper's sections": [s for s in SECTIONS if s[0].isdigit() or s == "I"],
@@ -38,22 +36,33 @@ GROUPS = {
 }
 
 
+# Sections of the paper whose statements a sheet judges, if other than its own
+JUDGED = {"I": ("1",), "3": ("3", "4", "6")}
+# The texts, of the report's, that sum up
+SUMMARY = {
+    "evidence": "What was tested, and with which result",
+    "alternatives": "Alternatives",
+    "unknown": "What could not be known, and errata of the paper",
+}
+
+
 def write(results: Results, source_folder: Path) -> list[str]:
     """Write the evidence's pages; return what is missing."""
     pages = source_folder / "evidence"
     pages.mkdir()
-    texts = _Sheets(results)
+    stored = [section for section in SECTIONS if results.cases(section)]
+    first = _Sheets(results, {}, strict=False)
+    first.pages(stored)
+    texts = _Sheets(results, first.known, strict=not first.incomplete)
     figures = source_folder / "_static" / "figures"
     figures.mkdir(parents=True)
     for name in texts.figures:
         for path in (results.folder / "figures").glob(f"{name}.*svg"):
             shutil.copy(path, figures)
-    stored = [section for section in SECTIONS if results.cases(section)]
-    for section in stored:
-        (pages / f"{section}.md").write_text(texts.sheet(section), encoding="utf-8")
+    for name, page in texts.pages(stored).items():
+        (pages / f"{name}.md").write_text(page, encoding="utf-8")
     (pages / "figures-and-tables.md").write_text(texts.items(stored), encoding="utf-8")
     (pages / "claims.md").write_text(texts.all_claims(stored), encoding="utf-8")
-    (pages / "paper.md").write_text(texts.paper(), encoding="utf-8")
     (pages / "index.md").write_text(texts.index(stored), encoding="utf-8")
     which = source_folder / "which-way.md"
     which.write_text(which.read_text("utf-8") + "\n" + texts.decision(), encoding="utf-8")
@@ -74,21 +83,18 @@ def copy_data(results: Results, pages: Path) -> None:
 class _Sheets(Texts):
     """Texts as pages of the site.
 
-    Attributes:
-        incomplete: What is missing, a line for each.
+    Args:
+        results: What is shown.
+        known: Places of figures, tables and sections, for what is referred to before it comes.
+        strict: Whether all that is referred to is known.
     """
 
-    def __init__(self, results: Results) -> None:
-        super().__init__(results, [HERE, HERE.parent / "report"])
-        self.incomplete: list[str] = []
-        self._tables: dict[str, Markup] = {}
-        words: dict[str, Callable[..., object]] = {
-            "ref": _nothing,
-            "cite": _nothing,
-            "table": self._table,
-            "claims_table": self.claims_table,
-        }
-        self.environment.globals |= words
+    def __init__(self, results: Results, known: dict[str, Place], strict: bool) -> None:
+        sections = {one: Place(f"{one}.html", f"section {one}") for one in SECTIONS}
+        sections |= {name: Place("paper.html", words) for name, words in SUMMARY.items()}
+        super().__init__(results, [HERE], "sheet.html", sections | known, strict)
+        self._page = ""
+        self.environment.globals |= {"sheet": True, "claims_table": self.claims_table}
         filters: dict[str, Callable[..., Markup]] = {
             "typeset": typeset,
             "relation": _relation,
@@ -96,39 +102,63 @@ class _Sheets(Texts):
         }
         self.environment.filters |= filters
 
+    def pages(self, sections: list[str]) -> dict[str, str]:
+        """Return the pages of the sections, and that of the paper."""
+        return {section: self.sheet(section) for section in sections} | {"paper": self.paper()}
+
     def sheet(self, section: str) -> str:
         """Return the page of a section."""
         name = mathematics.typeset(title(section), "{{sub}}`{}`")
         head = [f"# {section}: {name}", self._facts(section)]
-        try:
-            body = self.render(f"sections/{section}.html")
-        except MissingResult as missing:
-            self.incomplete.append(f"section {section}: {missing}")
-            body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
-        mine = [n for n, entry in self.figures.items() if entry["section"] == section]
-        rest = Markup().join(self.figure(n) for n in mine if f'id="{n}"' not in body)
-        return (
-            "\n\n".join([*head, _as_markdown(_linked(body + rest, section)), self._data(section)])
-            + "\n"
+        body = self._body(section, section)
+        return "\n\n".join([*head, body, self._data(section)]) + "\n"
+
+    def paper(self) -> str:
+        """Return the page of what the paper is about and what of it holds."""
+        self.numbers = {}
+        parts = [f"## {head}\n\n{self._body('paper', name)}" for name, head in SUMMARY.items()]
+        cited = _raw(self.render("cited.html"))
+        return "\n\n".join(
+            ["# The paper, and what of it holds", *parts, f"## References\n\n{cited}"]
         )
 
-    def figure(self, name: str) -> Markup:
-        """Return a figure, whose file lies beside the pages."""
+    def _body(self, page: str, name: str) -> str:
+        if page == name:
+            self.numbers = {}
+        self._page = page
+        before = dict(self.numbers)
+        try:
+            body = self.text(name)
+        except MissingResult as missing:
+            self.numbers = before  # its figures and tables are not shown
+            self.incomplete.append(f"{name}: {missing}")
+            body = Markup('<p class="note">This sheet is incomplete: {}.</p>').format(missing)
+        mine = [n for n, entry in self.figures.items() if entry["section"] == name]
+        body += Markup().join(self.figure(n) for n in mine if f'id="{n}"' not in body)
+        self.known |= {**self.places(f"{page}.html"), **self.known}
+        return _as_markdown(_linked(body, page))
+
+    def ref(self, name: str) -> Markup:
+        """Return a link to a figure, a table or a section, which may be on another page."""
+        link = super().ref(name)
+        page, inside, _ = self.known.get(name, Place("", "")).address.partition(".html#")
+        return link + f" of section {page}" if inside and page != self._page else link
+
+    def drawing(self, name: str) -> dict[str, Any] | None:
+        """Return a figure's entry, with the addresses of the files that lie beside the pages."""
         if name not in self.figures:
-            self.incomplete.append(f"figure {name} has not been drawn")
-            return Markup()
-        entry = dict(self.figures[name])
-        folder = "../_static/figures"
-        entry["caption"] = typeset(entry["caption"])
+            return None
+        folder, entry = "../_static/figures", dict(self.figures[name])
         entry["uri"] = f"{folder}/{name}.svg"
         entry["narrow_uri"] = f"{folder}/{name}.narrow.svg" if "narrow" in entry else None
-        return self.render("figure.html", name=name, figure=entry, label=_label(name))
+        return entry
 
-    def claims_table(self, rows: list[dict[str, Any]]) -> Markup:
+    def claims_table(self, section: str) -> Markup:
         """Return the quantities of a sheet, with reference, error and tolerance.
 
         Pins are left out unless they differ.
         """
+        rows = [row for one in JUDGED.get(section, (section,)) for row in self.claims_of(one)]
         shown = [row for row in rows if row["kind"] != "pin" or row["differs"]]
         return self.render("quantities.html", rows=shown) if shown else Markup()
 
@@ -154,16 +184,6 @@ class _Sheets(Texts):
             parts += [f"## {head}", _raw(self.render("items.html", rows=mine, kind=kind))]
         return "\n\n".join(parts) + "\n"
 
-    def paper(self) -> str:
-        """Return the page of what the paper is about and what of it holds."""
-        parts = ["# The paper, and what of it holds"]
-        for name in ("introduction", "conclusions"):
-            try:
-                parts.append(_as_markdown(_linked(self.render(f"sections/{name}.html"))))
-            except MissingResult as missing:
-                self.incomplete.append(f"{name}: {missing}")
-        return "\n\n".join(parts) + "\n"
-
     def index(self, sections: list[str]) -> str:
         """Return the page that lists all sheets."""
         parts = ["# Evidence", (HERE / "evidence.md").read_text("utf-8")]
@@ -177,22 +197,14 @@ class _Sheets(Texts):
         return "\n\n".join(parts) + "\n"
 
     def decision(self) -> str:
-        """Return the report's table of what to use when, as it is without the report."""
-        try:
-            self.render("paper/answer.html")
-        except MissingResult as missing:
-            self.incomplete.append(f"the decision table: {missing}")
-        return _raw(self._tables.get("decision", Markup()).replace(" ()", ""))
-
-    def _table(self, name: str, caption: str, caller: Callable[[], str]) -> Markup:
-        del caption  # which speaks of the report's parts
-        self._tables[name] = self.render("decision.html", name=name, rows=Markup(caller()))
-        return Markup()
+        """Return the table of what to use when, for a page beside the evidence's folder."""
+        self.numbers = {}
+        return _raw(self.text("decision").replace('href="', 'href="evidence/'))
 
     def _facts(self, section: str) -> str:
-        sheet = SHEETS.get(section, {})
+        sheet = HEADS.get(section, {})
         if strange := sheet.keys() - {*PARTS}:
-            raise StudyError(f"sheets.toml: {section} has {', '.join(sorted(strange))}")
+            raise StudyError(f"heads.toml: {section} has {', '.join(sorted(strange))}")
         path = source(SECTIONS[section])
         assert path is not None
         cases = len(self.results.cases(section))
@@ -258,29 +270,9 @@ def _digits(value: float, tol: float) -> int:
     return min(max(2 + above, 2), 8)
 
 
-def _nothing(*names: str) -> Markup:
-    """Stand for the report's references to its own parts and sources."""
-    del names
-    return Markup()
-
-
-_PAPERS = re.compile(r"(fig|tab)0*(\d+)(?:_0*(\d+))?")
-
-
-def _label(name: str) -> str:
-    """Return "The paper's Figs 7 to 8." for fig07_08; nothing for figures of this study."""
-    if not (match := _PAPERS.fullmatch(name)):
-        return ""
-    if match[1] == "tab":
-        return f"To the paper's Table {match[2]}."
-    if match[3]:
-        return f"The paper's Figs {match[2]} to {match[3]}."
-    return f"The paper's Fig. {match[2]}."
-
-
 def _shows(name: str, item: Item) -> bool:
     """Tell whether a figure is an item of the paper, or one of several."""
-    match = _PAPERS.fullmatch(name)
+    match = PAPERS.fullmatch(name)
     if not match or match[1] != item.kind[:3]:
         return False
     return int(match[2]) <= int(item.number) <= int(match[3] or match[2])

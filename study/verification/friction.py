@@ -8,14 +8,15 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 # GRECO plate: horizontal displacements in m at places x in m on the base. Published ones of
-# code_aster's validation manual, V6.04.128 (SSNV128), which allows 5 %; finer ones of an
-# independent prototype of this study on 64 x 64 squares of triangles (a reconstruction).
+# code_aster's validation manual, V6.04.128 (SSNV128), which calls their uncertainty average; finer
+# ones of an independent prototype of this study on 64 x 64 squares of triangles (a
+# reconstruction).
 GRECO_PLACES = (0.0, 1.25e-3, 5e-3, 7.5e-3, 11.25e-3)
 GRECO_PUBLISHED = (2.86e-5, 2.72e-5, 2.28e-5, 1.98e-5, 1.5e-5)
 GRECO_PROTOTYPE = (2.8602e-5, 2.7225e-5, 2.2868e-5, 1.9807e-5, 1.5414e-5)
 
 # Spence's stick radius over the half width of a flat punch by (nu in plane strain, mu): an
-# independent boundary-element computation on the half plane, by its own estimate to +-.003
+# boundary-element program of this study on the half plane, by its own estimate to +-.003
 SPENCE = {
     (0.25, float(np.tan(np.deg2rad(20)))): 0.696,
     (0.20, float(np.tan(np.deg2rad(20)))): 0.588,

@@ -1,11 +1,15 @@
 """Ways to state contact of two deformable bodies on meshes that do not match.
 
-The new one is the library's. The others, for comparison, have the standard test functions and no
-friction: multipliers on the slave's face, its standard functions (`p2-p2`), its linear ones
+The new one is the library's, whose gaps are weighted with the test functions. `pw-dual-gap` has
+the same test functions and multipliers, but gaps weighted with these, the duals: what a mean gap
+over positive functions costs at the edge of contact is the difference of both. The others, for
+comparison, have the standard test functions. All but the library's are without friction:
+multipliers on the slave's face, its standard functions (`p2-p2`), its linear ones
 (`p2-p1`) or the duals of the quadratic ones (`p2-dual`; in space those of the transformed basis
 of A. Popp, B. Wohlmuth, M. Gee and W. Wall, https://doi.org/10.1137/110848190), or nodes of the
-slave that meet the master's face (`node-to-segment`). The gap has the weights that the
-multipliers' functions are, so that these are symmetric saddle points; active sets by Newton.
+slave that meet the master's face (`node-to-segment`). Their gap has the weights that the
+multipliers' functions are, so that the standard ones are symmetric saddle points; active sets by
+Newton.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,10 +39,13 @@ from pw_elements.contact.state import ContactState
 from pw_elements.contact.trace import Trace, gathered_trace
 from pw_elements.parts import Part
 from pw_elements.recovery import SurfaceNodes
+from study.reading import contact_surface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+# With piecewise-linear test functions
+NEW = ("pw-dual", "pw-dual-gap")
 # Of quadrature in space, where cells are straight but for 1e-3: the degree that the library takes
 # for curved ones changes the ninth digit of pressures, and takes half of all time
 _DEGREE = 3
@@ -82,7 +89,7 @@ class TwoBodies:
         """Assembles them; `moduli` are the lower and the upper body's, `sides` slave and master."""
         E = fem.Function(fem.functionspace(mesh, ("DG", 0)))
         E.x.array[:] = np.where(of_lower, *moduli)
-        spaces = Spaces.petrov_galerkin(mesh) if way == "pw-dual" else Spaces.galerkin(mesh)
+        spaces = Spaces.petrov_galerkin(mesh) if way in NEW else Spaces.galerkin(mesh)
         degree = _DEGREE if state is StressState.SOLID else None
         body = Body(spaces, Material(E, poissons_ratio), state, quadrature_degree=degree)
         return cls(way, body, assemble_matrix(body.stiffness()), *sides)
@@ -96,11 +103,6 @@ class TwoBodies:
     def x(self) -> Array:
         """Positions (nodes, dim)."""
         return np.asarray(self.space.tabulate_dof_coordinates()[:, : self.space.mesh.geometry.dim])
-
-    @property
-    def is_symmetric(self) -> bool:
-        """Whether it is one of the ways of this module."""
-        return self.way != "pw-dual"
 
     def load(self, traction: Array | Sequence[float], where: Part) -> PETSc.Vec:
         """Load vector of a traction on a part of the boundary."""
@@ -117,7 +119,7 @@ class TwoBodies:
     ) -> "Solution":
         """Contact of both; friction, several loads, motions and starts for the new way only."""
         reduction = Reduction.dirichlet(self.space, conditions)
-        if not self.is_symmetric:
+        if self.way == "pw-dual":
             nodes = fem.locate_dofs_topological(
                 self.space, self.space.mesh.topology.dim - 1, self.slave
             )
@@ -191,15 +193,17 @@ def _cross(x: Array, force: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Coupling:
-    """Gaps rows @ u + gap (m,) of multipliers, whose forces are rows.T; scales for the iteration.
+    """Gaps rows @ u + gap (m,) of multipliers, whose forces are forces.T; scales for the iteration.
 
     Args:
         rows: (m, nodes), of the vertical displacements.
+        forces: (m, nodes), vertical.
         gap: (m,).
         weight: (m,), integral of what the gap is weighted with.
     """
 
     rows: sp.csr_array
+    forces: sp.csr_array
     gap: Array
     weight: Array
 
@@ -213,7 +217,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
     sign = -1.0 if one.outward[:, -1].mean() > 0 else 1.0
     build = _of_nodes if two.way == "node-to-segment" else _of_multipliers
     coupling = build(two.way, one, other, len(x), sign)
-    G = sp.csr_array(sp.kron(coupling.rows, np.eye(dim)[-1:]))
+    G, B = (sp.csr_array(sp.kron(of, np.eye(dim)[-1:])) for of in (coupling.rows, coupling.forces))
     K = sp.csr_array(two.K.getValuesCSR()[::-1], shape=two.K.getSize())
     u = np.zeros(x.size)
     held = np.zeros(x.size, dtype=bool)
@@ -223,7 +227,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         condition.set(u)
     free = np.flatnonzero(~held)
     right = (load.array_r - K @ u)[free]
-    Kf, Gf, start = K[free][:, free], G[:, free], coupling.gap + G @ u
+    Kf, Gf, Bf, start = K[free][:, free], G[:, free], B[:, free], coupling.gap + G @ u
     known = np.abs(G).sum(axis=1) > 1e-9 * np.abs(G).sum(axis=1).max()
     stiffness = K.diagonal().mean()
     area = np.abs(coupling.weight).mean()
@@ -236,7 +240,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         seen.append(active)
         of = Gf[active]
         zero = sp.csr_array((of.shape[0], of.shape[0]))
-        matrix = sp.block_array([[Kf, -of.T], [of, zero]], format="csr")
+        matrix = sp.block_array([[Kf, -Bf[active].T], [of, zero]], format="csr")
         solved = _solved(matrix, np.concatenate([right, -start[active]]))
         u[free] = solved[: len(free)]
         multiplier = np.zeros(len(active))
@@ -246,21 +250,21 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
         settled = np.array_equal(new, active)
         active = new
     force = np.zeros_like(x)
-    force[:, -1] = coupling.rows.T @ multiplier
-    surface = SurfaceNodes.of(two.body, two.slave)
-    pressure: Array = np.full(len(nodes), np.nan)
-    if two.way == "node-to-segment":
-        area_of = surface.own_area if one.dim == 2 else surface.tributary_area
-        pressure = multiplier / area_of[np.argsort(surface.node)]
-    else:
-        pressure[known] = multiplier[known]
-    if two.way == "p2-p1":
-        ends = np.unique(one.node[:, : one.dim])
-        pressure[~np.isin(nodes, ends)] = np.nan
+    force[:, -1] = coupling.forces.T @ multiplier
+    surface = contact_surface(two.body, two.slave)
     order = np.searchsorted(nodes, surface.node)
+    if two.way == "node-to-segment":
+        pressure = surface.pressure(multiplier[order])
+    else:
+        if two.way == "p2-p1":  # linear along each edge
+            place = np.searchsorted(nodes, one.node)
+            for middle, ends in _edges(one.dim):
+                multiplier[place[:, middle]] = multiplier[place[:, ends]].mean(axis=1)
+                known[place[:, middle]] = True
+        pressure = np.where(known, multiplier, np.nan)[order]
     return Solution(
         surface.node,
-        pressure[order],
+        pressure,
         surface.tributary_area,
         force,
         other.nodes,
@@ -289,15 +293,16 @@ def _solved(matrix: sp.csr_array, right: Array) -> Array:
 def _of_multipliers(way: str, one: Trace, other: Trace, count: int, sign: float) -> _Coupling:
     """By integrals over the segments of both faces."""
     overlap = Overlap.of(one, other, one.nodes, revolved=False)
-    (at1, N1), (at2, N2), _ = overlap.functions
+    (at1, N1), (at2, N2), (at3, w2) = overlap.functions
     functions: dict[str, Callable[[], Array]] = {
+        "pw-dual-gap": lambda: overlap.dual,
         "p2-p2": lambda: N1,
         "p2-p1": lambda: _linear(N1, one.dim),
         "p2-dual": lambda: _duals(at1, N1, overlap.measure, one.dim),
     }
     phi = functions[way]()
     m = len(one.nodes)
-    row = np.searchsorted(one.nodes, at1)
+    row = overlap.point if way in NEW else np.searchsorted(one.nodes, at1)
 
     def integrals(column: Indices, values: Array) -> sp.csr_array:
         parts = np.einsum("q,qa,qk->qak", overlap.measure, phi, values)
@@ -306,18 +311,26 @@ def _of_multipliers(way: str, one: Trace, other: Trace, count: int, sign: float)
         ]
         return sp.csr_array(sp.coo_array((parts.ravel(), tuple(place)), (m, count)))
 
-    rows = sign * (integrals(at1, N1) - integrals(at2, N2))
+    rows = forces = sign * (integrals(at1, N1) - integrals(at2, N2))
+    if way in NEW:
+        forces = sign * (integrals(one.nodes[row], overlap.weight) - integrals(at3, w2))
     measured = overlap.measure[:, None] * phi
     gap = np.bincount(row.ravel(), (sign * overlap.apart[:, -1:] * measured).ravel(), m)
     weight = np.bincount(row.ravel(), measured.ravel(), m)
-    return _Coupling(rows, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
+    return _Coupling(rows, forces, np.asarray(gap, dtype=float), np.asarray(weight, dtype=float))
+
+
+def _edges(dim: int) -> list[tuple[int, list[int]]]:
+    """The node in the middle of each edge of a facet, and those at its ends."""
+    return {2: [(2, [0, 1])], 3: [(3, [1, 2]), (4, [0, 2]), (5, [0, 1])]}[dim]
 
 
 def _linear(N: Array, dim: int) -> Array:
     """Linear functions of vertices (q, k), zero at mid-sides, from quadratic ones (q, k)."""
     result = np.zeros_like(N)
-    for a, ends in enumerate({2: ((2,), (2,)), 3: ((4, 5), (3, 5), (3, 4))}[dim]):
-        result[:, a] = N[:, a] + N[:, list(ends)].sum(axis=1) / 2
+    result[:, :dim] = N[:, :dim]
+    for middle, ends in _edges(dim):
+        result[:, ends] += N[:, [middle]] / 2
     return result
 
 
@@ -354,5 +367,5 @@ def _of_nodes(way: str, one: Trace, other: Trace, count: int, sign: float) -> _C
         (N.ravel(), (np.repeat(np.arange(m), N.shape[1]), at.ravel())), (m, count)
     )
     gap = sign * (x - y)[:, -1]
-    rows = sp.diags_array(meets * sign) @ rows
-    return _Coupling(sp.csr_array(rows), gap, meets.astype(float))
+    rows = sp.csr_array(sp.diags_array(meets * sign) @ rows)
+    return _Coupling(rows, rows, gap, meets.astype(float))

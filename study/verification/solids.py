@@ -6,7 +6,7 @@ displacements, its forces belong to them, and contact is stated on their gaps.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from petsc4py import PETSc
 
@@ -20,6 +20,7 @@ from pw_elements import (
     Material,
     Reduction,
     Sibling,
+    Spaces,
     StressState,
     assemble_matrix,
     assemble_vector,
@@ -31,6 +32,7 @@ from pw_elements.mechanics import Marker, Vector
 from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
+from study.reading import compared, contact_surface
 from study.units import dimensionless
 
 Array = npt.NDArray[np.float64]
@@ -122,17 +124,22 @@ class Solid:
         order = by_position(self.space.tabulate_dof_coordinates()[nodes])
         return np.asarray(forces.array_r.reshape(-1, 3)[nodes[order]])
 
-    def tractions(self, surface: SurfaceNodes, forces: Array) -> Array:
-        """Forces (m, 3) over areas, by the nodes' weights; NaN where a node has none."""
-        if self.T is None and self.sibling is None:
-            return surface.pressure(forces)
-        return surface.tributary_pressure(forces)
+    def surface(self, where: Marker) -> SurfaceNodes:
+        """Nodes (m) of a part of the boundary, with weights by which its forces are read."""
+        T = self.T if self.sibling is None else force_transfer(self.space)
+        return contact_surface(self.body, where, T)
+
+    def compared(self, name: str, error: Array, where: Marker) -> dict[str, float]:
+        """Scalars of errors (m,) on the nodes that the standard element reads, and on others."""
+        galerkin = replace(self.body, spaces=Spaces.galerkin(self.body.spaces.mesh))
+        standard = contact_surface(galerkin, where).pressure(np.zeros(len(error)))
+        return {f"{name}_{of}": size for of, size in compared(error, standard).items()}
 
 
 def face_result(
     states: list[ContactState],
     solid: Solid,
-    surface: SurfaceNodes,
+    where: Marker,
     forces: Array,
     exact: Array,
     scale: float,
@@ -144,22 +151,24 @@ def face_result(
     Args:
         states: all increments.
         solid: the body.
-        surface: nodes (m) of the face.
-        forces: (m, 3), at them; the last component presses, the first shears.
+        where: marker of the face.
+        forces: (m, 3), at its nodes; the last component presses, the first shears.
         exact: (m,), pressure.
         scale: what errors and curves are over.
         inner: distance from the origin within which errors count.
         further: scalars to store besides.
     """
-    x, tractions = surface.position, solid.tractions(surface, forces)
-    pressure, tributary = tractions[:, 2], surface.tributary_pressure(forces[:, 2])
+    surface = solid.surface(where)
+    x, tractions = surface.position, surface.pressure(forces)
+    pressure = tractions[:, 2]
     r = np.linalg.norm(x[:, :2], axis=1)
     counts = r < inner
-    error = np.abs(pressure - exact)[counts] / scale
+    off = np.where(counts, np.abs(pressure - exact), np.nan) / scale
     (pair,) = states[-1].pairs
     scalars = {
-        "pressure_error_median": np.nanmedian(error),
-        "pressure_error_max": np.nanmax(error),
+        "pressure_error_median": np.nanmedian(off),
+        "pressure_error_max": np.nanmax(off),
+        **solid.compared("pressure_error", off, where),
         "weightless_nodes": np.isnan(pressure[counts]).sum(),
         "nodes": counts.sum(),
         "iterations": sum(state.iterations for state in states),
@@ -170,7 +179,6 @@ def face_result(
     curves = {
         "x": x,
         "pressure": pressure / scale,
-        "pressure_tributary": tributary / scale,
         "exact_pressure": exact / scale,
         "shear": tractions[:, 0] / scale,
         "status": pair.status,

@@ -21,13 +21,13 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.verification.c_mesh_families import on_cube
 from study.verification.half_space import Elastic, FlatRound, HertzSphere, KnownContact
 from study.verification.half_space_shear import hertz_force
 from study.verification.mesh_lines import GROWTH, OUTER, depths, graded, growing
+from study.verification.recorded import longer
 from study.verification.solid_meshes import box, cell_of, quarter_disc
 from study.verification.solids import INNER, Solid, face_result
 from study.verification.v10_partial_slip import mindlin
@@ -115,13 +115,12 @@ def _block(
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, load, supports, [pair], solid.space)
 
-    surface = SurfaceNodes.of(solid.body, base)
     forces = solid.nodal_forces(states[-1], load, base) @ turn
-    off = np.abs(solid.tractions(surface, forces)[:, 0] + shear) / PRESSURE
+    off = np.abs(solid.surface(base).pressure(forces)[:, 0] + shear) / PRESSURE
     return face_result(
         states,
         solid,
-        surface,
+        base,
         forces,
         np.full(len(forces), PRESSURE),
         PRESSURE,
@@ -157,7 +156,7 @@ def _indented(
     nothing = solid.K.createVecLeft()
     supports = solid.supports(conditions)
     states = solve_contact(solid.K, nothing, supports, [pair], solid.space)
-    surface = SurfaceNodes.of(solid.body, below)
+    surface = solid.surface(below)
     forces = -solid.nodal_forces(states[-1], nothing, below)
     r = np.linalg.norm(surface.position[:, :2], axis=1)
     with np.errstate(invalid="ignore"):
@@ -165,7 +164,7 @@ def _indented(
     return face_result(
         states,
         solid,
-        surface,
+        below,
         forces,
         exact,
         1.5 * known.force / np.pi,
@@ -219,3 +218,16 @@ CASES += [
     for element in ELEMENTS
     for n in of
 ]
+COMPARED = ("galerkin-T10", "sibling-T10", "pw-T10")
+"""Of partial slip on the finer meshes."""
+
+
+def _slipping(element: str, n: int) -> Case:
+    return Case("V10", f"mindlin-{element}-{n}", mindlin, {"element": element, "elements": n})
+
+
+CASES += [_slipping(element, 4) for element in COMPARED]
+LONGER = [_slipping(element, n) for element in COMPARED for n in (5, 6, 8)]
+LONGER += [_slipping(element, n) for element in ("galerkin-H27", "pw-H27") for n in (4, 5)]
+"""Computed by `longer`."""
+CASES += longer("V10")

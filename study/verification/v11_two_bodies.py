@@ -1,4 +1,4 @@
-"""Contact of two deformable bodies whose meshes do not match, by five ways (`mortar_ways`)."""
+"""Contact of two deformable bodies whose meshes do not match, by the ways of `mortar_ways`."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +14,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 from scipy.spatial import cKDTree
 
-from pw_elements import StressState, assemble_matrix, prescribe
+from pw_elements import Spaces, StressState, assemble_matrix, prescribe
 from pw_elements.contact import STICK, ContactState, Motion
 from pw_elements.contact.trace import Trace, gathered_trace, sizes
 from pw_elements.meshes import curved, mapped, on_lines
@@ -24,13 +24,14 @@ from study.core.cases import Case
 from study.core.store import Result
 from study.peers.calculix import peer_of, tracked_digest
 from study.peers.two_bodies import PAIRS, Blocks
+from study.reading import compared, contact_surface
 from study.units import dimensionless
 from study.verification.c_mesh_families import meshed
 from study.verification.friction import Cattaneo
 from study.verification.graded_meshes import joined
 from study.verification.half_space import Elastic, HertzLine, HertzSphere
 from study.verification.mesh_lines import OUTER, graded, growing
-from study.verification.mortar_ways import Solution, TwoBodies
+from study.verification.mortar_ways import NEW, Solution, TwoBodies
 from study.verification.solid_meshes import box
 from study.vocabulary import WAYS
 
@@ -84,7 +85,7 @@ def _blocks(way: str, dim: int, width: float) -> Result:
     down[up] = -PRESSURE
     load = two.load(down, lambda x: np.isclose(x[up], 2.0))
     if width < 1:
-        nodes, forces = _beyond(gathered_trace(two.space, two.slave), width, way == "pw-dual")
+        nodes, forces = _beyond(gathered_trace(two.space, two.slave), width, way in NEW)
         values = load.array.reshape(-1, dim)
         np.add.at(values[:, up], nodes, -PRESSURE * forces)
         load.array[:] = values.ravel()
@@ -270,7 +271,7 @@ def _cattaneo(way: str, edges: int, ratio: float, start: list[ContactState]) -> 
     return result, found.states
 
 
-def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
+def spheres(way: str, edges: float, ratio: float = 0.71) -> Result:
     """A quarter of two spheres of unequal moduli without friction; far fields are exact."""
     two, known = _two_spheres(way, edges, ratio)
     force = known[0].force
@@ -299,7 +300,7 @@ def spheres(way: str, edges: int, ratio: float = 0.71) -> Result:
     return _result(two, found, known[0].pressure(r), known[0].peak, INNER, force / 4)
 
 
-def _two_spheres(way: str, edges: int, ratio: float) -> tuple[TwoBodies, list[HertzSphere]]:
+def _two_spheres(way: str, edges: float, ratio: float) -> tuple[TwoBodies, list[HertzSphere]]:
     """A quarter of both, and their exact fields."""
     bodies = [Elastic(E, POISSONS_RATIO) for E in MODULI]
     force = 4 / 3 / RADIUS / _compliance(*bodies)
@@ -525,6 +526,8 @@ def _result(
 ) -> Result:
     """Errors of the pressure (m,) at the slave's nodes against `exact`, forces on both bodies.
 
+    In space errors are given on the nodes that the standard element reads, `common`, and on others.
+
     Args:
         two: the bodies.
         found: what a way gives.
@@ -544,6 +547,7 @@ def _result(
     # positive where it presses on the master
     all_of = found.force[found.opposite, -1]
     all_of = all_of * np.sign(all_of.sum())
+    mine = found.force[found.node, -1]
     # smooth pressures: away from the edge of the contact and from the ends of the faces
     middle = np.linalg.norm(theirs[:, :-1], axis=1) < (inner if np.isfinite(inner) else INNER)
     if np.isinf(inner):
@@ -557,22 +561,28 @@ def _result(
         "master_force_min": all_of[middle].min() / mean,
         "master_force_max": all_of[middle].max() / mean,
         "master_force_least": all_of.min() / mean,
+        "slave_force_least": (mine * np.sign(mine.sum())).min() / mean,
         "iterations": found.iterations,
         "settled": found.settled,
         **found.balances(x),
         **(further or {}),
     }
+    if dim == 3:
+        galerkin = replace(two.body, spaces=Spaces.galerkin(two.space.mesh))
+        standard = contact_surface(galerkin, two.slave).pressure(np.zeros(len(at)))
+        errors = compared(np.where(near, error, np.nan) / scale, standard)
+        scalars |= {f"pressure_error_{of}": size for of, size in errors.items()}
     if slowly.any():
         scalars["master_force_slow"] = all_of[slowly].min() / mean
     if force is not None:
-        pressed = np.abs(found.force[found.node, -1].sum())
+        pressed = np.abs(mine.sum())
         scalars["force_error"] = abs(pressed / force - 1)
     stored = {
         "x": at,
         "pressure": found.pressure / scale,
         "exact_pressure": exact / scale,
         "area": found.area,
-        "force": found.force[found.node, -1],
+        "force": mine,
         "opposite_x": theirs,
         "opposite_force": found.force[found.opposite, -1],
         **(curves or {}),
@@ -607,11 +617,12 @@ def _slowly(two: TwoBodies, found: Solution) -> Mask:
 
 def _case(name: str, problem: Callable[..., Result], way: str, **parameters: float) -> Case:
     in_space = problem is spheres or parameters.get("dim") == 3
-    element = ("pw" if way == "pw-dual" else "galerkin") + ("-T10" if in_space else "-T6")
+    element = ("pw" if way in NEW else "galerkin") + ("-T10" if in_space else "-T6")
     stated = {"way": way, **parameters}
     return Case("V11", name.format(way), problem, stated, {"element": element})
 
 
+DUAL = (*NEW, "p2-dual")
 CASES = [
     _case(f"{problem.__name__}-{dim}d-{{}}", problem, way, dim=dim)
     for problem in (patch, overhang)
@@ -634,11 +645,11 @@ CASES += [
 ]
 CASES += [_case("r0094-{}", r0094, way) for way in WAYS]
 CASES += [_case("spheres-{}-5", spheres, way, edges=5) for way in WAYS]
-CASES += [
-    _case("spheres-{}-3", spheres, "pw-dual", edges=3),
-    _case("spheres-{}-3", spheres, "p2-dual", edges=3),
-    _case("spheres-{}-5-ratio1.37", spheres, "pw-dual", edges=5, ratio=1.37),
-]
+CASES += [_case("spheres-{}-5-ratio1.37", spheres, way, edges=5, ratio=1.37) for way in WAYS]
+CASES += [_case("spheres-{}-3", spheres, way, edges=3) for way in DUAL]
+# the finer and the coarser mesh of others exchanged
+CASES += [_case("hertz-2d-{}-8-ratio2.0", hertz, way, edges=8, ratio=2.0) for way in DUAL]
+CASES += [_case("spheres-{}-3.55-ratio1.41", spheres, way, edges=3.55, ratio=1.41) for way in DUAL]
 CASES += [
     Case(
         "V11",

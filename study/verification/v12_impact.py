@@ -34,10 +34,11 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
-from pw_elements.recovery import SurfaceNodes, by_position
+from pw_elements.recovery import by_position, force_transfer
 from pw_elements.stability import critical_step
 from study.core.cases import Case
 from study.core.store import Result
+from study.reading import compared, contact_surface
 from study.units import dimensionless
 from study.verification.c_mesh_families import (
     cell_size,
@@ -135,22 +136,38 @@ class Motion:
 
 
 def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
-    """A bar 4 long and 1 wide on a rigid wall, `cells` along its width."""
+    """A bar 4 long and 1 wide on a rigid wall, `cells` along its width.
+
+    Pressures and forces are means over the steady time at nodes inside the face. Pressures are read
+    by own weights; errors are `common` at nodes where the standard element has one, and `alone` at
+    others. Forces are over their mean. `open_share` is that of pairs of a node and a step at which
+    the node does not touch.
+    """
     build = {2: on_strip, 3: on_bar}[dimension]
     mesh = build("", 1 / cells)
     found = Scheme.of(scheme, mesh)
     held = found.walls([1.0] * (dimension - 1))
     motion = (_by_hand if scheme == "pw" else _by_library)(found, held, end)
-    face = SurfaceNodes.of(found.body, _on(dimension - 1, 0.0))
+    wall = _on(dimension - 1, 0.0)
+    transfer = None if found.sibling is None else force_transfer(found.space)
+    face = contact_surface(found.body, wall, transfer)
+    standard = Body(Spaces.galerkin(mesh), MATERIAL, STATES[dimension])
     total = motion.force.sum(axis=1)  # the exact one is 1, as the face's area
     steady = (motion.time > STEADY[0]) & (motion.time < STEADY[1])
     inner = motion.force[steady][:, ~face.rim]
-    pressure = inner.mean(axis=0) / face.tributary_area[~face.rim]
+    mean = inner.mean(axis=0)
+    pressure = face.pressure(motion.force[steady].mean(axis=0))[~face.rim]
+    of_standard = contact_surface(standard, wall).pressure(face.own_area)[~face.rim]
+    errors = compared(pressure - 1, of_standard)
     scalars = {
-        "pressure_min": pressure.min(),
-        "pressure_max": pressure.max(),
-        "pressure_error_max": np.abs(pressure - 1).max(),
+        "pressure_min": np.nanmin(pressure),
+        "pressure_max": np.nanmax(pressure),
+        "pressure_error_max": np.nanmax(np.abs(pressure - 1)),
+        **{f"pressure_error_{of}": size for of, size in errors.items()},
+        "force_min": mean.min() / mean.mean(),
+        "force_max": mean.max() / mean.mean(),
         "open_share": np.mean(inner == 0),
+        "open_share_common": np.mean(inner[:, ~np.isnan(of_standard)] == 0),
         "release_time": motion.time[total > IN_CONTACT].max(),
         "energy_end": motion.energy,
         "critical_step": motion.critical_step,
@@ -161,6 +178,7 @@ def bar(scheme: str, dimension: int, cells: int, end: float = END) -> Result:
         "time": motion.time,
         "total": total,
         "pressure": pressure,
+        "force": mean,
         "x": face.position[~face.rim],
     }
     return Result(numbers, dimensionless(numbers), curves, dofs=found.K.getSize()[0])

@@ -24,9 +24,9 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import on_lines
-from pw_elements.recovery import SurfaceNodes
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes
+from study.reading import contact_surface
 from study.units import dimensionless
 from study.verification.half_space import Elastic, HertzLine
 from study.verification.indentation import INNER, OUTER, graded_square
@@ -89,7 +89,7 @@ def presses(element: str, n: int) -> Result:
     down = [Motion((0.0, None), (0.0, -step.force / 2)) for step in steps]
     pair = ContactPair(touching, Parabola((0.0, 0.0), RADIUS), FRICTION, down)
     states = solve_contact(block.K, loads, supports, pair, space)
-    surface = SurfaceNodes.of(block.body, touching)
+    surface = contact_surface(block.body, touching)
     (contact,) = states[-1].pairs
     at = contact.position[:, 0]
     shear = surface.pressure(-contact.force_tangential[:, 0]) / (FRICTION * known.peak)

@@ -11,11 +11,11 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, StressState, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves
+from study.reading import contact_surface
 from study.units import units_of
 
 TITLE = "Contact patch test"
@@ -49,7 +49,7 @@ def patch(element: str, mesh: str, state: str = "plane strain") -> Result:
     (solved,) = solve_contact(body.K, load, body.supports([middle]), [foundation], space)
     (contact,) = solved.pairs
 
-    surface = SurfaceNodes.of(body.body, _lower_side)
+    surface = contact_surface(body.body, _lower_side)
     force = contact.force_normal
     own, tributary = surface.pressure(force), surface.tributary_pressure(force)
     displacement = solved.displacement.array_r.reshape(-1, 2)

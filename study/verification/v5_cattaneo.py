@@ -23,10 +23,10 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import on_lines
-from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
+from study.reading import contact_surface
 from study.units import dimensionless
 from study.verification.friction import Cattaneo
 from study.verification.graded_meshes import with_counterpart
@@ -113,40 +113,37 @@ def _far_field(x: Array, share: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Traction:
-    """A traction along the contact: nodal forces, its three readings and the known one."""
+    """A traction along the contact: nodal forces, what is read from them and what is known."""
 
     force: Array
     own: Array
-    tributary: Array
     known: Array
 
     def errors(self, x: Array, name: str) -> dict[str, float]:
-        """Relative L2 errors of both readings, and of the first apart from the border of stick."""
+        """Relative L2 errors, the second one apart from the border of stick."""
         inner = np.abs(x) < INNER
         apart = inner & (np.abs(np.abs(x) - KNOWN.stick) > APART)
         weight = np.gradient(x)
 
-        def error(values: Array, where: npt.NDArray[np.bool_]) -> float:
-            squares = weight[where] * (values - self.known)[where] ** 2
+        def error(where: npt.NDArray[np.bool_]) -> float:
+            squares = weight[where] * (self.own - self.known)[where] ** 2
             scale = weight[inner] * self.known[inner] ** 2
             return float(np.sqrt(squares.sum() / scale.sum()))
 
         return {
-            f"error_{name}": error(self.own, inner),
-            f"error_{name}_tributary": error(self.tributary, inner),
-            f"error_{name}_apart": error(self.own, apart),
+            f"error_{name}": error(inner),
+            f"error_{name}_apart": error(apart),
         }
 
 
 def _result(body: Discretisation, states: list[ContactState]) -> Result:
     (contact,) = states[-1].pairs
-    surface = SurfaceNodes.of(body.body, _touching)
+    surface = contact_surface(body.body, _touching)
     x, status = contact.position[:, 0], contact.status
     known = (KNOWN.pressure(x), KNOWN.shear(x))
     forces = (contact.force_normal, contact.force_tangential[:, 0])
     pressure, shear = (
-        _Traction(r, surface.pressure(r), surface.tributary_pressure(r), t)
-        for r, t in zip(forces, known, strict=True)
+        _Traction(r, surface.pressure(r), t) for r, t in zip(forces, known, strict=True)
     )
     sticking, closed = x[status == STICK], status != OPEN
     left, right = (_border(x, end) for end in (sticking.min(), sticking.max()))
@@ -177,8 +174,6 @@ def _result(body: Discretisation, states: list[ContactState]) -> Result:
         "force_t": shear.force,
         "pressure": pressure.own,
         "shear": shear.own,
-        "pressure_tributary": pressure.tributary,
-        "shear_tributary": shear.tributary,
         "known_pressure": pressure.known,
         "known_shear": shear.known,
         **mesh_curves(body.space),

@@ -29,11 +29,11 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
+from study.reading import contact_surface
 from study.units import SI, dimensionless, units_of
 from study.verification.friction import (
     WEDGE_PUSH,
@@ -71,7 +71,7 @@ def sliding(element: str, friction: float, divisions: tuple[int, int]) -> Result
 
     (contact,) = states[-1].pairs
     force_n, force_t = contact.force_normal, -contact.force_tangential @ _uphill()
-    surface = SurfaceNodes.of(wedge.body, _base)
+    surface = contact_surface(wedge.body, _base)
     pressure, closed = surface.pressure(force_n), contact.status != OPEN
     ratio = wedge_ratio(WEDGE_SLOPE, friction)
     scalars = {
