@@ -16,14 +16,8 @@ def one(tmp_path):
     def computed(parameters, dofs=None, curves=None):
         name = f"case-{len(list(tmp_path.rglob('*.json')))}"
         provenance = {} if dofs is None else {"dofs": dofs}
-        save(
-            tmp_path,
-            "V1",
-            name,
-            Result({"y": 1.0}, {"y": "1"}, curves or {}),
-            parameters,
-            provenance,
-        )
+        result = Result({"y": 1.0}, {"y": "1"}, curves or {})
+        save(tmp_path, "V1", name, result, {"element": "pw-T6"} | parameters, provenance)
         return appendix.computed(Results(tmp_path), "V1")
 
     return computed
