@@ -1,8 +1,9 @@
 """Isotropic linear elasticity as UFL forms over a trial/test pair.
 
-The equations of motion, Eq. (1), in weak form, Eq. (2), are M a'' + K a = f, Eq. (9), with the
-forms of `Body`; accelerations are a field like displacements, Eq. (4), and UFL's gradients take
-the place of the matrices B, of shape functions, and of Eq. (8), of weight functions.
+The equations of motion, Eq. (1), are div sigma + b - rho u'' = 0; the paper misprints the last
+sign, which its Eq. (2) has right. In weak form, Eq. (2), they are M a'' + K a = f, Eq. (9), with
+the forms of `Body`; accelerations are a field like displacements, Eq. (4), and UFL's gradients
+take the place of the matrices B, of shape functions, and of Eq. (8), of weight functions.
 
 Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
 """

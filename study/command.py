@@ -15,7 +15,7 @@ from study.core import runner
 from study.core.cases import SECTIONS, Section, load_section
 from study.core.interrupt import INTERRUPTED, end, handled, stop
 from study.core.store import Results, StudyError
-from study.judge import claims
+from study.judge import claims, facts
 
 ROOT = Path(__file__).resolve().parents[1]
 FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
@@ -160,7 +160,7 @@ def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
 
     results = Results(out)
     verdicts = claims.judge(claims.load_claims(), results)
-    claims.write(out, verdicts)
+    facts.write(out, verdicts, results)
     drawn = draw_figures(out, complete, jobs)
     incomplete = build(results, out)
     differing = [

@@ -1,4 +1,4 @@
-"""Results that are computed when a measure asks for them, with another element if need be."""
+"""Results that are computed when a measure asks for them."""
 
 from dataclasses import replace
 from functools import cache
@@ -49,17 +49,3 @@ class ComputedResults(Results):
 
     def section(self, section):
         return [Lazy(self, key) for key in cases() if key.startswith(f"{section}/")]
-
-
-class SwappedResults(ComputedResults):
-    """The same, where a piece of each key is replaced: one element stands in for another."""
-
-    def __init__(self, folder, old, new):
-        super().__init__(folder)
-        self.old, self.new = old, new
-
-    def __getitem__(self, key):
-        section, _, case = key.partition("/")
-        taken = ComputedResults(self.folder)[key.replace(self.old, self.new)]
-        parameters = cases()[key].stored_parameters if key in cases() else taken.parameters
-        return replace(taken, section=section, case=case, parameters=parameters)

@@ -5,7 +5,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +16,7 @@ import jsonschema
 
 from study.core.store import MissingResult, Results, StudyError, write_json
 
+NO_REFERENCE: Literal["not judged: no reference"] = "not judged: no reference"
 HERE = Path(__file__).parent
 FILES = tuple(HERE / name for name in ("paper_claims.toml", "findings.toml", "pins.toml"))
 SCHEMA = HERE / "claims.schema.json"
@@ -27,10 +28,25 @@ RELATIONS: dict[str, Callable[[float, float, float], bool]] = {
     ">": lambda measured, value, tol: measured > value - tol,
     ">=": lambda measured, value, tol: measured >= value - tol,
 }
-GRADES = ("reproduced", "consistent by construction", "contradicted", "not testable")
+EXPECTED: dict[str, "Outcome"] = {
+    "reproduced": "holds",
+    "consistent by construction": "by construction",
+    "contradicted": "fails",
+    "not explained": "not explained",
+    "not testable": "not testable",
+}
+GRADES = tuple(EXPECTED)
 PAPER = ("paper", "implied")
 
-Outcome = Literal["holds", "fails", "not judged", "not testable"]
+Outcome = Literal[
+    "holds",
+    "by construction",
+    "fails",
+    "not explained",
+    "not judged",
+    "not judged: no reference",
+    "not testable",
+]
 
 
 @dataclass(frozen=True)
@@ -45,8 +61,10 @@ class Judgement:
         value: What the measure is compared with.
         tol: Absolute tolerance, in favour of the statement.
         tol_why: Where the tolerance comes from.
-        pinned: The verdict that is expected.
+        pinned: The verdict that is expected; of the paper's statements, what their grade says.
         why: The reason of that verdict.
+        reference: Measure of the error of what is compared with, and its arguments: if it is not
+            below a third of the tolerance, nothing is judged.
         tol_set: Whether value and tolerance were set "before" or "after" the first value was
             seen; None of findings for which it is not recorded.
         unit: Unit of measure, value and tolerances.
@@ -63,6 +81,7 @@ class Judgement:
     tol_why: str
     pinned: str
     why: str
+    reference: tuple[Callable[..., float], dict[str, Any]] | None = None
     tol_set: str | None = None
     unit: str = ""
     found: float | None = None
@@ -86,7 +105,7 @@ class Claim:
         reading_of: The claim of which this is another reading.
         basis: Why it cannot but hold, if it is consistent by construction.
         chosen: The constant of the study that was put in or fitted.
-        swap: Another element or law, and what it gives.
+        printed: Whether the value is the paper's own number.
         missing: What a test would need.
     """
 
@@ -101,7 +120,7 @@ class Claim:
     reading_of: str | None = None
     basis: str | None = None
     chosen: str | None = None
-    swap: dict[str, Any] | None = None
+    printed: bool = False
     missing: str | None = None
 
 
@@ -164,9 +183,26 @@ def judge(claims: list[Claim], results: Results) -> list[Verdict]:
     return [_judged(claim, results) for claim in claims]
 
 
-def write(out: Path, verdicts: list[Verdict]) -> None:
-    """Write `<out>/claims.json`."""
-    write_json(Path(out) / "claims.json", [_row(verdict) for verdict in verdicts])
+def write(
+    out: Path,
+    verdicts: list[Verdict],
+    facts: Mapping[str, str],
+    turned: Mapping[str, Sequence[str]],
+) -> None:
+    """Write `<out>/claims.json`.
+
+    Args:
+        out: Folder of the results.
+        verdicts: What was found.
+        facts: The fact that each statement of the paper rests on, by its id.
+        turned: Names of the mutations that turn it.
+    """
+    rows = [
+        _row(verdict)
+        | {"fact": facts.get(verdict.claim.id), "turned_by": list(turned.get(verdict.claim.id, ()))}
+        for verdict in verdicts
+    ]
+    write_json(Path(out) / "claims.json", rows)
 
 
 def table(verdicts: list[Verdict]) -> str:
@@ -215,6 +251,7 @@ def _row(verdict: Verdict) -> dict[str, Any]:
         "reading_of": claim.reading_of,
         "grade": claim.grade,
         "grade_why": claim.grade_why,
+        "basis": claim.basis,
         "missing": claim.missing,
         "measured": verdict.measured,
         "relation": how and how.relation,
@@ -294,19 +331,29 @@ def _claim(kind: str, table: dict[str, Any], place: int, measures: ModuleType) -
     rest.setdefault("kind", kind)
     if "measure" not in table:
         return Claim(**rest, judgement=None)
-    function = getattr(measures, table["measure"], None)
-    home = getattr(function, "__module__", "")
-    own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
-    if function is None or not own or table["measure"].startswith("_"):
-        raise wrong("measure", f"{table['measure']!r} is not in {measures.__name__}")
-    args = table.get("args", {})
-    try:
-        inspect.signature(function).bind(None, **args)
-    except TypeError as error:
-        raise wrong("args", f"do not suit {table['measure']}: {error}") from None
+
+    def measured(by: dict[str, Any]) -> tuple[Callable[..., float], dict[str, Any]]:
+        function, args = getattr(measures, by["measure"], None), by.get("args", {})
+        home = getattr(function, "__module__", "")
+        own = inspect.isfunction(function) and f"{home}.".startswith(f"{measures.__name__}.")
+        if function is None or not own or by["measure"].startswith("_"):
+            raise wrong("measure", f"{by['measure']!r} is not in {measures.__name__}")
+        try:
+            inspect.signature(function).bind(None, **args)
+        except TypeError as error:
+            raise wrong("args", f"do not suit {by['measure']}: {error}") from None
+        return function, args
+
     how = {key: table[key] for key in Judgement.__dataclass_fields__ if key in table}
     how |= {key: float(number) for key, number in _numbers(table)}
-    return Claim(**rest, judgement=Judgement(**{**how, "args": args}, function=function))
+    how["function"], how["args"] = measured(table)
+    if "grade" in table:
+        how["pinned"] = EXPECTED[table["grade"]]
+    if "reference" in table:
+        how["reference"] = measured(table["reference"])
+        if table["grade"] == "not testable":
+            how["pinned"] = NO_REFERENCE
+    return Claim(**rest, judgement=Judgement(**how))
 
 
 def _numbers(table: dict[str, Any]) -> Iterator[tuple[str, float]]:
@@ -330,5 +377,17 @@ def _judged(claim: Claim, results: Results) -> Verdict:
         raise StudyError(f"claim {claim.id}: {how.measure} failed with {what}") from error
     if not math.isfinite(measured):
         raise StudyError(f"claim {claim.id}: {how.measure} gave {measured}")
-    holds = RELATIONS[how.relation](measured, how.value, how.tol)
-    return Verdict(claim, measured, "holds" if holds else "fails")
+    if how.reference is not None:
+        error_of, args = how.reference
+        if error_of(results, **args) >= (how.tol or abs(how.value)) / 3:
+            return Verdict(claim, measured, NO_REFERENCE)
+    return Verdict(claim, measured, _outcome(claim, measured))
+
+
+def _outcome(claim: Claim, measured: float) -> Outcome:
+    """What the number says: statements that cannot fail do not hold, they are constructed."""
+    how = claim.judgement
+    assert how is not None
+    if RELATIONS[how.relation](measured, how.value, how.tol):
+        return "by construction" if claim.grade == "consistent by construction" else "holds"
+    return "not explained" if claim.grade == "not explained" else "fails"

@@ -12,6 +12,7 @@ from pw_elements import (
     Material,
     Reduction,
     StressState,
+    assemble_matrix,
     assemble_vector,
     prescribe,
     reactions,
@@ -83,18 +84,20 @@ def statics(element: str) -> Result:
 def identity() -> Result:
     """K of the condensed pairs against T times that of condensed pairs of standard triangles.
 
-    And the unsymmetry of both.
+    And the unsymmetry of both, and of the mass matrices by Guyan's reduction.
     """
-    condensed = []
+    condensed, scalars = [], {}
     for element in ("pw-T6", "galerkin-T6"):
         body = _distorted_body(element)
         inner = mid_diagonal_nodes(body.space)
         reduction = Reduction.condensation(body.K, body.space, inner)
         kept = np.setdiff1d(np.arange(body.K.getSize()[0]), 2 * inner[:, None] + [0, 1])
         condensed.append(dense(reduction.matrix(body.K)))
+        mass = dense(reduction.matrix(assemble_matrix(body.body.mass())))
+        scalars[f"mass_unsymmetry_{element[:-3]}"] = relative_difference(mass, mass.T)
     T = dense(force_transfer(body.space))[np.ix_(kept, kept)]
     K, K_galerkin = condensed
-    scalars = {"difference": relative_difference(K, T @ K_galerkin)}
+    scalars["difference"] = relative_difference(K, T @ K_galerkin)
     scalars["difference_without_T"] = relative_difference(K, K_galerkin)
     scalars["unsymmetry_pw"] = relative_difference(K, K.T)
     scalars["unsymmetry_galerkin"] = relative_difference(K_galerkin, K_galerkin.T)

@@ -115,7 +115,10 @@ def _right_side(x: np.ndarray) -> np.ndarray:
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
 CASES = [Case("7.2", element, block, {"element": element}) for element in ELEMENTS]
-CASES += [Case("7.2", "pw-T6-80x40", block, {"element": "pw-T6", "divisions": (80, 40)})]
+CASES += [
+    Case("7.2", f"{element}-80x40", block, {"element": element, "divisions": (80, 40)})
+    for element in ("pw-T6", "pw-Q9")
+]
 # Everything rough sticks: there T times the standard forces has to be the new ones exactly
 CASES += [
     Case("7.2", f"{element}-stick", block, {"element": element, "friction": 5.0, "pull": 0.1})

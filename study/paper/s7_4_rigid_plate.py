@@ -116,4 +116,7 @@ CASES += [
     for element in ("galerkin-T6", "pw-T6")
     for suffix, given in DIAGONALS["7.4"].items()
 ]
-CASES += [Case("7.4", "pw-T6-fine", plate, {"element": "pw-T6", "under_half": 16})]
+CASES += [
+    Case("7.4", f"{element}-fine", plate, {"element": element, "under_half": 16})
+    for element in ("pw-T6", "pw-Q9")
+]

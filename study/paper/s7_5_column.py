@@ -246,7 +246,7 @@ def _in_contact(element: str, suffix: str = "", **parameters: object) -> Case:
 
 
 CASES = [_in_contact(element) for element in ELEMENTS]
-CASES += [_in_contact("pw-T6", "-fine", refined=2)]
+CASES += [_in_contact(element, "-fine", refined=2) for element in ("pw-T6", "pw-Q9")]
 CASES += [_in_contact("pw-T6", suffix, **given) for suffix, given in DATA["7.5"].items()]
 CASES += [
     _in_contact(element, suffix, **given)

@@ -7,9 +7,11 @@ from study.judge.measures.beam import (
     exact_ratio,
     finest_error,
     finest_squares,
+    gap_left,
     largest_imaginary,
     order,
     printed,
+    printed_between,
     printed_over_exact,
     printed_ratio,
     pw_against_galerkin,
@@ -34,6 +36,7 @@ from study.judge.measures.column import (
     highest_eigenvalue_shift,
     largest_eigenvalue_over_printed,
     largest_eigenvalue_shift,
+    largest_part_of_shift_left,
     largest_printed_shift,
     mean_eigenvalue_shift,
     misfit_margin,
@@ -52,6 +55,7 @@ from study.judge.measures.contact import (
     node_choice,
     slip_sawtooth,
     smallest_sawtooth_of_standard,
+    stick_sawtooth,
     stress_difference,
     transfer_defect,
 )
@@ -60,6 +64,7 @@ from study.judge.measures.general import (
     curve_at,
     curve_difference,
     difference_of,
+    elements,
     excess_ratio,
     largest,
     largest_from,
@@ -90,6 +95,7 @@ from study.judge.measures.known_solutions import (
 from study.judge.measures.paper_statements import (
     corner_share_in_examples,
     factor_entries_ratio,
+    shear_band,
     shear_off_fine,
     unevenness_of_standard,
 )

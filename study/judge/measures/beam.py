@@ -1,5 +1,6 @@
 """Measures of section 7.6."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,20 @@ def computed_ratio(results: Results, case: str, over: str, mode: int) -> float:
 def printed_ratio(results: Results, element: str, over: str, mode: int) -> float:
     """Relative distance of two printed critical stresses, in per cent."""
     return 100 * (TABLE_2[element][mode - 1] / TABLE_2[over][mode - 1] - 1)
+
+
+def gap_left(
+    results: Results, case: str, over: str, element: str, printed_over: str, mode: int
+) -> float:
+    """Computed less printed relative distance of two critical stresses, in per cent points."""
+    computed = computed_ratio(results, case, over, mode)
+    return computed - printed_ratio(results, element, printed_over, mode)
+
+
+def printed_between(results: Results, element: str, ends: Sequence[str], mode: int) -> float:
+    """Distance of a printed critical stress from the mean of two others, over half of theirs."""
+    value, one, other = (TABLE_2[name][mode - 1] for name in (element, *ends))
+    return abs(2 * value - one - other) / abs(one - other)
 
 
 def exact_ratio(results: Results, name: str, over: str, mode: int) -> float:

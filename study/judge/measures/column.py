@@ -81,6 +81,17 @@ def shift_misfit(results: Results, case: str, over: str, element: str, printed_o
     )
 
 
+def largest_part_of_shift_left(
+    results: Results, case: str, over: str, element: str, printed_over: str
+) -> float:
+    """Largest |computed less printed shift| over the printed one, over the modes."""
+    return max(
+        abs(eigenvalue_shift(results, case, over, mode) / printed - 1)
+        for mode in _MODES
+        for printed in [printed_shift(results, element, printed_over, mode)]
+    )
+
+
 def misfit_margin(
     results: Results,
     cases: Selection,

@@ -1,10 +1,12 @@
 """Measures of the contact examples: sections 7.2 to 7.5."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from study.core.store import Results
 from study.judge.measures.stored_cases import T6
-from study.vocabulary import OPEN, SLIP
+from study.vocabulary import OPEN, SLIP, STICK
 
 BLOCK_PRESSURE = 200.0
 
@@ -12,9 +14,19 @@ BLOCK_PRESSURE = 200.0
 def slip_sawtooth(results: Results, key: str) -> float:
     """Median over slipping mid-side nodes of shear force over the mean of both corners'."""
     curves = results.curves(key)
-    force, slipping = curves["force_t"], (curves["status"] == SLIP) & (curves["friction"] > 0)
-    middle = np.arange(3, len(force) - 3, 2)
-    used = middle[slipping[middle] & slipping[middle - 1] & slipping[middle + 1]]
+    return _shear_sawtooth(curves, (curves["status"] == SLIP) & (curves["friction"] > 0), 3)
+
+
+def stick_sawtooth(results: Results, key: str) -> float:
+    """The same over sticking nodes."""
+    curves = results.curves(key)
+    return _shear_sawtooth(curves, curves["status"] == STICK, 1)
+
+
+def _shear_sawtooth(curves: Mapping[str, np.ndarray], chosen: np.ndarray, first: int) -> float:
+    force = curves["force_t"]
+    middle = np.arange(first, len(force) - first, 2)
+    used = middle[chosen[middle] & chosen[middle - 1] & chosen[middle + 1]]
     return float(np.median(2 * force[used] / (force[used - 1] + force[used + 1])))
 
 

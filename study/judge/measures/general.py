@@ -102,3 +102,10 @@ def curve_difference(results: Results, key: str, name: str, other: str, other_na
 def cells(results: Results, key: str) -> float:
     """Number of cells of the mesh."""
     return float(len(results.curves(key)["cells"]))
+
+
+def elements(results: Results, key: str) -> float:
+    """Number of elements: of quadrilaterals that are made of two triangles, pairs."""
+    nodes = results.curves(key)["cells"].shape[1]
+    paired = nodes == 6 and "Q8" in results[key].parameters["element"]
+    return cells(results, key) / (2 if paired else 1)

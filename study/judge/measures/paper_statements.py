@@ -6,10 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from study.core.store import Results
+from study.paper.bands import DIAGONALS, members
+from study.vocabulary import STICK
 
 Array = npt.NDArray[np.float64]
 
 FINE_PUNCH = "7.3/pw-T6-114x24"
+STUCK = 1.1  # half length over which the punch sticks
 SAMPLES = 20_001  # of its shear, some 90 from node to node
 
 
@@ -21,28 +24,41 @@ def factor_entries_ratio(results: Results, key: str, other: str) -> float:
 def shear_off_fine(
     results: Results,
     key: str,
-    within: float,
+    within: float | None = None,
     kind: Literal["largest", "rms"] = "largest",
     averaged_on: str = "",
+    fine: str = FINE_PUNCH,
+    surface: str = "",
 ) -> float:
-    """Shear below the punch of section 7.3 against the fine mesh's, read by the same functions.
+    """Shear along a contact surface against a fine mesh's, read by the same functions.
 
     A node's shear is its force over the integral of its own test function; the fine mesh's is
-    averaged with that function. Nodes in |x| < `within`; in per cent of the fine mesh's largest
-    shear. `averaged_on` names a coarser case, with whose functions both are averaged.
+    averaged with that function. In per cent of the fine mesh's largest shear.
+
+    Args:
+        results: of the study.
+        key: of the case.
+        within: nodes in |x| < `within` count; without it, those that stick.
+        kind: of the size of the differences.
+        averaged_on: names a coarser case, with whose functions both are averaged.
+        fine: the fine mesh's case.
+        surface: number of a surface of a body of revolution.
     """
-    ours, fine, case = results.curves(key), results.curves(FINE_PUNCH), results[averaged_on or key]
-    nodes, standard = case.curves["x"], case.parameters["element"].startswith("galerkin")
-    x = np.linspace(*fine["x"][[0, -1]], SAMPLES)
-    weights = _test_functions(nodes, x, standard)
+    end = f"_{surface}" if surface else ""
+    ours, known, case = results.curves(key), results.curves(fine), results[averaged_on or key]
+    nodes, standard = case.curves[f"x{end}"], case.parameters["element"].startswith("galerkin")
+    x = np.linspace(known[f"x{end}"][0], known[f"x{end}"][-1], SAMPLES)
+    weights = _test_functions(nodes, x, standard) * (x if surface else 1.0)
 
     def averaged(line: dict[str, Array]) -> Array:
-        return weights @ np.interp(x, line["x"], line["shear"]) / weights.sum(axis=1)
+        shear = np.interp(x, line[f"x{end}"], line[f"shear{end}"])
+        return weights @ shear / weights.sum(axis=1)
 
-    off = (averaged(ours) if averaged_on else ours["shear"]) - averaged(fine)
-    off = off[np.abs(nodes) < within]
-    size = np.abs(off).max() if kind == "largest" else np.sqrt(np.mean(off**2))
-    return float(100 * size / np.abs(fine["shear"]).max())
+    off = (averaged(ours) if averaged_on else ours[f"shear{end}"]) - averaged(known)
+    stick = case.curves[f"status{end}"] == STICK
+    off = off[stick if within is None else np.abs(nodes) < within]
+    size = np.nanmax(np.abs(off)) if kind == "largest" else np.sqrt(np.mean(off**2))
+    return float(100 * size / np.nanmax(np.abs(known[f"shear{end}"])))
 
 
 def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
@@ -57,6 +73,12 @@ def _test_functions(nodes: Array, x: Array, standard: bool) -> Array:
     functions[2::2] -= functions[1::2] / 2
     functions[:-1:2] -= functions[1::2] / 2
     return functions
+
+
+def shear_band(results: Results, end: Literal["least", "largest"]) -> float:
+    """The same of the new element on that of all diagonals where it is least, or largest."""
+    keys = members("7.3/pw-T6", DIAGONALS)
+    return (min if end == "least" else max)(shear_off_fine(results, k, STUCK) for k in keys)
 
 
 # Section, and the scalar of mid-side over corner force

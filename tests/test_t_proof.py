@@ -1,0 +1,250 @@
+"""The proof of K_PW = T K_Galerkin, in exact fractions, and a counterexample for each condition.
+
+The functions are written out here; only the last test takes something from the library, which it
+compares. Nodes are numbered as in Basix: vertices, then the middles of the sides opposite them.
+"""
+
+from itertools import combinations
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from pw_elements import Spaces
+from pw_elements.meshes import triangles
+from pw_elements.recovery import force_transfer
+
+X, Y, Z = sp.symbols("x y z")
+SIDES = {
+    1: ((0, 1),),
+    2: ((1, 2), (0, 2), (0, 1)),
+    3: ((2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)),
+}
+ZERO = sp.Integer(0)
+
+
+def points(dim):
+    """The nodes of the reference simplex."""
+    vertices = [sp.zeros(dim, 1), *(sp.eye(dim)[:, k] for k in range(dim))]
+    return [*vertices, *((vertices[a] + vertices[b]) / 2 for a, b in SIDES[dim])]
+
+
+def shapes(*variables):
+    """The quadratic shape functions."""
+    L = [1 - sum(variables), *variables]
+    return [*(k * (2 * k - 1) for k in L), *(4 * L[a] * L[b] for a, b in SIDES[len(variables)])]
+
+
+def transfer(dim):
+    """T: 3/4 of a mid-side's equation stay, an eighth goes to either end."""
+    T = sp.diag(*[1] * (dim + 1), *[sp.Rational(3, 4)] * len(SIDES[dim]))
+    for middle, ends in enumerate(SIDES[dim], start=dim + 1):
+        for end in ends:
+            T[end, middle] = sp.Rational(1, 8)
+    return T
+
+
+def interval_weights():
+    start, end, middle = points(1)
+    return [
+        ([start, middle], [1 - 2 * X, ZERO, 2 * X]),
+        ([middle, end], [ZERO, 2 * X - 1, 2 - 2 * X]),
+    ]
+
+
+def triangle_weights():
+    """The corners of each sub-triangle, and the functions there by Eqs (15) to (20)."""
+    printed = {
+        (1, 4, 6): (1 - 2 * X - 2 * Y, ZERO, ZERO, 2 * X, ZERO, 2 * Y),
+        (4, 2, 5): (ZERO, 2 * X - 1, ZERO, 2 - 2 * X - 2 * Y, 2 * Y, ZERO),
+        (6, 5, 3): (ZERO, ZERO, 2 * Y - 1, ZERO, 2 * X, 2 - 2 * X - 2 * Y),
+        (4, 5, 6): (ZERO, ZERO, ZERO, 1 - 2 * Y, 2 * X + 2 * Y - 1, 1 - 2 * X),
+    }
+    own = (1, 2, 3, 5, 6, 4)  # the paper's numbers of our nodes
+    place = dict(zip(own, points(2), strict=True))
+    return [([place[n] for n in sub], [w[n - 1] for n in own]) for sub, w in printed.items()]
+
+
+def tetrahedron_weights(diagonal):
+    """The same on four tetrahedra at the vertices, and on the octahedron cut along a diagonal."""
+    middles = {4 + k: set(ends) for k, ends in enumerate(SIDES[3])}
+    subs = [(v, *(m for m, ends in middles.items() if v in ends)) for v in range(4)]
+    ring = [m for m in middles if m not in diagonal]
+    subs += [(*diagonal, a, b) for a, b in combinations(ring, 2) if middles[a] & middles[b]]
+    made = []
+    for sub in subs:
+        corners = [points(3)[n] for n in sub]
+        basis = sp.Matrix([[1, X, Y, Z]]) * sp.Matrix([[1, *c] for c in corners]).inv()
+        made.append((corners, [basis[sub.index(n)] if n in sub else ZERO for n in range(10)]))
+    return made
+
+
+DIAGONALS = ((4, 9), (5, 8), (6, 7))  # middles of sides without a common end
+
+
+def integral(function, corners, variables):
+    """Of a polynomial over a simplex."""
+    local = sp.symbols(f"s1:{len(corners)}")
+    edges = sp.Matrix.hstack(*(corner - corners[0] for corner in corners[1:]))
+    place = corners[0] + edges * sp.Matrix(local)
+    moved = sp.sympify(function).subs(list(zip(variables, place, strict=True)), simultaneous=True)
+    total = sum(
+        factor * sp.prod(map(sp.factorial, powers)) / sp.factorial(sum(powers) + len(local))
+        for powers, factor in sp.Poly(moved, *local).terms()
+    )
+    return total * sp.sqrt((edges.T * edges).det())
+
+
+def defect(weights, variables, form):
+    """Integrals of form(weight function), less T times those of form(shape function)."""
+    N = shapes(*variables)
+    new = sp.Matrix(
+        [sum(integral(form(w[i]), c, variables) for c, w in weights) for i in range(len(N))]
+    )
+    corners = points(len(variables))[: len(variables) + 1]
+    return new - transfer(len(variables)) * sp.Matrix(
+        [integral(form(n), corners, variables) for n in N]
+    )
+
+
+def vanishes(weights, variables, *forms):
+    return all(not any(defect(weights, variables, form)) for form in forms)
+
+
+def derivatives(variables, first, second, factor=1):
+    """Forms whose integrals are a matrix' columns: products of derivatives of w and of each N."""
+    return [
+        lambda w, n=n: factor * sp.diff(w, first) * sp.diff(n, second) for n in shapes(*variables)
+    ]
+
+
+@pytest.fixture(scope="module")
+def triangle():
+    return triangle_weights()
+
+
+def test_the_lemma(triangle):
+    """w - T N has no mean over the triangle, and neither mean nor first moment along a side."""
+    assert vanishes(triangle, (X, Y), lambda w: w)
+    for a, b in SIDES[2]:
+        ends, middle = (points(2)[a], points(2)[b]), (points(2)[a] + points(2)[b]) / 2
+        for moment in (1, X + 2 * Y):  # which no side has as a constant
+            along = {}
+            for half in ((ends[0], middle), (middle, ends[1])):
+                (functions,) = [w for corners, w in triangle if all(h in corners for h in half)]
+                for i, w in enumerate(functions):
+                    along[i] = along.get(i, 0) + integral(moment * w, half, (X, Y))
+            whole = sp.Matrix([integral(moment * n, ends, (X, Y)) for n in shapes(X, Y)])
+            assert sp.Matrix(list(along.values())) == transfer(2) * whole
+            assert any(whole)
+
+
+def test_the_stiffness_of_any_triangle_and_of_any_constant_law(triangle):
+    """Corners and nine moduli are symbols; every entry, times the determinant, is a polynomial."""
+    corner = sp.Matrix(2, 3, sp.symbols("x1:4 y1:4"))
+    jacobian = sp.Matrix.hstack(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    D = sp.Matrix(3, 3, sp.symbols("d1:10"))
+
+    def B(function, at):
+        reference = sp.Matrix([sp.diff(function, v).subs({X: at[0], Y: at[1]}) for v in (X, Y)])
+        gx, gy = jacobian.adjugate().T * reference  # times the determinant
+        return sp.Matrix([[gx, 0], [0, gy], [gy, gx]])
+
+    def stiffness_of(pieces):
+        """Integrands are of degree two at most: the middles of the sides are exact."""
+        K = sp.zeros(12, 12)
+        for corners, functions in pieces:
+            for a, b in combinations(corners, 2):
+                left, right = (
+                    sp.Matrix.hstack(*(B(f, (a + b) / 2) for f in each))
+                    for each in (functions, shapes(X, Y))
+                )
+                K += integral(1, corners, (X, Y)) / 3 * left.T * D * right
+        return K.applyfunc(sp.expand)
+
+    new, standard = stiffness_of(triangle), stiffness_of([(points(2)[:3], shapes(X, Y))])
+    T = sp.kronecker_product(transfer(2), sp.eye(2))
+    assert (new - T * standard).applyfunc(sp.expand) == sp.zeros(12, 12)
+    assert new != standard
+
+
+def test_the_stiffness_of_an_interval():
+    assert vanishes(interval_weights(), (X,), *derivatives((X,), X, X))
+
+
+def test_loads(triangle):
+    """A uniform body load and a force at a vertex; tractions, linear ones too, by the lemma."""
+    assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
+    assert not vanishes(triangle, (X, Y), lambda w: X * w)  # a linear body load
+    assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force on a mid-side node
+
+
+def test_constant_data_are_needed(triangle):
+    """Not with a linear modulus or prestress, which is the same factor, nor for the mass."""
+    assert vanishes(triangle, (X, Y), *derivatives((X, Y), X, Y))
+    assert not vanishes(triangle, (X, Y), *derivatives((X, Y), X, Y, factor=1 + X))
+    assert not vanishes(triangle, (X, Y), *(lambda w, n=n: w * n for n in shapes(X, Y)))
+
+
+def test_a_plane_body_is_needed(triangle):
+    """In axisymmetry the shear modulus' part of the axial rows has the radius as a factor."""
+    radius = 1 + X
+    assert not vanishes(triangle, (X, Y), *derivatives((X, Y), X, X, factor=radius))
+
+
+def test_straight_sides_are_needed(triangle):
+    """One mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y.
+
+    The stiffness' derivative by c at c = 0, of the part with both derivatives by x, is that of
+    the factor 1 / (1 + 4 c Y).
+    """
+    assert not vanishes(triangle, (X, Y), *derivatives((X, Y), X, X, factor=-4 * Y))
+
+
+@pytest.mark.parametrize("cuts", [*([d] for d in DIAGONALS), DIAGONALS], ids=str)
+def test_tetrahedra_have_no_such_matrix(triangle, cuts):
+    """A mid-side's new row is no multiple of its standard one, whatever the cut.
+
+    Each tetrahedron could make it of other nodes' rows, but those belong to other elements, too:
+    what is made per element is not made of assembled rows. Compared is what a linear stress sees:
+    integrals of derivatives, times 1 and the coordinates.
+    """
+
+    def rows(variables, pieces):
+        forms = [lambda f, v=v, p=p: p * sp.diff(f, v) for v in variables for p in (1, *variables)]
+        return [
+            sp.Matrix([[sum(integral(g(w[i]), c, variables) for c, w in pieces) for g in forms]])
+            for i in range(len(variables) + 1, len(pieces[0][1]))
+        ]
+
+    def parallel(variables, pieces):
+        standard = [(points(len(variables))[: len(variables) + 1], shapes(*variables))]
+        both = zip(rows(variables, pieces), rows(variables, standard), strict=True)
+        return [new.col_join(old).rank() == 1 for new, old in both]
+
+    assert parallel((X, Y), triangle) == [True] * 3
+    pieces = [piece for cut in cuts for piece in tetrahedron_weights(cut)]
+    assert parallel((X, Y, Z), pieces) == [False] * 6
+
+
+def test_neither_slip_nor_lift_off():
+    """T mixes forces of nodes that obey different laws: two elements' edge, one end different."""
+    edge = [1, 4, 2, 4, 1]  # standard nodal forces of a uniform pressure
+    T = sp.Matrix(5, 5, lambda i, j: sp.Rational(1, 8) if i % 2 == 0 and abs(i - j) == 1 else 0)
+    T += sp.diag(1, sp.Rational(3, 4), 1, sp.Rational(3, 4), 1)
+    normal, mu = sp.Matrix(edge), sp.symbols("mu", positive=True)
+    sliding = sp.Matrix([mu * n for n in edge[:3]] + [0, 0])  # the middle corner slides last
+    assert all(sliding[i] == mu * normal[i] for i in range(3))
+    assert (T * sliding)[2] < mu * (T * normal)[2]  # and is now within its cone
+    open_at_the_middle = sp.Matrix([1, 4, 0, 0, 0])
+    assert (T * open_at_the_middle)[2] > 0  # an open node with a force
+
+
+def test_the_library_s_matrix_is_the_t_of_the_proof():
+    U = Spaces.galerkin(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))).trial
+    T = force_transfer(U)
+    for cell in U.dofmap.list:
+        own = T.getValues(2 * cell, 2 * cell)
+        assert own == pytest.approx(np.array(transfer(2), dtype=float), abs=0)
