@@ -72,7 +72,7 @@ def caption(results: Results) -> str:
         f"pressure alone balances the body force; at 0.4999 it reaches {worst:.0f} where the "
         f"identity with T fails and stays 1 where it holds, unless pressure alone balances the "
         f"body force ({alone:.0f}). (b) Both elements over the cell size at 0.4999; an error of 1 "
-        "means that nothing of the solution is left."
+        "means that the result is useless."
     )
 
 

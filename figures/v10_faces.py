@@ -1,5 +1,7 @@
 """Errors of pressures on the face below a rigid sphere."""
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +17,7 @@ SHOWN = ("galerkin-T10", "transferred-T10", "sibling-T10", "pw-T10", "galerkin-H
 NEEDS = [f"V10/sphere-{element}-5" for element in SHOWN]
 INNER = 0.8  # within which errors are stated
 LARGEST = 2.0  # of the colours, in % of p0
-COLOURS = {"norm": plt.Normalize(-LARGEST, LARGEST), "cmap": "RdBu_r"}
+COLOURS: dict[str, Any] = {"norm": plt.Normalize(-LARGEST, LARGEST), "cmap": "RdBu_r"}
 
 
 def draw(results: Results) -> Figure:
@@ -39,8 +41,9 @@ def _face(ax: Axes, x: np.ndarray, error: np.ndarray) -> None:
     """The nodes of the contact, those without a pressure as crosses."""
     near = np.hypot(*x[:, :2].T) < 1
     known = near & np.isfinite(error)
-    ax.scatter(*x[known, :2].T, s=22, c=error[known], ec="#777777", lw=0.4, **COLOURS)
-    ax.scatter(*x[near & ~known, :2].T, s=12, marker="x", color="black", lw=0.8)
+    ax.scatter(x[known, 0], x[known, 1], s=22, c=error[known], ec="#777777", lw=0.4, **COLOURS)
+    none = x[near & ~known]
+    ax.scatter(none[:, 0], none[:, 1], s=12, marker="x", color="black", lw=0.8)
     angle = np.linspace(0, np.pi / 2, 101)
     for radius, line in ((1.0, ":"), (INNER, "--")):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), line, color="black", lw=0.7)

@@ -58,6 +58,6 @@ def caption(results: Results) -> str:
 def alt(results: Results) -> str:
     """The figure in words."""
     return (
-        "Two log-log plots of errors that fall, the new weights' lowest in the first; and a plot "
-        "of least forces, all between zero and a few percent below."
+        "Two log-log plots of errors that fall, those of both new ways lowest in the first; and a "
+        "plot of least forces, all between zero and a few percent below."
     )

@@ -51,6 +51,6 @@ def alt(results: Results) -> str:
     """The figure in words."""
     return (
         "Two rows of six plots of pressure over radius with half an ellipse. Points of the three "
-        "dual ways lie on the ellipses; those of standard multipliers waver about them, and node "
-        "to segment scatters in the row of the spheres."
+        "dual ways and of node to segment lie on the ellipses, but for a bulge of the first near "
+        "the edge of the spheres' contact; those of standard multipliers waver about them."
     )

@@ -263,7 +263,7 @@ class _Later:
         self.key, self.section, self.case = stored.key, stored.section, stored.case
         self.parameters = stored.parameters
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         return getattr(self._results[self.key], name)
 
 

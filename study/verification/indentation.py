@@ -144,10 +144,10 @@ def indented(
     surface = contact_surface(body.body, touching)
     curves = _along(solved, known, surface) | mesh_curves(body.space)
     if element == "galerkin-T6" and indenter.state is StressState.PLANE_STRAIN:
-        r = reactions(body.K, solved.displacement, nothing)
-        transferred = forces_along(body.space, force_transfer(body.space) * r, touching)
-        curves["force_n_T"] = -transferred.force[:, 1]
-        curves["pressure_T"] = surface.tributary_pressure(curves["force_n_T"])
+        T, r = force_transfer(body.space), reactions(body.K, solved.displacement, nothing)
+        curves["force_n_T"] = -forces_along(body.space, T * r, touching).force[:, 1]
+        weighted = contact_surface(body.body, touching, T)
+        curves["pressure_T"] = weighted.pressure(curves["force_n_T"])
     scalars = _errors(curves, surface, known) | _summary(solved, known, surface)
     named = units_of(scalars, INDENTATION_UNITS, indenter.units)
     return Result(scalars, named, curves, dofs=body.K.getSize()[0])

@@ -51,7 +51,6 @@ from study.judge.measures.contact import (
     BLOCK_PRESSURE,
     condensation_change,
     displacement_change,
-    edge_force_change,
     largest_unevenness_of_forces,
     node_choice,
     slip_sawtooth,

@@ -11,12 +11,6 @@ from study.vocabulary import OPEN, SLIP, STICK
 BLOCK_PRESSURE = 200.0
 
 
-def edge_force_change(results: Results, key: str, other: str) -> float:
-    """Change of the normal force at the right end of the contact line, in per cent."""
-    ours, theirs = (results.curves(k)["force_n"][-1] for k in (key, other))
-    return float(100 * (ours / theirs - 1))
-
-
 def slip_sawtooth(results: Results, key: str) -> float:
     """Median over slipping mid-side nodes of shear force over the mean of both corners'."""
     curves = results.curves(key)
