@@ -237,8 +237,9 @@ class _Mutated(Results):
                 pass
         return replace(own, scalars=self._scalars(own.scalars), curves=self._signed(own.curves))
 
-    def section(self, section: str) -> list[Stored]:
-        return [self[stored.key] for stored in self._own.section(section)]
+    def section(self, section: str) -> list[Any]:
+        """Return what is read only if a measure wants it."""
+        return [_Later(self, stored) for stored in self._own.section(section)]
 
     def _scalars(self, scalars: Mapping[str, float]) -> dict[str, float]:
         names = {name: self._mutation.stored(name) for name in scalars}
@@ -250,6 +251,20 @@ class _Mutated(Results):
             name: -value if sign and re.match(sign, name) else value
             for name, value in numbers.items()
         }
+
+
+class _Later:
+    """A stored result that is read when its numbers are asked for."""
+
+    has = Stored.has
+
+    def __init__(self, results: Results, stored: Stored) -> None:
+        self._results = results
+        self.key, self.section, self.case = stored.key, stored.section, stored.case
+        self.parameters = stored.parameters
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._results[self.key], name)
 
 
 def _turned(verdicts: list[Verdict], results: Results) -> list[str]:

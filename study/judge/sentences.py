@@ -1,6 +1,6 @@
 """Every sentence of the paper, and the statements that quote it or why it claims nothing.
 
-`python3 -m study.judge.sentences PATH` compares `sentences.toml` with the text of the paper, which is
+`python3 -m study.judge.sentences PATH` compares `sentences.toml` with the paper's text, which is
 no part of this project, and prints what does not agree. Of a sentence the project has its first
 words and a digest.
 """
