@@ -155,7 +155,8 @@ def show(out: Path) -> int:
     lines = []
     for section in _load(list(SECTIONS)):
         lines.append(f"{section.id}  {section.title}")
-        lines += [f"    {runner.state(case, results):8}  {case.key}" for case in section.cases]
+        states = runner.states(section.cases, results)
+        lines += [f"    {state:8}  {key}" for key, state in states.items()]
     print("\n".join(lines))
     return 0
 
@@ -242,9 +243,9 @@ def _tell_outdated(results: Results) -> None:
     except StudyError as error:  # results can be judged where they cannot be computed
         print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
         return
-    states = [(case, runner.state(case, results)) for case in cases]
+    states = runner.states(cases, results)
     for what in ("outdated", "missing"):
-        found = [case for case, state in states if state == what]
+        found = [case for case in cases if states[case.key] == what]
         if not found:
             continue
         named = ", ".join(case.key for case in found[:NAMED])

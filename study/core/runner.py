@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from study.core.cases import Case, Section, fingerprint, title
+from study.core.cases import Case, Section, fingerprints, title
 from study.core.expected import expected
 from study.core.jit import unblocked
 from study.core.pool import Failed, Killed, Pool, Task, one_line
@@ -58,15 +58,20 @@ class Beside:
     draw: str
 
 
-def state(case: Case, results: Results) -> Validity:
-    """Tell whether a case has a stored result, and whether it still holds."""
-    if case.key not in results:
+def states(cases: list[Case], results: Results) -> dict[str, Validity]:
+    """Tell, by keys, whether cases have a stored result, and whether it still holds."""
+    marks = fingerprints(cases)
+    return {key: _state(key, mark, results) for key, mark in marks.items()}
+
+
+def _state(key: str, mark: str, results: Results) -> Validity:
+    if key not in results:
         return "missing"
     try:
-        stored = results[case.key]
+        stored = results[key]
     except CorruptResult:
         return "corrupt"
-    return "stored" if stored.provenance.get("fingerprint") == fingerprint(case) else "outdated"
+    return "stored" if stored.provenance.get("fingerprint") == mark else "outdated"
 
 
 def discard_others(section: Section, out: Path) -> None:
@@ -96,15 +101,16 @@ def run(
     """
     sweep(out)
     results = Results(out)
+    marks = fingerprints(cases)
     todo, holds = [], set()
     for case in cases:
-        before = state(case, results)
+        before = _state(case.key, marks[case.key], results)
         if before == "corrupt":
             _say(f"{case.key}: its stored result cannot be read and is computed again")
         if before == "stored":
             holds.add(case.key)
         if before != "stored" or force:
-            todo.append((case, fingerprint(case)))
+            todo.append((case, marks[case.key]))
     reused = f"{len(cases) - len(todo)} of {len(cases)} results are reused"
     _say(f"{reused}; {len(todo)} to be computed" if todo else reused)
     progress = _Progress([case for case, _ in todo])
