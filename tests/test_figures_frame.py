@@ -237,7 +237,7 @@ def test_each_of_the_papers_figures_and_tables_has_its_name():
 
 
 # Of these, the library needs none: a figure has to do without them
-NOT_CORE = ("jinja2", "jsonschema", "weasyprint", "tqdm", "pytest", "sphinx")
+NOT_CORE = ("jinja2", "jsonschema", "weasyprint", "pytest", "sphinx")
 
 
 @pytest.mark.parametrize(

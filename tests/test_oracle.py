@@ -29,8 +29,8 @@ PROBLEMS = {
     "V5": (sections.partial_slip, STATIC, {}),
     "V6": (sections.greco_plate, STATIC, {}),
     "V7": (sections.sliding_wedge, STATIC, {}),
-    "V8-rod": (sections.vibrating, VIBRATION, {"case": "rod"}),
-    "V8-square": (sections.vibrating, VIBRATION, {"case": "square"}),
+    "V8-rod": (sections.vibrating, (*VIBRATION, "pw-Q8"), {"case": "rod"}),
+    "V8-square": (sections.vibrating, (*VIBRATION, "pw-Q8"), {"case": "square"}),
     "V8-strip": (sections.vibrating, VIBRATION, {"case": "strip"}),
 }
 CASES = [(name, element) for name, (_, elements, _) in PROBLEMS.items() for element in elements]

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from tests.oracle.assembly import Body
+from tests.oracle.eigen import condensed
 
 NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
 Numbers = dict[str, np.ndarray]
@@ -140,3 +142,23 @@ def displacement(K, f, held):
 
 def symmetric_part(A):
     return (A + A.T) / 2
+
+
+def without_inner_nodes(body, element, held):
+    """Stiffness, mass and mask of held displacements after Guyan's reduction, if there is one."""
+    K, M, inner = body.stiffness(), body.mass(), _inner_nodes(body, element)
+    if not len(inner):
+        return K, M, held
+    kept = np.setdiff1d(np.arange(len(body.nodes)), inner)
+    return *map(csc_matrix, condensed(K, M, inner)), held[kept]
+
+
+def _inner_nodes(body, element):
+    """Those that Guyan's reduction takes out: on the diagonals, or in the centres of cells."""
+    if element == "pw-Q9":
+        return body.cells[:, 8]
+    if element != "pw-Q8":
+        return np.empty(0, dtype=int)
+    ends = body.nodes[body.cells[:, [[1, 2], [0, 2], [0, 1]]]]  # of the sides of nodes 3, 4, 5
+    longest = np.linalg.norm(np.diff(ends, axis=2)[:, :, 0], axis=2).argmax(axis=1)
+    return np.unique(body.cells[np.arange(len(body.cells)), 3 + longest])
