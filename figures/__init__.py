@@ -1,1 +1,14 @@
-"""Figures and tables of the study, drawn from stored results."""
+"""Figures and tables of the study, drawn from stored results.
+
+A script that is started by itself, as `python3 figures/fig05.py`, does what `./run figure fig05`
+does.
+"""
+
+import sys
+from pathlib import Path
+
+_started = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
+if _started.absolute().parent == Path(__file__).parent and _started.stem != "__main__":
+    from figures.__main__ import main
+
+    sys.exit(main([_started.stem, *sys.argv[1:]]))

@@ -1,46 +1,98 @@
-"""Draw the figures from stored results: `python3 -m figures [name ...] --results DIR`."""
+"""Draw a figure by its name: what it lacks is computed, then it is written as PNG and PDF.
+
+Without a name, the figures are listed. Several of the paper's are drawn together: fig07 and fig08
+are the same drawing.
+"""
 
 import argparse
-import json
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
-from figures.drawing import Drawn, Entry, draw, natural, scripts, up_to_date
+from figures.drawing import Drawn, Entry, draw, export, natural, scripts, title, up_to_date
 from study.core.pool import Failed, Pool, Task
-from study.core.store import Results, write_json
+from study.core.store import Results, StudyError, write_json
+from study.paper.items import ITEMS
+
+ROOT = Path(__file__).parents[1]
+FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
+"""Where ./run figure was called, if not in the project's folder."""
 
 FEW = 3  # so many figures that are not drawn are named one by one
+SHORT = {"figure": "fig", "table": "tab"}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draw the named figures, or all that are not up to date.
+    """Draw the named figures, or list all.
 
     Returns:
-        0; 1 if a script failed, or a result is missing although all are said to be there; 2 if
-        nothing could start.
+        0; 1 if a figure is not drawn; 2 if there is none of that name.
     """
-    parser = argparse.ArgumentParser(prog="python3 -m figures", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="name", help="figures to draw (default: all)")
-    parser.add_argument("--results", type=Path, default=Path("results"), metavar="DIR")
-    parser.add_argument("--complete", action="store_true", help="fail where a result is missing")
+    parser = argparse.ArgumentParser(prog="./run figure", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="as fig05, tab01")
+    parser.add_argument("--results", type=FROM.joinpath, default=ROOT / "results", metavar="DIR")
+    parser.add_argument("--out", type=FROM.joinpath, metavar="DIR", help="RESULTS/figures if none")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
     options = parser.parse_args(arguments)
-    known = scripts()
-    unknown = [name for name in options.names if name not in known]
-    if unknown:
-        _say(f"there is no figure {unknown[0]}, but {', '.join(known)}")
+    shown = {name: what for name, (_, what) in named().items()}
+    table = "".join(f"{name:25} {what}\n" for name, what in shown.items())
+    if not options.names:
+        print(table, end="")
+        return 0
+    if unknown := [name for name in options.names if name not in shown]:
+        _say(f"there is no figure {unknown[0]}, but these:\n{table.rstrip()}")
         return 2
-    results = Results(options.results)
-    index: dict[str, Entry] = _index(results) if options.names else {}
-    todo = options.names
-    if not todo:
-        current = {name: up_to_date(name, results) for name in known}
-        index = {name: entry for name, entry in current.items() if entry}
-        todo = [name for name in known if name not in index]
+    results = options.results.absolute()
+    found = {name: named()[name][0] for name in options.names}
+    if not _computed(list(dict.fromkeys(found.values())), results, options.jobs):
+        return 1
+    folder = options.out or results / "figures"
+    try:
+        for name, script in found.items():
+            for path in export(script, Results(results), folder / name):
+                print(path)
+    except (StudyError, OSError) as error:
+        _say(str(error))
+        return 1
+    return 0
+
+
+def named() -> dict[str, tuple[str, str]]:
+    """Return all names of figures: the script that draws each, and what it shows.
+
+    The paper's figures and tables come first, by their numbers.
+    """
+    numbered = [
+        (f"{SHORT[item.kind]}{int(item.number):02}", Path(item.figure).stem, item)
+        for item in ITEMS
+        if item.figure
+    ]
+    paper = {
+        name: (script, f"{item.kind.capitalize()} {item.number}: {item.content}")
+        for name, script, item in numbered
+    }
+    return paper | {name: (name, title(name)) for name in scripts() if name not in paper}
+
+
+def draw_all(folder: Path, complete: bool, jobs: int = 1) -> bool:
+    """Draw all figures that are not up to date, from stored results, for report and site.
+
+    Args:
+        folder: Folder of the results.
+        complete: Whether no result may be missing.
+        jobs: Number of processes.
+
+    Returns:
+        Whether no script failed, and nothing is missing that may not.
+    """
+    known, results = scripts(), Results(folder)
+    current = {name: up_to_date(name, results) for name in known}
+    index: dict[str, Entry] = {name: entry for name, entry in current.items() if entry}
     failed, wanting = False, {}
-    for name, drawn in _drawn(todo, options.results, options.jobs):
-        index.pop(name, None)
+    for name, drawn in _drawn([name for name in known if name not in index], folder, jobs):
         if drawn.entry:
             index[name] = drawn.entry
         elif drawn.missing:
@@ -48,14 +100,22 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             _say(f"{name}: {drawn.error}")
             failed = True
-    _tell(wanting, bool(options.names) or options.complete)
+    _tell(wanting, complete)
     ordered = [index[name] for name in sorted(index, key=natural)]
     try:
-        write_json(options.results / "figures" / "index.json", ordered)
+        write_json(folder / "figures" / "index.json", ordered)
     except OSError as error:
         _say(f"{error.filename} cannot be written: {error.strerror}")
-        return 1
-    return int(failed or (options.complete and bool(wanting)))
+        return False
+    return not (failed or (complete and wanting))
+
+
+def _computed(names: list[str], results: Path, jobs: int) -> bool:
+    """Let the study compute the results that scripts need, unless they are there and hold."""
+    keys = [key for name in names for key in import_module(f"figures.{name}").NEEDS]
+    command = [sys.executable, "-m", "study", *dict.fromkeys(keys)]
+    command += ["--out", str(results), "--jobs", str(jobs)]
+    return subprocess.run(command, cwd=ROOT, check=False).returncode == 0
 
 
 def _drawn(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Drawn]]:
@@ -77,22 +137,13 @@ def _drawn(names: list[str], folder: Path, jobs: int) -> Iterator[tuple[str, Dra
 
 
 def _tell(wanting: dict[str, list[str]], each: bool) -> None:
-    """Say which figures want results; not one by one if they are many and nobody asked."""
+    """Say which figures want results; not one by one if they are many and may want them."""
     if each or len(wanting) <= FEW:
         for name, keys in wanting.items():
             _say(f"{name}: not drawn, for want of {', '.join(keys)}")
     else:
         sections = dict.fromkeys(key.partition("/")[0] for keys in wanting.values() for key in keys)
         _say(f"{len(wanting)} not drawn, for want of results of sections {', '.join(sections)}")
-
-
-def _index(results: Results) -> dict[str, Entry]:
-    """Return the entries of earlier drawings by name; an unreadable index counts as none."""
-    try:
-        entries = json.loads((results.folder / "figures" / "index.json").read_bytes())
-        return {entry["name"]: entry for entry in entries}
-    except (OSError, ValueError, TypeError, KeyError):
-        return {}
 
 
 def _say(line: str) -> None:

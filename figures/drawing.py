@@ -59,6 +59,11 @@ def scripts() -> list[str]:
     return sorted(names - FRAME, key=natural)
 
 
+def title(name: str) -> str:
+    """Return what a script says that it shows, in one line."""
+    return (import_module(f"figures.{name}").__doc__ or name).strip().splitlines()[0].rstrip(".")
+
+
 def needs() -> dict[str, list[str]]:
     """Return the keys of the results that each figure needs."""
     return {name: list(import_module(f"figures.{name}").NEEDS) for name in scripts()}
@@ -67,6 +72,28 @@ def needs() -> dict[str, list[str]]:
 def draw(name: str, folder: Path) -> Drawn:
     """Draw one figure into `<folder>/figures`, with a note of what it was drawn from."""
     return _attempt(name, _Reading(folder))
+
+
+def export(name: str, results: Results, path: Path) -> list[Path]:
+    """Draw one figure as PNG and PDF beside each other; return their paths.
+
+    Args:
+        name: Its script.
+        results: What it is drawn from.
+        path: Where to write, without the ending.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    written = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "pdf")]
+    with style():
+        figure = import_module(f"figures.{name}").draw(results)
+        try:
+            for file in written:
+                stream = io.BytesIO()
+                figure.savefig(stream, format=file.suffix[1:])
+                write_whole(file, stream.getvalue())
+        finally:
+            plt.close("all")
+    return written
 
 
 def update(name: str, folder: Path) -> None:
@@ -128,7 +155,7 @@ def _attempt(name: str, results: _Reading) -> Drawn:
         size, narrow = _draw(script, name, results)
         entry = {
             "name": name,
-            "title": (script.__doc__ or name).strip().splitlines()[0].rstrip("."),
+            "title": title(name),
             "section": script.SECTION,
             "caption": script.caption(results),
             "alt": script.alt(results),

@@ -12,10 +12,9 @@ from importlib import import_module
 from pathlib import Path
 
 from study.core import runner
-from study.core.cases import SECTIONS, Section, load_section
+from study.core.cases import SECTIONS, Case, Section, load_section
 from study.core.interrupt import INTERRUPTED, end, handled, stop
 from study.core.store import Results, StudyError
-from study.judge import claims, facts
 
 ROOT = Path(__file__).resolve().parents[1]
 FROM = Path(os.environ.get("PW_ELEMENTS_FOLDER", ""))
@@ -27,6 +26,7 @@ NAMED = 5  # outdated results that are named; more are counted
 USAGE = """\
   study                   all sections, then claims, figures and report
   study 7.1 7.6           these sections only; the rest is taken from stored results
+  study 7.1/pw-T6 3/weights    these cases only, without claims, figures and report
   study list              sections and cases, and whether a stored result holds
   study check             judge the claims by the stored results
   study report            claims, figures and report again from stored results
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         epilog=USAGE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("what", nargs="*", help="sections, or one of list, check, report")
+    parser.add_argument("what", nargs="*", help="sections, cases, or one of list, check, report")
     parser.add_argument("--force", action="store_true", help="compute also what is stored")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     results = ROOT / "results" if FROM.is_absolute() else Path("results")
@@ -90,26 +90,40 @@ def _command(options: argparse.Namespace) -> int:
             return check(options.out)
         case ["report"]:
             return report(options.out, options.jobs)
-        case sections:
-            return study(sections, options.out, options.jobs, options.force)
+        case wanted:
+            return study(wanted, options.out, options.jobs, options.force)
 
 
-def study(sections: list[str], out: Path, jobs: int, force: bool) -> int:
-    """Compute the sections, or all if none is given, and conclude."""
-    for command in {"list", "check", "report"} & set(sections):
+def study(wanted: list[str], out: Path, jobs: int, force: bool) -> int:
+    """Compute the sections, or all if none is given, and conclude; or nothing but single cases."""
+    for command in {"list", "check", "report"} & set(wanted):
         raise StudyError(f"{command} stands alone, without sections")
+    sections = list(dict.fromkeys(one.partition("/")[0] for one in wanted)) or list(SECTIONS)
     for unknown in (section for section in sections if section not in SECTIONS):
         raise StudyError(f"there is no section {unknown}; there are {', '.join(SECTIONS)}")
     if jobs < 1:
         raise StudyError(f"--jobs needs at least 1 process, not {jobs}")
     _ensure_writable(out)
+    if any("/" in one for one in wanted):
+        return int(bool(runner.run(_cases(wanted, sections), out, jobs, force)))
+    from study.judge import claims  # single cases need neither it nor the packages it imports
+
     claims.load_claims()  # an error in them is to be known now, not at the end
-    wanted = _load(list(dict.fromkeys(sections or SECTIONS)))
-    cases = [case for section in wanted for case in section.cases]
-    for section in wanted:
+    loaded = _load(sections)
+    for section in loaded:
         runner.discard_others(section, out)
-    failed = runner.run(cases, out, jobs, force, None if sections else BESIDE)
-    return max(conclude(out, complete=not sections, jobs=jobs), int(bool(failed)))
+    cases = [case for section in loaded for case in section.cases]
+    failed = runner.run(cases, out, jobs, force, None if wanted else BESIDE)
+    return max(conclude(out, complete=not wanted, jobs=jobs), int(bool(failed)))
+
+
+def _cases(wanted: list[str], sections: list[str]) -> list[Case]:
+    """Return cases by their keys, and those of whole sections."""
+    known = [case for section in _load(sections) for case in section.cases]
+    keys = {case.key for case in known}
+    for unknown in (one for one in wanted if "/" in one and one not in keys):
+        raise StudyError(f"there is no case {unknown}: see ./run study list")
+    return [case for case in known if not {case.key, case.section}.isdisjoint(wanted)]
 
 
 def report(out: Path, jobs: int = 1) -> int:
@@ -125,6 +139,8 @@ def check(out: Path) -> int:
 
     That results are outdated is said on stderr; the exit status is that of the verdicts.
     """
+    from study.judge import claims
+
     results = _ensure_stored(out)
     _tell_outdated(results)
     verdicts = claims.judge(claims.load_claims(), results)
@@ -139,7 +155,8 @@ def show(out: Path) -> int:
     lines = []
     for section in _load(list(SECTIONS)):
         lines.append(f"{section.id}  {section.title}")
-        lines += [f"    {runner.state(case, results):8}  {case.key}" for case in section.cases]
+        states = runner.states(section.cases, results)
+        lines += [f"    {state:8}  {key}" for key, state in states.items()]
     print("\n".join(lines))
     return 0
 
@@ -156,6 +173,7 @@ def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
         1 if a verdict differs from the pinned one, a figure cannot be drawn, or something is
         missing that may not; else 0.
     """
+    from study.judge import claims, facts
     from study.report import build  # slow to import, and worker processes do not need it
 
     results = Results(out)
@@ -178,8 +196,7 @@ def conclude(out: Path, complete: bool, jobs: int = 1) -> int:
 def draw_figures(out: Path, complete: bool, jobs: int = 1) -> bool:
     """Draw all figures; return whether none failed."""
     figures = import_module("figures.__main__")  # which is above the study
-    arguments = ["--results", str(out), "--jobs", str(jobs)]
-    return bool(figures.main(arguments + ["--complete"] * complete) == 0)
+    return bool(figures.draw_all(out, complete, jobs))
 
 
 def _load(sections: list[str]) -> list[Section]:
@@ -226,9 +243,9 @@ def _tell_outdated(results: Results) -> None:
     except StudyError as error:  # results can be judged where they cannot be computed
         print(f"study: whether results are outdated cannot be told: {error}", file=sys.stderr)
         return
-    states = [(case, runner.state(case, results)) for case in cases]
+    states = runner.states(cases, results)
     for what in ("outdated", "missing"):
-        found = [case for case, state in states if state == what]
+        found = [case for case in cases if states[case.key] == what]
         if not found:
             continue
         named = ", ".join(case.key for case in found[:NAMED])

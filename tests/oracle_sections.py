@@ -1,4 +1,6 @@
-"""The problem of each section, stated again for the oracle, beside what the study computes.
+"""The problems of the study's own verification, stated again for the oracle: V1 to V8.
+
+Those of the paper are in `tests/paper`.
 
 A section's function runs a case of the study on an element and gives a `Problem`: numbers of the
 result by name, and a function that finds them anew with the oracle. Only the mesh is taken from
@@ -10,24 +12,12 @@ sides get rules of their own that have converged (`RULES`); `tests/test_oracle.p
 leaves.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from unittest.mock import patch
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from pw_elements import StressState, mechanics
 from pw_elements.contact import FlatPunch, Parabola
-from study.paper import (
-    s7_1_two_triangles,
-    s7_2_block,
-    s7_3_parabolic_punch,
-    s7_4_rigid_plate,
-    s7_5_column,
-    s7_5_profiles,
-    s7_6_buckling,
-)
 from study.verification import (
     indentation,
     v1_contact_patch,
@@ -39,83 +29,30 @@ from study.verification import (
     v7_wedge,
     v8_vibration,
 )
-from tests.oracle.assembly import Body
 from tests.oracle.contact import Pair, solve
 from tests.oracle.eigen import smallest
+from tests.oracle.problem import (
+    NORMAL_DOWN,
+    NORMAL_UP,
+    Problem,
+    both,
+    contact_problem,
+    either,
+    nothing_held,
+    on,
+    oracle_body,
+    parabola,
+    plane,
+    sorted_nodes,
+    symmetric_part,
+    within,
+    without_inner_nodes,
+)
 
 # Degree of the library's rule, points a direction of the oracle's. On quadrilaterals the study's
 # own degree 8 is Gauss's 5 points in both; triangles have rules over whole cells with quadratic
 # weights, over each sub-cell with piecewise-linear ones
 RULES = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 16)}
-NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
-Numbers = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Numbers of the study, and the same by the oracle.
-
-    Args:
-        theirs: by name.
-        ours: the same, from whether weights are piecewise linear.
-        scales: what differences of a name are relative to, if not its largest number.
-    """
-
-    theirs: Numbers
-    ours: Callable[[bool], Numbers]
-    scales: dict[str, float] = field(default_factory=dict)
-
-    def differences(self, linear_weights: bool) -> dict[str, float]:
-        ours, found = self.ours(linear_weights), {}
-        for name, theirs in self.theirs.items():
-            scale = self.scales.get(name, np.abs(theirs).max())
-            assert 0 < scale < np.inf, name
-            found[name] = float(np.abs(theirs - ours[name]).max() / scale)
-        return found
-
-
-def on(axis, value):
-    return lambda x: np.isclose(x[:, axis], value)
-
-
-def within(limit):
-    return lambda x: np.abs(x[:, 0]) < limit + 1e-9
-
-
-def both(*conditions):
-    return lambda x: np.all([condition(x) for condition in conditions], axis=0)
-
-
-def either(*conditions):
-    return lambda x: np.any([condition(x) for condition in conditions], axis=0)
-
-
-def sorted_nodes(curves, where):
-    """Numbers of the nodes that a condition holds on, by x and then y."""
-    x = curves["nodes"]
-    nodes = np.flatnonzero(where(x))
-    return nodes[np.lexsort((x[nodes, 1], x[nodes, 0].round(9)))]
-
-
-def oracle_body(result, element, linear, state, E, nu, **more):
-    """The oracle's body on the mesh of a result; pw-Q8 are triangles, its inner nodes kept."""
-    kind = element.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
-    kind = "T6" if element == "pw-Q8" else kind
-    curves = result.curves
-    return Body(curves["nodes"], curves["cells"], kind, linear, state, E, nu, **more)
-
-
-def plane(normal, level=0.0):
-    """Gap and normal of a horizontal plane, for a `Pair`."""
-    return (
-        lambda x: (x[:, 1] - level) * normal[1],
-        lambda x: np.tile(normal, (len(x), 1)),
-    )
-
-
-def parabola(apex, radius):
-    """A punch that presses downwards."""
-    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane(NORMAL_DOWN)[1]
 
 
 def converged(element):
@@ -132,207 +69,6 @@ def rule(element):
     if element in ("galerkin-Q8", "pw-Q9"):
         return RULES["quadrilaterals"]
     return RULES["sub-triangles" if element.startswith("pw") else "triangles"]
-
-
-def nothing_held(body):
-    return np.zeros(body.nodes.shape, dtype=bool)
-
-
-def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=True, **further):
-    """Forces along one contact line and their sums; displacements and more, where stored.
-
-    Args:
-        result: of the study.
-        solved: gives the oracle's last state, from whether weights are piecewise linear.
-        normal: forces of the surface on the body count along it, and along
-        tangent: mostly against x, for the study stores those of the body on the surface.
-        displacement: whether displacements are stored.
-        further: by name, a number of the result, and how to get it from the state.
-    """
-    names = ["force_n", "force_t"] + ["displacement"] * displacement
-    theirs = {name: result.curves[name] for name in names}
-    theirs |= {name: result.scalars[name] for name in ("force_normal", "force_tangential")}
-    theirs |= {name: number for name, (number, _) in further.items()}
-
-    def ours(linear):
-        state = solved(linear)
-        force_n, force_t = state.forces[0] @ normal, state.forces[0] @ tangent
-        found = {"force_n": force_n, "force_t": force_t, "displacement": state.displacement}
-        found |= {"force_normal": force_n.sum(), "force_tangential": force_t.sum()}
-        return found | {name: of(state) for name, (_, of) in further.items()}
-
-    scales = {"force_t": theirs["force_n"].max(), "force_tangential": theirs["force_normal"]}
-    return Problem(theirs, ours, scales)
-
-
-def two_triangles(element):
-    result = s7_1_two_triangles.structure(element, squares=2)
-
-    def ours(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
-        lower = sorted_nodes(result.curves, on(1, 0.0))
-        held = body.at_nodes(on(1, 0.0), (1,))
-        held |= body.at_nodes(both(on(0, 0.0), on(1, 0.0)), (0,))
-        f = body.traction(on(1, 1.0), (0.0, -1.0))
-        K = body.stiffness()
-        residual = (K @ displacement(K, f, held) - f).reshape(-1, 2)
-        return {"reaction": residual[lower, 1], "sum": residual[lower, 1].sum()}
-
-    theirs = {"reaction": result.curves["reaction"], "sum": result.scalars["sum"]}
-    return Problem(theirs, ours)
-
-
-def displacement(K, f, held):
-    """Displacements (n dim,) under a load."""
-    kept = np.flatnonzero(~held.ravel())
-    u = np.zeros(len(f))
-    u[kept] = splu(K[kept][:, kept].tocsc()).solve(f[kept])
-    return u
-
-
-def block(element, divisions=(20, 10)):
-    result = s7_2_block.block(element, divisions=divisions)
-
-    def solved(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
-        pressure = body.traction(on(1, 2.0), (0.0, -200.0))
-        pull = body.traction(on(0, 4.0), (60.0, 0.0))
-        lower = sorted_nodes(result.curves, on(1, 0.0))
-        x = body.nodes[lower, 0]
-        rough = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
-        loads = [pressure + k / 10 * pull for k in range(11)]
-        pair = Pair(lower, *plane(NORMAL_UP), rough)
-        return solve(body.stiffness(), loads, nothing_held(body), [pair], body.nodes)[-1]
-
-    return contact_problem(result, solved, NORMAL_UP)
-
-
-def parabolic_punch(element):
-    result = s7_3_parabolic_punch.punch(element)
-
-    def solved(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
-        K, held = body.stiffness(), body.at_nodes(on(1, 0.0), (0, 1))
-        top = sorted_nodes(result.curves, on(1, 4.0))
-        steps = np.arange(1, 21) / 20
-        down = [((0.0, -0.25 * s), (0.0, 0.0)) for s in steps]
-
-        def pressed(motions):
-            pair = Pair(top, *parabola(4.0, 8.0), 0.6, motions)
-            return solve(K, [np.zeros(body.nodes.size)] * len(motions), held, [pair], body.nodes)
-
-        force = -pressed(down)[-1].forces[0][:, 1].sum()
-        aside = [((None, -0.25), (0.1 * force * s, 0.0)) for s in steps]
-        return pressed(down + aside)[-1]
-
-    translation = (result.scalars["translation"], lambda state: state.translations[0, 0])
-    return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
-
-
-def rigid_plate(element):
-    result = s7_4_rigid_plate.plate(element)
-
-    def solved(linear):
-        body = oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
-        outside = either(on(0, -20.0), on(0, 20.0), on(1, -10.0))
-        below = sorted_nodes(result.curves, both(on(1, 0.0), within(1.0)))
-        motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
-        pair = Pair(below, *plane(NORMAL_DOWN), np.tan(np.pi / 9), motions)
-        loads, held = [np.zeros(body.nodes.size)] * 5, body.at_nodes(outside, (0, 1))
-        return solve(body.stiffness(), loads, held, [pair], body.nodes)[-1]
-
-    translation = (result.scalars["translation"], lambda state: -state.translations[0, 1])
-    return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
-
-
-# The first of the study's columns, its radii and heights from the base, in a coarser mesh
-RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
-COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (6, 4, 5, 2))
-
-
-def stepped_column(element):
-    with patch.dict(s7_5_column.PROFILES, coarse=COARSE), converged(element):
-        result = s7_5_column.stepped_column(element, section="coarse")
-    level = np.concatenate([[0.0], np.cumsum(HEIGHTS)])
-    faces = [
-        (0.0, RADII[0], level[0], NORMAL_UP, 0.0),
-        (RADII[0], RADII[1], level[1], NORMAL_UP, 1e-4),
-        (RADII[1], RADII[2], level[2], NORMAL_UP, 2e-4),
-        (0.0, RADII[3], level[4], NORMAL_DOWN, 0.0),
-    ]
-    count = points(element)
-
-    def ours(linear):
-        body = oracle_body(
-            result, element, linear, "axisymmetric", 2.1e8, 0.3, rho=7856.0, count=count
-        )
-        K, on_axis = body.stiffness(), body.at_nodes(on(0, 0.0), (0,))
-        descent = [((0.0, -1e-4 * k), (0.0, 0.0)) for k in range(1, 11)]
-        pairs = []
-        for inner, outer, z, normal, gap in faces:
-            between = both(
-                on(1, z), lambda x, a=inner, b=outer: (x[:, 0] > a - 1e-9) & (x[:, 0] < b + 1e-9)
-            )
-            motions = descent if normal is NORMAL_DOWN else ()
-            nodes = sorted_nodes(result.curves, between)
-            pairs.append(Pair(nodes, *plane(normal, z - gap), 0.3, motions))
-        loads = [np.zeros(body.nodes.size)] * 10
-        state = solve(K, loads, on_axis, pairs, body.nodes)[-1]
-        found = {"displacement": state.displacement}
-        for k, (face, force) in enumerate(zip(faces, state.forces, strict=True), 1):
-            found[f"force_n_{k}"], found[f"force_t_{k}"] = force @ face[3], -force[:, 0]
-            found[f"force_normal_{k}"] = found[f"force_n_{k}"].sum()
-        standing = on_axis | body.at_nodes(on(1, 0.0), (1,))
-        found["omega2"] = smallest(K, body.mass(), standing, 6).real
-        return found
-
-    scalars, curves = result.scalars, result.curves
-    theirs = {"omega2": np.array([scalars[f"omega2_{i}"] for i in range(1, 7)])}
-    theirs["displacement"] = curves["displacement"]
-    for k in range(1, 5):
-        theirs |= {f"force_{c}_{k}": curves[f"force_{c}_{k}"] for c in "nt"}
-        theirs[f"force_normal_{k}"] = scalars[f"force_normal_{k}"]
-    if element in ("pw-Q8", "pw-Q9"):  # their inner nodes are condensed, which changes M
-        del theirs["omega2"]
-    scales = {f"force_t_{k}": theirs[f"force_n_{k}"].max() for k in range(1, 5)}
-    return Problem(theirs, ours, scales)
-
-
-def beam(element, load="point"):
-    uniform = load == "uniform"
-    mesh = ((8, 2), "right", "face", "face") if uniform else ((5, 2), "crossed", "centre", "centre")
-    result = s7_6_buckling.beam(element, "G", load, *mesh)
-
-    def ours(linear):
-        body = oracle_body(result, element, linear, "plane stress", 2.07e11, 0.0, thickness=0.1)
-        end, middle = on(0, 0.0), on(0, 4.0)
-        A, centre = both(end, on(1, 0.0)), both(middle, on(1, 0.0))
-        symmetrised = element.startswith("pwsym")
-        K = symmetric_part(body.stiffness()) if symmetrised else body.stiffness()
-        found = {}
-        for mode in (1, 2):
-            held = body.at_nodes(end if uniform else A, (1,))
-            if mode == 1:
-                held |= body.at_nodes(middle, (0,))
-            else:
-                held |= body.at_nodes(centre, (0,))
-                held |= body.at_nodes(middle if uniform else centre, (1,))
-            if uniform:
-                f = body.traction(end, (1.0, 0.0))
-                f += body.traction(middle, (-1.0, 0.0)) * (mode == 2)
-            else:
-                f = 0.1 * body.at_nodes(A, (0,)).ravel()
-            K_sigma = body.geometric_stiffness(displacement(K, f, held))
-            K_sigma = symmetric_part(K_sigma) if symmetrised else K_sigma
-            factors = smallest(K, -K_sigma, held, 4).real
-            found[f"sigma_cr_{mode}"] = factors[factors > 0].min()
-        return found
-
-    return Problem({name: result.scalars[name] for name in ("sigma_cr_1", "sigma_cr_2")}, ours)
-
-
-def symmetric_part(A):
-    return (A + A.T) / 2
 
 
 def patch_test(element, mesh="distorted", state="plane strain"):
@@ -472,8 +208,9 @@ def vibrating(element, case="square"):
         case
     ]
     squares = (1, 2) if case == "strip" else (2, 4)
+    condensed = element == "pw-Q8" or (element == "pw-Q9" and case == "square")
     with converged(element):
-        result = run(element, "all nodes", squares)
+        result = run(element, "transposed" if condensed else "all nodes", squares)
 
     def ours(linear):
         state, count = ("axisymmetric", points(element)) if case == "rod" else ("plane stress", 3)
@@ -496,6 +233,8 @@ def vibrating(element, case="square"):
         held |= body.at_nodes(on(1, 1.0), (1,))
         if case == "square":
             held |= body.at_nodes(on(0, 1.0), (0,))
+        if condensed:
+            K, M, held = without_inner_nodes(body, element, held)
         return {"omega2": smallest(K, M, held, 6).real}
 
     names = {"omega2": 6} if case != "strip" else {"vibration": 3, "buckling": 3}

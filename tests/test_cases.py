@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from study.core import cases, provenance
-from study.core.cases import Case, fingerprint, load_section, title
+from study.core.cases import Case, fingerprints, load_section, title
 from study.core.sources import closure, code_digest, imported
 from study.core.store import StudyError
 from tests.toystudy import install
@@ -17,6 +17,10 @@ from tests.toystudy import install
 def toy(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch)
     return tmp_path / "toy"
+
+
+def fingerprint(case):
+    return fingerprints([case])[case.key]
 
 
 def add(path, text="CHANGED = 1\n"):
@@ -69,7 +73,7 @@ def test_fingerprint_is_the_same_in_another_process(toy):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); from study.core import cases;"
         "cases.SECTIONS.update({'2': 'toy.two'});"
-        "print(cases.fingerprint(cases.load_section('2').cases[0]))"
+        "print(*cases.fingerprints(cases.load_section('2').cases).values())"
     )
     command = [sys.executable, "-c", code, str(toy.parent)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -15,6 +15,8 @@ import pytest
 import study.command
 import study.report
 from study.command import main
+from study.core.cases import Case
+from study.core.runner import Done, _Progress
 from study.core.store import Result, Results, save
 from tests.toystudy import claim, install, started
 
@@ -69,10 +71,10 @@ def test_whole_study_leaves_everything(run, out, capsys):
         "1/a.json", "1/a.npz", "1/b.json", "1/b.npz", "2/only.json",
         "claims.json", "figures/index.json", "report.html", "report.pdf",
     }  # fmt: skip
-    lines = printed.err.splitlines()
-    assert len(lines) == 3
-    assert re.fullmatch(r"\[1/3\] 1/a     +\d\.\d\d s      6 dofs    3 iterations", lines[0])
-    assert re.fullmatch(r"\[3/3\] 2/only  +\d\.\d\d s      0 dofs", lines[2])
+    first, one, two = printed.err.splitlines()
+    assert first == "0 of 3 results are reused; 3 to be computed"
+    assert re.fullmatch(r"1    First toy: 2 computed in \d\.\d s", one)
+    assert re.fullmatch(r"2    Second toy: 1 computed in \d\.\d s", two)
     assert "1 statements of the paper: 1 reproduced; 0 other than pinned" in printed.out
     assert str(out / "report.html") in printed.out
 
@@ -80,9 +82,10 @@ def test_whole_study_leaves_everything(run, out, capsys):
 def test_second_run_reuses_and_force_does_not(run, toy, capsys):
     assert run("1") == 0
     assert started(toy) == 2
+    capsys.readouterr()
     assert run("1") == 0
     assert started(toy) == 2
-    assert capsys.readouterr().err.count("reused") == 2
+    assert capsys.readouterr().err == "2 of 2 results are reused\n"
     assert run("1", "--force") == 0
     assert started(toy) == 4
 
@@ -152,7 +155,7 @@ def test_case_that_raises_leaves_the_others_and_no_result(run, toy, out, capsys)
     assert run("1", "--force") == 1
     errors = capsys.readouterr().err
     assert re.search(
-        r"1/a +failed: ArithmeticError: no convergence \(one\.py, line \d+\)$", errors, re.M
+        r"1/a: failed: ArithmeticError: no convergence \(one\.py, line \d+\)$", errors, re.M
     )
     assert "second line" not in errors
     results = Results(out)
@@ -392,14 +395,41 @@ def test_valid_result_outlives_a_failed_run_with_force(run, toy, out, capsys):
     assert capsys.readouterr().err.count("its stored result still holds and is kept") == 2
 
 
-def test_longest_cases_come_first_by_an_earlier_run(run, out, capsys):
+def test_longest_cases_come_first_by_an_earlier_run(run, out, monkeypatch):
     run("1")
     stored = json.loads((out / "1" / "b.json").read_text())
     stored["provenance"]["seconds"] = 99.0
     (out / "1" / "b.json").write_text(json.dumps(stored))
-    capsys.readouterr()
+    order = []
+    compute = study.core.runner.compute
+    monkeypatch.setattr(
+        study.core.runner, "compute", lambda case, *of: order.append(case.key) or compute(case, *of)
+    )
     assert run("1", "--force") == 0
-    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == ["1/b", "1/a"]
+    assert order == ["1/b", "1/a"]
+
+
+def test_sections_are_told_in_their_order_whichever_ends_first(capsys):
+    cases = [Case("7.1", "a", print), Case("7.1", "b", print), Case("7.2", "c", print)]
+    progress = _Progress(cases)
+    for case in reversed(cases):
+        progress.ended(case, Done(1.5) if case.name != "a" else None)
+    assert capsys.readouterr().err.splitlines() == [
+        "7.1  Simple structure with two elements: 1 computed in 1.5 s, 1 failed",
+        "7.2  Elastic block on a rigid surface: 1 computed in 1.5 s",
+    ]
+
+
+def test_single_cases_are_computed_and_nothing_else(run, toy, out, capsys):
+    assert run("1/b", "2") == 0
+    assert started(toy) == 1
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*.json")) == [
+        "1/b.json",
+        "2/only.json",
+    ]
+    capsys.readouterr()
+    assert run("1/b", "1/c") == 2
+    assert capsys.readouterr().err == "study: there is no case 1/c: see ./run study list\n"
 
 
 def test_killed_worker_costs_its_own_case_only(run, toy, out, capsys):

@@ -8,6 +8,8 @@ import ufl
 from dolfinx import fem, mesh
 
 import pw_elements.algebra
+from study.judge.claims import GRADES, PAPER, load_claims
+from study.paper.items import TABLE_2
 
 PROJECT = Path(__file__).parents[1]
 CENTRE = 0.0736713  # of -Δu = 1 on the unit square with u = 0 around, the classical value
@@ -30,9 +32,31 @@ def test_the_example_of_the_algebra_runs():
 
 
 def test_the_readme_names_files_that_exist():
-    named = re.findall(
-        r"`((?:study|pw_elements|figures)/[\w/*]+\.\w+)`", (PROJECT / "README.md").read_text()
-    )
-    assert len(named) > 10
+    readme = (PROJECT / "README.md").read_text()
+    named = re.findall(r"`((?:study|pw_elements|figures|tests)/[\w/*]+\.\w+)`", readme)
+    named += re.findall(r"\]\(([\w./-]+)\)", readme)
+    assert len(named) > 15
     for name in named:
         assert list(PROJECT.glob(name)), name
+
+
+def test_the_readme_is_short_and_has_the_words_that_are_looked_for():
+    words = (PROJECT / "README.md").read_text().split()
+    assert len(words) <= 700
+    assert {"Basix", "UFL", "CPS6", "Euler", "pytest"} <= {
+        word for part in words for word in re.findall(r"[A-Za-z0-9]+", part)
+    }
+
+
+def test_the_readme_counts_the_statements_as_they_are_graded():
+    grades = [claim.grade for claim in load_claims() if claim.kind in PAPER]
+    counts = ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
+    first, _, others = counts.partition(" ")
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    assert f"Of {len(grades)} statements of the paper, {first} are {others}." in readme
+
+
+def test_the_readme_has_the_differences_of_table_2():
+    lower = [100 * (1 - TABLE_2["6-node user element"][i] / TABLE_2["CPS6"][i]) for i in (0, 1)]
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    assert "in the paper's Table 2 it is lower by {:.1f} % and {:.1f} %".format(*lower) in readme

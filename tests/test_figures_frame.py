@@ -3,7 +3,10 @@
 import json
 import os
 import re
+import subprocess
+import sys
 from importlib import import_module
+from pathlib import Path
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -11,10 +14,12 @@ import numpy as np
 import pytest
 
 import figures
-from figures.__main__ import main
+from figures.__main__ import draw_all, main, named
 from figures.drawing import scripts
 from figures.style import COLUMN, LOOK, mesh_plot, style
 from study.core.store import Result, save
+
+ROOT = Path(__file__).parents[1]
 
 SCRIPT = '''"""Force over place.
 
@@ -84,10 +89,10 @@ def test_figures_are_drawn_again_only_after_a_change(out, script):
         """Whether a call draws: a file made empty beforehand then has content again."""
         picture = out / "figures" / "toy_one.svg"
         picture.write_text("")
-        assert main(["--results", str(out)]) == 0
+        assert draw_all(out, complete=False)
         return picture.stat().st_size > 0
 
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     assert not drawn()
     script("toy_one", "A parabola", "The parabola")
     assert drawn()
@@ -102,7 +107,7 @@ def test_figures_are_drawn_again_only_after_a_change(out, script):
 
 def test_figure_is_drawn_and_indexed(out, script):
     script("toy_one")
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     files = ["index.json", *(f"toy_one.{kind}" for kind in ("json", "narrow.svg", "png", "svg"))]
     assert sorted(os.listdir(out / "figures")) == files
     (entry,) = json.loads((out / "figures" / "index.json").read_text())
@@ -124,7 +129,7 @@ def test_same_results_give_the_same_bytes(out, script):
     script("toy_same")
     drawn = []
     for _ in range(2):
-        main(["--results", str(out)])
+        draw_all(out, complete=False)
         drawn.append(
             [(out / "figures" / f"toy_same.{kind}").read_bytes() for kind in ("svg", "png")]
         )
@@ -143,7 +148,7 @@ def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, scr
     path = out.parent / "scripts" / "toy_wide.py"
     text = path.read_text().replace("figure, ax =", "figure, (ax, other) =")
     path.write_text(text.replace("ax.legend()", "other.set(xlabel='place')"))
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     (entry,) = json.loads((out / "figures" / "index.json").read_text())
     assert entry["width"] == 672
     width, height = entry["narrow"]
@@ -158,7 +163,7 @@ def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, scr
 
 def test_drawing_keeps_what_it_shows_and_drops_the_rest(out, script):
     script("toy_lean")
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     svg = (out / "figures" / "toy_lean.svg").read_text()
     assert ">new T6<" in svg
     assert LOOK["pw-T6"]["color"].lower() in svg
@@ -171,7 +176,7 @@ def test_drawing_keeps_what_it_shows_and_drops_the_rest(out, script):
 def test_figure_without_its_results_is_skipped_with_a_line(out, script, capsys):
     script("toy_ready")
     script("toy_wants", '"1/a"]', '"1/a", "7.5/x"]')
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     assert capsys.readouterr().err == "figures: toy_wants: not drawn, for want of 7.5/x\n"
     assert names(out) == ["toy_ready"]
 
@@ -184,11 +189,11 @@ def test_figure_without_its_results_is_skipped_with_a_line(out, script, capsys):
         ("import matplotlib", "import no_such_matplotlib", "ModuleNotFoundError"),
     ],
 )
-def test_script_that_fails_is_1_and_costs_no_other(out, script, capsys, old, new, line):
+def test_script_that_fails_costs_no_other(out, script, capsys, old, new, line):
     name = f"toy_bad{len(line)}"
     script(name, old, new)
     script("toy_z_good")
-    assert main(["--results", str(out)]) == 1
+    assert not draw_all(out, complete=False)
     errors = capsys.readouterr().err
     assert errors.startswith(f"figures: {name}: ")
     assert line in errors
@@ -196,38 +201,86 @@ def test_script_that_fails_is_1_and_costs_no_other(out, script, capsys, old, new
     assert plt.get_fignums() == []
 
 
-def test_named_figure_is_drawn_and_the_others_stay_indexed(out, script):
-    script("toy_p")
-    script("toy_q")
-    main(["--results", str(out)])
-    (out / "figures" / "toy_p.png").unlink()
-    (out / "figures" / "toy_q.png").unlink()
-    assert main(["toy_q", "--results", str(out)]) == 0
-    assert names(out) == ["toy_p", "toy_q"]
-    assert not (out / "figures" / "toy_p.png").exists()
-    assert (out / "figures" / "toy_q.png").exists()
-
-
-def test_missing_result_is_1_where_all_is_said_to_be_there(out, script):
+def test_missing_result_is_a_failure_where_all_is_said_to_be_there(out, script):
     script("toy_t")
-    assert main(["--results", str(out), "--complete"]) == 0
+    assert draw_all(out, complete=True)
     (out / "1" / "a.json").unlink()
-    assert main(["--results", str(out)]) == 0
-    assert main(["--results", str(out), "--complete"]) == 1
+    assert draw_all(out, complete=False)
+    assert not draw_all(out, complete=True)
 
 
 def test_figure_that_can_be_drawn_no_more_leaves_the_index(out, script):
     script("toy_r")
-    main(["--results", str(out)])
+    draw_all(out, complete=False)
     (out / "1" / "a.json").unlink()
-    main(["toy_r", "--results", str(out)])
+    draw_all(out, complete=False)
     assert names(out) == []
 
 
-def test_unknown_figure_is_2_and_answered_with_those_there_are(out, script, capsys):
+def test_unknown_figure_is_2_and_answered_with_those_there_are(script, capsys):
     script("toy_s")
-    assert main(["fig99", "--results", str(out)]) == 2
-    assert capsys.readouterr().err == "figures: there is no figure fig99, but toy_s\n"
+    assert main(["nonsense"]) == 2
+    told = capsys.readouterr().err
+    assert main([]) == 0
+    table = capsys.readouterr().out
+    assert told == f"figures: there is no figure nonsense, but these:\n{table}"
+    assert "\ntoy_s                     Force over place\n" in table
+
+
+def test_each_of_the_papers_figures_and_tables_has_its_name():
+    paper = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
+    assert list(named())[:27] == paper
+    for name in paper:
+        drawn, _ = named()[name]
+        first, *last = (int(part) for part in re.findall(r"\d+", drawn))
+        assert first <= int(name[3:]) <= (last or [first])[0], (name, drawn)
+
+
+# Of these, the library needs none: a figure has to do without them
+NOT_CORE = ("jinja2", "jsonschema", "weasyprint", "pytest", "sphinx")
+
+
+@pytest.mark.parametrize(
+    ("start", "name"),
+    [
+        (("-m", "figures", "fig05"), "fig05"),
+        (("-m", "figures", "tab02", "fig08"), "fig08"),
+        (("figures/fig05.py",), "fig05"),
+    ],
+)
+def test_figure_alone_is_computed_and_drawn_from_nothing(tmp_path, start, name):
+    for module in NOT_CORE:
+        (tmp_path / f"{module}.py").write_text("raise ImportError('not of the core layer')")
+    where = ["--results", tmp_path / "results", "--out", tmp_path / "drawn"]
+    path = f"{tmp_path}:{ROOT}"
+    done = subprocess.run(
+        [sys.executable, *start, *where],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    files = [tmp_path / "drawn" / f"{name}.{kind}" for kind in ("png", "pdf")]
+    assert done.stdout.splitlines()[-2:] == [str(file) for file in files]
+    assert plt.imread(files[0]).shape[1] > 600
+    assert files[1].read_bytes().startswith(b"%PDF")
+    needs = {key for script in ("fig05", "fig07_08", "tab02") for key in needs_of(script)}
+    stored = {f"{path.parent.name}/{path.stem}" for path in tmp_path.glob("results/*/*.json")}
+    assert stored
+    assert stored <= needs
+
+
+def needs_of(name):
+    return import_module(f"figures.{name}").NEEDS
+
+
+def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
+    script("toy_never", '"1/a"', '"7.1/never"')
+    assert main(["toy_never", "--results", str(tmp_path), "--out", str(tmp_path / "drawn")]) == 1
+    assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
+    assert not (tmp_path / "drawn").exists()
 
 
 def test_scripts_come_in_the_order_of_their_numbers(tmp_path, monkeypatch):
@@ -302,24 +355,24 @@ def test_only_the_figure_whose_result_changed_is_drawn_again(out, script):
     store(out, "b", 1.0, x=np.linspace(0, 1, 3))
     script("toy_first")
     script("toy_second", '"1/a"', '"1/b"')
-    main(["--results", str(out)])
+    draw_all(out, complete=False)
     for name in ("toy_first", "toy_second"):
         (out / "figures" / f"{name}.svg").write_text("")
     result = out / "1" / "b.json"
     result.write_text(result.read_text() + "\n")
-    main(["--results", str(out)])
+    draw_all(out, complete=False)
     assert (out / "figures" / "toy_first.svg").stat().st_size == 0
 
 
 def test_figure_of_a_whole_section_is_drawn_again_with_another_case_in_it(out, script):
     script("toy_whole", "alt(results):\n", "alt(results):\n    results.section('1')\n")
-    main(["--results", str(out)])
+    draw_all(out, complete=False)
     picture = out / "figures" / "toy_whole.svg"
     picture.write_text("")
-    main(["--results", str(out)])
+    draw_all(out, complete=False)
     assert picture.stat().st_size == 0
     store(out, "b", 1.0)
-    main(["--results", str(out)])
+    draw_all(out, complete=False)
     assert picture.stat().st_size > 0
 
 
@@ -327,7 +380,7 @@ def test_many_figures_for_want_of_results_are_one_line(out, script, capsys):
     for number in range(5):
         script(f"toy_many{number}", '"1/a"', f'"{number + 2}/a"')
     script("toy_many_good")
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     (line,) = capsys.readouterr().err.splitlines()
     assert line == "figures: 5 not drawn, for want of results of sections 2, 3, 4, 5, 6"
 
@@ -336,7 +389,7 @@ def test_clouds_of_points_are_images_of_few_colours(out, script):
     script("toy_cloud", '**LOOK["pw-T6"]', '"o", label="cloud"')
     cloud = np.linspace(0, 1, 500)
     store(out, "a", 2.5, x=cloud)
-    assert main(["--results", str(out)]) == 0
+    assert draw_all(out, complete=False)
     svg = (out / "figures" / "toy_cloud.svg").read_text()
     assert svg.count("data:image/png;base64,") == 1
     assert svg.count("<use") < 100

@@ -4,9 +4,10 @@ from pathlib import Path
 
 from pw_elements.contact import OPEN, SLIP, STICK
 from study import discretisation, vocabulary
-from study.paper.items import ITEMS, readme_table
+from study.paper.items import ITEMS, map_table
 
 PROJECT = Path(__file__).parents[1]
+MAP = PROJECT / "docs" / "study.md"
 PRINTED = {"figure": range(1, 26), "table": range(1, 3), "equation": range(1, 28)}
 
 
@@ -37,8 +38,15 @@ def test_figures_belong_to_the_sections_of_their_items():
             assert f'SECTION = "{item.section}"' in (PROJECT / item.figure).read_text(), item
 
 
-def test_the_readme_has_the_table_of_what_is_where():
-    assert readme_table() in (PROJECT / "README.md").read_text(), "python3 -m study.paper.items"
+def test_the_map_is_the_table_of_what_is_where():
+    assert map_table() in MAP.read_text(), "python3 -m study.paper.items"
+
+
+def test_files_of_the_map_exist():
+    named = re.findall(r"`([\w/]+\.py)`", map_table())
+    assert len(named) > 100
+    for name in named:
+        assert (PROJECT / name).is_file(), name
 
 
 def test_ids_stand_in_names_of_modules_and_figures():
@@ -58,8 +66,8 @@ def test_random_items_are_found_in_one_opened_file():
     """A figure's, table's or equation's number leads by one search to the file that treats it."""
     for item in random.Random(9).sample(ITEMS, 15):
         mark = f"Eq. ({item.number})" if item.kind == "equation" else item.figure
-        where = item.module if item.kind == "equation" else "README.md"
-        assert mark in (PROJECT / where).read_text()
+        where = PROJECT / item.module if item.kind == "equation" else MAP
+        assert mark in where.read_text()
 
 
 def test_the_vocabulary_is_the_librarys_and_the_studys():

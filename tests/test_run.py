@@ -85,6 +85,18 @@ def test_layers_that_are_none_and_options_that_are_none_are_refused():
     assert "no option --fast" in run("--fast").stderr
 
 
+def test_figure_is_written_where_the_caller_is(tmp_path):
+    process = run("figure", "fig04", "--results", "mine", "--out", "drawn", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    written = [tmp_path / "drawn" / name for name in ("fig04.png", "fig04.pdf")]
+    assert process.stdout.splitlines() == [str(path) for path in written]
+    assert all(path.stat().st_size > 1000 for path in written)
+    assert (tmp_path / "mine" / "7.1" / "pw-T6.json").exists()
+    process = run("figure", "nonsense", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "there is no figure nonsense, but these:\nfig01 " in process.stderr
+
+
 TOOLS = (
     "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls"
 )

@@ -5,9 +5,11 @@ import hashlib
 import inspect
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from study.core.provenance import versions
@@ -127,21 +129,30 @@ def title(section: str) -> str:
     raise StudyError(f"{path} has no TITLE")
 
 
-def fingerprint(case: Case) -> str:
-    """Return a digest of all that a case's result depends on.
+def fingerprints(cases: Iterable[Case]) -> dict[str, str]:
+    """Return, by keys, digests of all that the cases' results depend on.
 
-    That is its parameters, the library, the modules of the study that its own imports lead to, and
-    the packages' versions. Of sources it is the code that counts, neither comments nor layout. This
-    module is left out: a section added to its table changes no other.
+    That is their parameters, the library, the modules of the study that their own imports lead to,
+    and the packages' versions. Of sources it is the code that counts, neither comments nor layout.
+    This module is left out: a section added to its table changes no other.
     """
-    digest = hashlib.sha256()
-    stated = [case.key, case.stored_parameters, versions()]
-    digest.update(json.dumps(stated, sort_keys=True).encode())
-    own = closure(_module(case.section), frozenset({__name__}))
-    own |= closure(case.run.__module__, frozenset({__name__}))
-    for path in [*package_sources("pw_elements"), *own.values()]:
-        digest.update(f"\n{path.name} {code_digest(path)}".encode())
-    return digest.hexdigest()
+    code = cache(_code)  # sources are read once, now
+    found = {}
+    for case in cases:
+        stated = [case.key, case.stored_parameters, versions()]
+        digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
+        digest.update(code(_module(case.section), case.run.__module__))
+        found[case.key] = digest.hexdigest()
+    return found
+
+
+def _code(*modules: str) -> bytes:
+    """Return names and digests of the library's sources and those that modules lead to."""
+    own: dict[str, Path] = {}
+    for module in modules:
+        own |= closure(module, frozenset({__name__}))
+    paths = [*package_sources("pw_elements"), *own.values()]
+    return "".join(f"\n{path.name} {code_digest(path)}" for path in paths).encode()
 
 
 def _module(section: str) -> str:

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from tqdm import tqdm
-
-from study.core.cases import Case, Section, fingerprint
+from study.core.cases import Case, Section, fingerprints, title
 from study.core.expected import expected
 from study.core.jit import unblocked
 from study.core.pool import Failed, Killed, Pool, Task, one_line
@@ -34,11 +32,11 @@ class Done:
     """How the computation of a case ended.
 
     Attributes:
-        cost: Its time and size in words.
+        seconds: What it took.
         error: What it failed with, in one line; empty if it did not.
     """
 
-    cost: str = ""
+    seconds: float = 0.0
     error: str = ""
 
 
@@ -60,15 +58,20 @@ class Beside:
     draw: str
 
 
-def state(case: Case, results: Results) -> Validity:
-    """Tell whether a case has a stored result, and whether it still holds."""
-    if case.key not in results:
+def states(cases: list[Case], results: Results) -> dict[str, Validity]:
+    """Tell, by keys, whether cases have a stored result, and whether it still holds."""
+    marks = fingerprints(cases)
+    return {key: _state(key, mark, results) for key, mark in marks.items()}
+
+
+def _state(key: str, mark: str, results: Results) -> Validity:
+    if key not in results:
         return "missing"
     try:
-        stored = results[case.key]
+        stored = results[key]
     except CorruptResult:
         return "corrupt"
-    return "stored" if stored.provenance.get("fingerprint") == fingerprint(case) else "outdated"
+    return "stored" if stored.provenance.get("fingerprint") == mark else "outdated"
 
 
 def discard_others(section: Section, out: Path) -> None:
@@ -81,9 +84,9 @@ def discard_others(section: Section, out: Path) -> None:
 def run(
     cases: list[Case], out: Path, jobs: int, force: bool, beside: Beside | None = None
 ) -> list[str]:
-    """Compute the cases whose stored results do not hold; report on stderr as they finish.
+    """Compute the cases whose stored results do not hold; tell on stderr of sections as they end.
 
-    The longest come first.
+    Sections come in their order, and within one the longest case first.
 
     Args:
         cases: All that are wanted.
@@ -97,27 +100,29 @@ def run(
         else removed: it would pass for one of this run.
     """
     sweep(out)
-    progress = _Progress(cases)
     results = Results(out)
+    marks = fingerprints(cases)
     todo, holds = [], set()
     for case in cases:
-        before = state(case, results)
+        before = _state(case.key, marks[case.key], results)
         if before == "corrupt":
-            progress.note(f"{case.key}: its stored result cannot be read and is computed again")
+            _say(f"{case.key}: its stored result cannot be read and is computed again")
         if before == "stored":
             holds.add(case.key)
-        if before == "stored" and not force:
-            progress.ended(case, "  reused")
-        else:
-            todo.append((case, fingerprint(case)))
+        if before != "stored" or force:
+            todo.append((case, marks[case.key]))
+    reused = f"{len(cases) - len(todo)} of {len(cases)} results are reused"
+    _say(f"{reused}; {len(todo)} to be computed" if todo else reused)
+    progress = _Progress([case for case, _ in todo])
     seconds = expected(results)
-    todo.sort(key=lambda one: -seconds.get(one[0].key, 0.0))
+    order = list(progress.open)
+    todo.sort(key=lambda one: (order.index(one[0].section), -seconds.get(one[0].key, 0.0)))
     failed, unfinished = [], []
     if jobs == 1:
         ended = _serial(todo, out)
     else:
         ready = {case.key for case in cases} - {case.key for case, _ in todo}
-        ended = _parallel(todo, out, jobs, seconds, beside, ready)
+        ended = _parallel(todo, out, jobs, beside, ready)
     with closing(ended):  # and with it the processes, if this one is interrupted
         for case, done in ended:
             if done is None:
@@ -125,16 +130,12 @@ def run(
             elif done.error:
                 failed.append(case.key)
                 kept = "; its stored result still holds and is kept" if case.key in holds else ""
-                progress.ended(case, f"  failed: {done.error}{kept}")
-            else:
-                progress.ended(case, done.cost)
+                _say(f"{case.key}: failed: {done.error}{kept}")
             if (done is None or done.error) and case.key not in holds:
                 discard(out, case.section, case.name)
+            progress.ended(case, done)
     if unfinished:
-        progress.note(
-            "a worker process was killed (out of memory?), unfinished: " + ", ".join(unfinished)
-        )
-    progress.close()
+        _say("a worker process was killed (out of memory?), unfinished: " + ", ".join(unfinished))
     return failed + unfinished
 
 
@@ -148,10 +149,7 @@ def compute(case: Case, mark: str, out: Path) -> Done:
         save(out, case.section, case.name, result, case.stored_parameters, origin)
     except Exception as error:
         return Done(error=one_line(error))
-    cost = f"{seconds:7.2f} s {result.dofs:6d} dofs"
-    if "iterations" in result.scalars:
-        cost += f" {result.scalars['iterations']:4.0f} iterations"
-    return Done(cost)
+    return Done(seconds)
 
 
 def _result(case: Case) -> Result:
@@ -164,32 +162,30 @@ def _result(case: Case) -> Result:
     return case.run(**case.parameters)
 
 
-class _Bar(tqdm):
-    """One that may be let go before it is made, as when Ctrl-C comes meanwhile."""
-
-    disable = True
-
-
 class _Progress:
-    """Lines about cases on stderr, above a bar if it is a terminal."""
+    """Tells of each section when its last case has ended, but in the order of the sections."""
 
     def __init__(self, cases: list[Case]) -> None:
-        self.total, self.count = len(cases), 0
-        self.width = max((len(case.key) for case in cases), default=0)
-        terminal = sys.stderr.isatty()
-        self.bar = _Bar(total=self.total, file=sys.stderr, disable=not terminal, leave=False)
+        sections = [case.section for case in cases]
+        self.open = {section: sections.count(section) for section in dict.fromkeys(sections)}
+        self.total = dict(self.open)
+        self.seconds: dict[str, list[float]] = {section: [] for section in self.open}
 
-    def note(self, line: str) -> None:
-        self.bar.write(line, file=sys.stderr)
+    def ended(self, case: Case, done: Done | None) -> None:
+        self.open[case.section] -= 1
+        if done and not done.error:
+            self.seconds[case.section].append(done.seconds)
+        while self.open and not next(iter(self.open.values())):
+            section = next(iter(self.open))
+            del self.open[section]
+            seconds = self.seconds[section]
+            lost = f", {failed} failed" if (failed := self.total[section] - len(seconds)) else ""
+            computed = f"{len(seconds)} computed in {sum(seconds):.1f} s{lost}"
+            _say(f"{section:4} {title(section)}: {computed}")
 
-    def ended(self, case: Case, how: str) -> None:
-        self.count += 1
-        digits = len(str(self.total))
-        self.note(f"[{self.count:{digits}}/{self.total}] {case.key:{self.width}} {how}")
-        self.bar.update()
 
-    def close(self) -> None:
-        self.bar.close()
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def _serial(todo: list[Todo], out: Path) -> Generator[tuple[Case, Done | None]]:
@@ -201,7 +197,6 @@ def _parallel(
     todo: list[Todo],
     out: Path,
     jobs: int,
-    seconds: dict[str, float],
     beside: Beside | None,
     ready: set[str],
 ) -> Generator[tuple[Case, Done | None]]:
@@ -216,7 +211,7 @@ def _parallel(
         pool.submit(Task(_NEEDS, beside.needs, (), 1.0))
     cases = {case.key: case for case, _ in todo}
     for case, mark in todo:
-        pool.submit(Task(case.key, compute, (case, mark, out), seconds.get(case.key, 0.0)))
+        pool.submit(Task(case.key, compute, (case, mark, out)))
     for task, outcome in pool:
         if task.name in cases:
             done = _ended(outcome)

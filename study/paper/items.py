@@ -147,10 +147,32 @@ TITLES = {"2": "Weak formulation", "4": "Stiffness matrix", "6": "Initial stress
 _ROOT = Path(__file__).parents[2]
 
 
-def readme_table() -> str:
-    """Return README's table of what is where: the paper's sections, then the study's own."""
+# What tests the study's own sections, and those of the paper that have no file of their own
+_TESTED = {
+    "2": ("paper/test_s4", "test_mechanics", "test_eigen"),
+    "I": ("paper/test_s1",),
+    "T": ("test_recovery", "test_properties_elements"),
+    "C": ("test_convergence",),
+    **dict.fromkeys(("V1", "V2", "V3"), ("test_verification_static", "test_oracle")),
+    **dict.fromkeys(("V4", "V5", "V6", "V7"), ("test_verification_friction", "test_oracle")),
+    "V8": ("test_vibration", "test_oracle"),
+    "V9": ("test_explicit",),
+    "V10": ("test_verification_space", "test_oracle_random"),
+    "V11": ("test_verification_mortar", "test_contact_mortar"),
+    "V12": ("test_impact",),
+    "V13": ("test_fluxes",),
+    "V14": ("test_verification_residual",),
+    "V15": ("test_verification_rubber", "test_hybrid"),
+    "P": ("test_peers",),
+    "K": ("test_iterative", "test_contact_iterative"),
+}
+
+
+def map_table() -> str:
+    """Return the table of what is where: the paper's sections, then the study's own."""
     sections = sorted({*TITLES, *SECTIONS}, key=_place)
-    rows = ["| section | of the paper | computed in | drawn by |", "|---|---|---|---|"]
+    head = ["section", "of the paper", "computed in", "drawn by", "tested by"]
+    rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     return "\n".join([*rows, *map(_row, sections)])
 
 
@@ -170,11 +192,13 @@ def _row(section: str) -> str:
         assert path is not None
         computed.add(path.relative_to(_ROOT).as_posix())
     drawn = [path for path in sorted(_ROOT.glob("figures/*.py")) if _section(path) == section]
+    tests = _TESTED.get(section) or (f"paper/test_s{section.replace('.', '_')}",)
     cells = [
         f"{section}: {name}",
         "; ".join(filter(None, (_numbers(mine, kind) for kind in _PLURAL))),
         ", ".join(f"`{path}`" for path in sorted(computed)),
         ", ".join(f"`{path.relative_to(_ROOT).as_posix()}`" for path in drawn),
+        ", ".join(f"`tests/{test}.py`" for test in tests),
     ]
     return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
 
@@ -203,4 +227,4 @@ def _section(path: Path) -> str:
 
 
 if __name__ == "__main__":
-    print(readme_table())
+    print(map_table())

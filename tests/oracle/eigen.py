@@ -24,3 +24,31 @@ def smallest(
     start = np.random.default_rng(0).standard_normal(K.shape[0])
     values = eigs(inverse, count, v0=start, tol=1e-14, return_eigenvectors=False)
     return np.sort_complex(shift + 1 / values)
+
+
+def condensed(
+    K: sparse.spmatrix, M: sparse.spmatrix, inner: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """K and M by Guyan's reduction: inner nodes follow the others as they do in statics.
+
+    Rows are combined as K's rows ask, columns as its columns do, so that M may be unsymmetric.
+
+    Args:
+        K: (2 n, 2 n).
+        M: (2 n, 2 n).
+        inner: numbers of the nodes that go.
+    """
+    out = (2 * inner[:, None] + [0, 1]).ravel()
+    kept = np.setdiff1d(np.arange(K.shape[0]), out)
+    K = K.tocsc()
+    inverse = splu(K[out][:, out])
+    right = -inverse.solve(K[out][:, kept].toarray())
+    left = -inverse.solve(K[kept][:, out].T.toarray(), "T").T
+
+    def reduced(A: sparse.spmatrix) -> np.ndarray:
+        kk, ki, ik, ii = (
+            A.tocsc()[rows][:, columns] for rows in (kept, out) for columns in (kept, out)
+        )
+        return kk.toarray() + ki @ right + left @ ik.toarray() + left @ (ii @ right)
+
+    return reduced(K), reduced(M)

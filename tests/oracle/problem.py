@@ -1,0 +1,164 @@
+"""A problem's numbers beside the oracle's: what the problems of all sections need.
+
+Only the mesh is taken from a result; loads, supports, materials and surfaces are stated anew.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from tests.oracle.assembly import Body
+from tests.oracle.eigen import condensed
+
+NORMAL_UP, NORMAL_DOWN = (0.0, 1.0), (0.0, -1.0)
+Numbers = dict[str, np.ndarray]
+TOLERANCE = 1e-8
+# The 8-node quadrilateral of two triangles condenses a node that carries no load: the oracle keeps
+# it and gets the same. In vibration condensing changes the answer
+STATIC = ("galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Numbers of the study, and the same by the oracle.
+
+    Args:
+        theirs: by name.
+        ours: the same, from whether weights are piecewise linear.
+        scales: what differences of a name are relative to, if not its largest number.
+    """
+
+    theirs: Numbers
+    ours: Callable[[bool], Numbers]
+    scales: dict[str, float] = field(default_factory=dict)
+
+    def differences(self, linear_weights: bool) -> dict[str, float]:
+        ours, found = self.ours(linear_weights), {}
+        for name, theirs in self.theirs.items():
+            scale = self.scales.get(name, np.abs(theirs).max())
+            assert 0 < scale < np.inf, name
+            found[name] = float(np.abs(theirs - ours[name]).max() / scale)
+        return found
+
+
+def assert_agrees(problem, element):
+    """The oracle finds all numbers of an element, relative to the largest of each name."""
+    differences = problem.differences(element.startswith("pw"))
+    assert len(differences) > 0
+    assert max(differences.values()) < TOLERANCE, differences
+
+
+def assert_differs(problem):
+    """With quadratic weights it does not."""
+    differences = problem.differences(False)
+    assert max(differences.values()) > 1e3 * TOLERANCE, differences
+
+
+def on(axis, value):
+    return lambda x: np.isclose(x[:, axis], value)
+
+
+def within(limit):
+    return lambda x: np.abs(x[:, 0]) < limit + 1e-9
+
+
+def both(*conditions):
+    return lambda x: np.all([condition(x) for condition in conditions], axis=0)
+
+
+def either(*conditions):
+    return lambda x: np.any([condition(x) for condition in conditions], axis=0)
+
+
+def sorted_nodes(curves, where):
+    """Numbers of the nodes that a condition holds on, by x and then y."""
+    x = curves["nodes"]
+    nodes = np.flatnonzero(where(x))
+    return nodes[np.lexsort((x[nodes, 1], x[nodes, 0].round(9)))]
+
+
+def oracle_body(result, element, linear, state, E, nu, **more):
+    """The oracle's body on the mesh of a result; pw-Q8 are triangles, its inner nodes kept."""
+    kind = element.removeprefix("pw-").removeprefix("pwsym-").removeprefix("galerkin-")
+    kind = "T6" if element == "pw-Q8" else kind
+    curves = result.curves
+    return Body(curves["nodes"], curves["cells"], kind, linear, state, E, nu, **more)
+
+
+def plane(normal, level=0.0):
+    """Gap and normal of a horizontal plane, for a `Pair`."""
+    return (
+        lambda x: (x[:, 1] - level) * normal[1],
+        lambda x: np.tile(normal, (len(x), 1)),
+    )
+
+
+def parabola(apex, radius):
+    """A punch that presses downwards."""
+    return (lambda x: x[:, 0] ** 2 / (2 * radius) - (x[:, 1] - apex)), plane(NORMAL_DOWN)[1]
+
+
+def nothing_held(body):
+    return np.zeros(body.nodes.shape, dtype=bool)
+
+
+def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=True, **further):
+    """Forces along one contact line and their sums; displacements and more, where stored.
+
+    Args:
+        result: of the study.
+        solved: gives the oracle's last state, from whether weights are piecewise linear.
+        normal: forces of the surface on the body count along it, and along
+        tangent: mostly against x, for the study stores those of the body on the surface.
+        displacement: whether displacements are stored.
+        further: by name, a number of the result, and how to get it from the state.
+    """
+    names = ["force_n", "force_t"] + ["displacement"] * displacement
+    theirs = {name: result.curves[name] for name in names}
+    theirs |= {name: result.scalars[name] for name in ("force_normal", "force_tangential")}
+    theirs |= {name: number for name, (number, _) in further.items()}
+
+    def ours(linear):
+        state = solved(linear)
+        force_n, force_t = state.forces[0] @ normal, state.forces[0] @ tangent
+        found = {"force_n": force_n, "force_t": force_t, "displacement": state.displacement}
+        found |= {"force_normal": force_n.sum(), "force_tangential": force_t.sum()}
+        return found | {name: of(state) for name, (_, of) in further.items()}
+
+    scales = {"force_t": theirs["force_n"].max(), "force_tangential": theirs["force_normal"]}
+    return Problem(theirs, ours, scales)
+
+
+def displacement(K, f, held):
+    """Displacements (n dim,) under a load."""
+    kept = np.flatnonzero(~held.ravel())
+    u = np.zeros(len(f))
+    u[kept] = splu(K[kept][:, kept].tocsc()).solve(f[kept])
+    return u
+
+
+def symmetric_part(A):
+    return (A + A.T) / 2
+
+
+def without_inner_nodes(body, element, held):
+    """Stiffness, mass and mask of held displacements after Guyan's reduction, if there is one."""
+    K, M, inner = body.stiffness(), body.mass(), _inner_nodes(body, element)
+    if not len(inner):
+        return K, M, held
+    kept = np.setdiff1d(np.arange(len(body.nodes)), inner)
+    return *map(csc_matrix, condensed(K, M, inner)), held[kept]
+
+
+def _inner_nodes(body, element):
+    """Those that Guyan's reduction takes out: on the diagonals, or in the centres of cells."""
+    if element == "pw-Q9":
+        return body.cells[:, 8]
+    if element != "pw-Q8":
+        return np.empty(0, dtype=int)
+    ends = body.nodes[body.cells[:, [[1, 2], [0, 2], [0, 1]]]]  # of the sides of nodes 3, 4, 5
+    longest = np.linalg.norm(np.diff(ends, axis=2)[:, :, 0], axis=2).argmax(axis=1)
+    return np.unique(body.cells[np.arange(len(body.cells)), 3 + longest])

@@ -1,0 +1,33 @@
+"""Section 6: the initial stress matrix, Eq. (25) and Eq. (26), and what its eigenvalues are."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from pw_elements import Body, Material, Spaces, as_function, assemble_matrix
+from pw_elements.meshes import triangles
+from study.matrices import dense
+from tests.oracle.assembly import Body as OracleBody
+from tests.paper.statements import judged
+
+test_statement = judged("6")
+
+
+@pytest.mark.parametrize("spaces", [Spaces.petrov_galerkin, Spaces.galerkin])
+def test_oracle_has_the_matrix_of_the_library(spaces):
+    """Under the stress of a random displacement, which varies within the elements."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (2, 1))
+    body = Body(spaces(mesh), Material(2.0, 0.3), "plane stress", 0.1)
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    a = K.createVecRight()
+    a.array[:] = np.random.default_rng(6).uniform(-1, 1, a.getSize())
+    matrix = assemble_matrix(body.initial_stress(body.stress(as_function(U, a)), "G"))
+    theirs = dense(matrix)
+    nodes, cells = U.tabulate_dof_coordinates()[:, :2], U.dofmap.list
+    linear = spaces == Spaces.petrov_galerkin
+    oracle = OracleBody(nodes, cells, "T6", linear, "plane stress", 2.0, 0.3, thickness=0.1)
+    ours = oracle.geometric_stiffness(a.array).toarray()
+    np.testing.assert_allclose(ours, theirs, atol=1e-13 * np.abs(theirs).max())
+    assert np.allclose(theirs, theirs.T) is not linear
