@@ -47,7 +47,7 @@ def shear_off_fine(
     end = f"_{surface}" if surface else ""
     ours, known, case = results.curves(key), results.curves(fine), results[averaged_on or key]
     nodes, standard = case.curves[f"x{end}"], case.parameters["element"].startswith("galerkin")
-    x = np.linspace(*known[f"x{end}"][[0, -1]], SAMPLES)
+    x = np.linspace(known[f"x{end}"][0], known[f"x{end}"][-1], SAMPLES)
     weights = _test_functions(nodes, x, standard) * (x if surface else 1.0)
 
     def averaged(line: dict[str, Array]) -> Array:
