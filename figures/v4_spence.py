@@ -19,6 +19,7 @@ RIGHT = [
     "V4/pw-T6-nu0.00-31.0deg-128",
 ]
 NEEDS = LEFT + RIGHT
+HOLLOW = {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}  # the new one on the other
 STYLES = ("-", "--", "-.", ":")
 
 
@@ -31,6 +32,7 @@ def draw(results: Results) -> Figure:
         for quantity, line in (("pressure", "-"), ("shear", ":")):
             look = {**LOOK[element], "linestyle": line, "markersize": 2.5}
             look["label"] = f"{look['label']}: {quantity}"
+            look |= HOLLOW if element == "pw-T6" else {}
             left.plot(curves["x"], np.abs(curves[quantity]) / mean, **look)
     left.set(title=f"(a) {OWN.name} stresses", xlabel="$x/b$", xlim=(0, 1.0), ylim=(0, 3.4))
     left.set_ylabel("stress / mean pressure")

@@ -12,6 +12,7 @@ from study.vocabulary import OWN
 SECTION = "V5"
 ELEMENTS = ("galerkin-T6", "pw-T6")
 NEEDS = [f"V5/{element}-20" for element in ELEMENTS]
+HOLLOW = {"markerfacecolor": "none", "markersize": 5, "linewidth": 0.6}  # the new one on the other
 
 
 def draw(results: Results) -> Figure:
@@ -22,6 +23,7 @@ def draw(results: Results) -> Figure:
         for quantity, line in (("pressure", "-"), ("shear", ":")):
             look = {**LOOK[element], "linestyle": line, "markersize": 3}
             look["label"] = f"{look['label']}: {quantity}"
+            look |= HOLLOW if element == "pw-T6" else {}
             scale = peak if quantity == "pressure" else results.scalar(key, "friction") * peak
             ax.plot(curves["x"], curves[quantity] / scale, **look)
     x = np.linspace(-1, 1, 801)

@@ -112,7 +112,8 @@ def surface_result(
     }
     if len(sticking):
         scalars |= {"stick_from": sticking.min(), "stick_to": sticking.max()}
-    stuck = surface.edges[(contact.status[surface.edges] == STICK).all(axis=1)]
+    judged = (contact.status == STICK) & ~np.isnan(curves["shear"])
+    stuck = surface.edges[judged[surface.edges].all(axis=1)]
     if len(stuck):
         scalars["shear_second_difference"] = _second_difference(curves["shear"], stuck)
     return {name: float(value) for name, value in scalars.items()}, curves
@@ -124,7 +125,7 @@ def _second_difference(values: Array, edges: npt.NDArray[np.int_]) -> float:
     A kink, as where sliding begins, has one just as a zigzag has.
     """
     middle, first, last = values[edges].T
-    return np.nanmax(np.abs(middle - (first + last) / 2)) / np.nanmax(np.abs(values))
+    return float(np.abs(middle - (first + last) / 2).max() / np.nanmax(np.abs(values)))
 
 
 def solver_scalars(states: Sequence[ContactState]) -> dict[str, float]:

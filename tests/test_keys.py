@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from figures.__main__ import scripts
-from study import report
+from study import texts
 from study.core.cases import SECTIONS, load_section
 from study.core.store import Stored
 from study.judge.claims import load_claims
@@ -15,11 +15,7 @@ from study.judge.claims import load_claims
 LOADED = {name: load_section(name).cases for name in SECTIONS}
 CASES = {name: [case.name for case in cases] for name, cases in LOADED.items()}
 KEYS = {f"{section}/{case}" for section, cases in CASES.items() for case in cases}
-TEXTS = sorted(
-    path
-    for folder in ("sections", "paper")
-    for path in Path(report.__file__).parent.glob(f"{folder}/*.html")
-)
+TEXTS = sorted(Path(texts.__file__).parent.glob("*.html"))
 LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?')
 
 

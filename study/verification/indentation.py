@@ -234,7 +234,7 @@ def _errors(
             ("tributary", "pressure_tributary"),
             ("transferred", "pressure_T"),
         ):
-            if curve not in curves or not (known.bounded or name == "own"):
+            if curve not in curves or (name == "tributary" and not known.bounded):
                 continue
             valid = counts & np.isfinite(curves[curve])
             weight, p = surface.tributary_area[valid], curves["exact_pressure"][valid]

@@ -260,7 +260,7 @@ def _saddle_point(two: TwoBodies, load: PETSc.Vec, conditions: list[fem.Dirichle
             place = np.searchsorted(nodes, one.node)
             for middle, ends in _edges(one.dim):
                 multiplier[place[:, middle]] = multiplier[place[:, ends]].mean(axis=1)
-                known[place[:, middle]] = True
+                known[place[:, middle]] = known[place[:, ends]].all(axis=1)
         pressure = np.where(known, multiplier, np.nan)[order]
     return Solution(
         surface.node,

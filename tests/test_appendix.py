@@ -1,0 +1,75 @@
+"""The report's appendix: what sections were computed with, as results and code say."""
+
+import sys
+from importlib import import_module
+
+import pytest
+
+from study.core.store import Result, Results, save
+from study.texts import appendix
+
+
+@pytest.fixture
+def one(tmp_path):
+    """A function that stores a case of V1 and returns what the section was computed with."""
+
+    def computed(parameters, dofs=None, curves=None):
+        name = f"case-{len(list(tmp_path.rglob('*.json')))}"
+        provenance = {} if dofs is None else {"dofs": dofs}
+        result = Result({"y": 1.0}, {"y": "1"}, curves or {})
+        save(tmp_path, "V1", name, result, {"element": "pw-T6"} | parameters, provenance)
+        return appendix.computed(Results(tmp_path), "V1")
+
+    return computed
+
+
+def test_unknowns_are_the_fewest_and_the_most(one):
+    one({}, dofs=40)
+    one({"dofs": 900})  # a recorded case keeps them among its parameters
+    assert one({}, dofs=120)[:2] == (3, (40, 900))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "curves", "meshes"),
+    [
+        ({"divisions": [20, 10]}, {}, ["20 × 10"]),
+        ({"squares": [8, 2, 4]}, {}, ["2", "4", "8"]),
+        ({"elements": 5}, {}, ["5"]),
+        ({"sides": [0.25, 0.35]}, {}, ["2.86", "4"]),
+        ({}, {"elements": [4.0, 8.0, 16.0]}, ["4", "8", "16"]),
+        ({"friction": 0.3}, {"x": [1.0, 2.0]}, []),
+    ],
+)
+def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, meshes):
+    assert one(parameters, dofs=1, curves=curves).meshes == meshes
+
+
+def test_sizes_of_all_cases_are_sorted_and_listed_once(one):
+    one({"divisions": [80, 40]}, dofs=1)
+    one({"divisions": [20, 10]}, dofs=1)
+    assert one({"divisions": [20, 10]}, dofs=1).meshes == ["20 × 10", "80 × 40"]
+
+
+@pytest.mark.parametrize(
+    ("section", "module"),
+    [
+        ("C", "study.verification.c_manufactured"),
+        ("V13", "study.verification.v13_fluxes"),
+        ("V14", "study.verification.v14_rubber"),
+        ("V2", None),
+    ],
+)
+def test_degrees_are_those_that_the_modules_use(section, module):
+    degree = import_module(module).DEGREE if module else {}
+    expected = {*degree.values()} if isinstance(degree, dict) else {degree}
+    assert appendix._degrees(appendix.SECTIONS[section]) == expected
+
+
+def test_the_librarys_degree_is_the_one_that_it_loads():
+    import_module("pw_elements")
+    loaded = [
+        vars(module)["_RATIONAL_DEGREE"]
+        for name, module in sys.modules.items()
+        if name.startswith("pw_elements") and "_RATIONAL_DEGREE" in vars(module)
+    ]
+    assert loaded == [appendix.rational_degree()]

@@ -1,0 +1,80 @@
+"""Families of cases that stand for what is not printed, and the bands drawn of them."""
+
+import numpy as np
+import pytest
+
+from study.core.cases import load_section
+from study.judge.measures.paper_statements import _test_functions
+from study.paper import s7_5_profiles
+from study.paper.bands import DATA, DIAGONALS, envelope, members
+
+
+@pytest.mark.parametrize("section", DATA)
+def test_members_differ_in_nothing_but_what_they_vary(section):
+    cases = {case.key: case.stored_parameters for case in load_section(section).cases}
+    for families in (DATA, DIAGONALS):
+        bases = [key for key in cases if set(members(key, families)) <= set(cases)]
+        assert f"{section}/pw-{'Q9' if families is DATA and section == '7.3' else 'T6'}" in bases
+        for key in bases:
+            for suffix, given in families[section].items():
+                one, other = cases[key], cases[key + suffix]
+                varied = {name for name in one if one[name] != other[name]}
+                assert set() < varied <= set(given), key + suffix
+
+
+@pytest.mark.parametrize("section", DIAGONALS)
+def test_all_diagonals_are_there(section):
+    (case,) = (c for c in load_section(section).cases if c.name == "pw-T6")
+    patterns = {given["pattern"] for given in DIAGONALS[section].values()}
+    patterns.add(case.stored_parameters["pattern"])
+    assert patterns == {"right", "left", "left_right", "right_left", "crossed"}
+
+
+def test_envelope_encloses_every_line_within_the_first():
+    rng = np.random.default_rng(3)
+    lines = []
+    for count in (5, 9, 4):
+        x = np.sort(rng.uniform(-1, 1, count))
+        x[[0, -1]] = -1 - rng.uniform(), 1 + rng.uniform()
+        lines.append((x, rng.normal(size=count)))
+    lines[1][1][3] = np.nan  # a node without a weight
+    x, low, high = envelope(lines)
+    assert (x[0], x[-1]) == (lines[0][0][0], lines[0][0][-1])
+    for places, values in lines:
+        known = ~np.isnan(values)
+        for place in np.linspace(x[0], x[-1], 101):
+            value = np.interp(place, places[known], values[known])
+            assert np.interp(place, x, low) - 1e-12 <= value <= np.interp(place, x, high) + 1e-12
+    assert low.min() == pytest.approx(min(np.nanmin(values) for _, values in lines))
+
+
+def test_envelope_merges_places_that_round_off_made_two():
+    line = np.array([0.0, 0.1 + 0.2, 1.0])
+    x, low, high = envelope([(line, line), (np.array([0.0, 0.3, 1.0]), line + 1)])
+    assert len(x) == 3
+    assert high - low == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("standard", "shares"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))])
+def test_test_functions_along_a_line(standard, shares):
+    """They sum to one; one edge's integrals are those of the element, over its length."""
+    nodes = np.array([0.0, 0.5, 1.0, 2.0, 3.0])
+    x = np.linspace(0, 3, 30_001)
+    functions = _test_functions(nodes, x, standard)
+    assert functions.sum(axis=0) == pytest.approx(1.0)
+    assert functions[np.arange(5), np.searchsorted(x, nodes)] == pytest.approx(1.0)
+    integrals = np.trapezoid(functions, x, axis=1)
+    first, middle, last = (np.array(shares) / 6).tolist()
+    expected = [first, middle, last + 2 * first, 2 * middle, 2 * last]
+    assert integrals == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("pattern", ["right", "left", "left_right", "right_left", "crossed"])
+def test_columns_triangles_cover_its_section(pattern):
+    section = s7_5_profiles.PROFILES["first"]
+    mesh = s7_5_profiles.mesh(section, "triangle", pattern=pattern)
+    a, b, c = (mesh.geometry.x[mesh.geometry.dofmap[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    assert area.min() > 0
+    assert area.sum() == pytest.approx(np.dot(section.radii, section.heights), rel=1e-12)
+    assert len(area) == 759 * (4 if pattern == "crossed" else 2)
