@@ -17,41 +17,66 @@ if find_spec("dolfinx") is None:
         "fenics-dolfinx or the container dolfinx/dolfinx, or start through ./run, which fetches it"
     )
 
-from pw_elements._compat import renamed
-from pw_elements.algebra import SingularSystem, reactions, solve, symmetric_part
-from pw_elements.assembly import assemble_matrix, assemble_scalar, assemble_vector
-from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, vibration_modes
-from pw_elements.elements import (
+from pw_elements.algebra import (
+    BucklingModes,
+    NoModes,
+    NotConverged,
+    PetrovGalerkinProblem,
+    Reduction,
+    VibrationModes,
+    buckling,
+    critical_step,
+    reactions,
+    solve,
+    symmetric_part,
+    vibration_modes,
+)
+from pw_elements.checks import DegenerateMesh
+from pw_elements.elasticity import (
+    Body,
+    BoundaryForces,
+    Material,
+    NodalFlux,
+    Sibling,
+    StressState,
+    SurfaceNodes,
+    boundary_measure,
+    force_transfer,
+    forces_along,
+    lumped_mass,
+    nodal_flux,
+    nodal_load,
+    prescribe,
+)
+from pw_elements.pictures import draw
+from pw_elements.solvers import (
+    Direct,
+    Iterative,
+    LinearSolver,
+    SingularSystem,
+    SolverNotConverged,
+    SolverReport,
+)
+from pw_elements.spaces import (
+    NumberingError,
+    Spaces,
+    as_function,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    cell_measure,
     composite_element,
     macro_element,
     one_cut_element,
     quadratic_element,
     serendipity_element,
+    split,
+    test_space,
 )
-from pw_elements.fluxes import NodalFlux, nodal_flux
-from pw_elements.iterative import Iterative
-from pw_elements.linear_solver import Direct, LinearSolver, SolverNotConverged, SolverReport
-from pw_elements.mechanics import (
-    Body,
-    Material,
-    StressState,
-    boundary_measure,
-    lumped_mass,
-    nodal_load,
-    prescribe,
-)
-from pw_elements.mesh_checks import DegenerateMesh
-from pw_elements.pictures import draw
-from pw_elements.problems import PetrovGalerkinProblem
-from pw_elements.quadrature import cell_measure
-from pw_elements.reduction import Reduction
-from pw_elements.sibling import Sibling
-from pw_elements.snes import NotConverged
-from pw_elements.spaces import NumberingError, Spaces, as_function, split, test_space
-from pw_elements.stability import critical_step
 
 __all__ = [
     "Body",
+    "BoundaryForces",
     "BucklingModes",
     "DegenerateMesh",
     "Direct",
@@ -70,6 +95,7 @@ __all__ = [
     "SolverReport",
     "Spaces",
     "StressState",
+    "SurfaceNodes",
     "VibrationModes",
     "as_function",
     "assemble_matrix",
@@ -81,6 +107,8 @@ __all__ = [
     "composite_element",
     "critical_step",
     "draw",
+    "force_transfer",
+    "forces_along",
     "lumped_mass",
     "macro_element",
     "nodal_flux",
@@ -96,12 +124,3 @@ __all__ = [
     "test_space",
     "vibration_modes",
 ]
-
-__getattr__ = renamed(
-    __name__,
-    {
-        "State": ("StressState", StressState),
-        "frequencies": ("vibration_modes", vibration_modes),
-        "support": ("prescribe", prescribe),
-    },
-)

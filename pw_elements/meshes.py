@@ -20,9 +20,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from pw_elements import arguments
-from pw_elements.collective import agree, answer, collective
-from pw_elements.values import field, vector
+from pw_elements.checks import agree, answer, arguments, collective, field, vector
 
 Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]

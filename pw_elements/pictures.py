@@ -21,12 +21,10 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
-from pw_elements import arguments
 from pw_elements._compat import interpolation_points
-from pw_elements.collective import agree, collective
-from pw_elements.parts import exterior_facets
-from pw_elements.recovery import facets_in_cells
-from pw_elements.values import number, vector
+from pw_elements.checks import agree, arguments, collective, number, vector
+from pw_elements.elasticity import facets_in_cells
+from pw_elements.spaces import exterior_facets
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -22,9 +22,8 @@ from pw_elements import (
     boundary_measure,
     composite_element,
 )
-from pw_elements.hybrid import SubSpace
-from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
-from pw_elements.mechanics import Marker, Vector
+from pw_elements.elasticity import Vector
+from pw_elements.spaces import Marker, SubSpace, centre_nodes, mid_diagonal_nodes
 
 
 def _composite(mesh: Mesh) -> Spaces:

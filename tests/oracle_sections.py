@@ -17,8 +17,9 @@ from unittest.mock import patch
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from pw_elements import StressState, mechanics
+from pw_elements import StressState
 from pw_elements.contact import FlatPunch, Parabola
+from pw_elements.elasticity import body
 from study.paper import (
     s7_1_two_triangles,
     s7_2_block,
@@ -120,7 +121,7 @@ def parabola(apex, radius):
 
 def converged(element):
     """The library's rule for integrands that are no polynomials, of a higher degree."""
-    return patch.object(mechanics, "_RATIONAL_DEGREE", rule(element)[0])
+    return patch.object(body, "_RATIONAL_DEGREE", rule(element)[0])
 
 
 def points(element):

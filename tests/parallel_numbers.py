@@ -24,6 +24,8 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
+    force_transfer,
+    forces_along,
     lumped_mass,
     macro_element,
     nodal_flux,
@@ -37,7 +39,6 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.recovery import force_transfer, forces_along
 from study.discretisation import discretise
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered

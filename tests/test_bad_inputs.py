@@ -31,12 +31,15 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
+    SurfaceNodes,
     as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
     composite_element,
+    force_transfer,
+    forces_along,
     lumped_mass,
     macro_element,
     nodal_load,
@@ -64,9 +67,9 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
+from pw_elements.elasticity import by_position
 from pw_elements.meshes import curved, mapped, on_lines, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes, by_position, force_transfer, forces_along
+from pw_elements.spaces import centre_nodes, mid_diagonal_nodes
 
 LIBRARY = Path(pw_elements.__file__).parent
 DOCUMENTED = (

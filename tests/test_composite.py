@@ -18,15 +18,15 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
+    composite_element,
+    force_transfer,
     macro_element,
     prescribe,
     reactions,
     solve,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
-from pw_elements.elements import composite_element
 from pw_elements.meshes import mapped, triangles
-from pw_elements.recovery import force_transfer
 from study.matrices import dense
 from study.verification.t_identity import distorted
 

@@ -21,8 +21,8 @@ from pw_elements import (
     solve,
 )
 from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
-from pw_elements.inner_nodes import centre_nodes, mid_diagonal_nodes
 from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.spaces import centre_nodes, mid_diagonal_nodes
 from study.discretisation import discretise
 from study.matrices import dense
 from study.verification.t_identity import distorted

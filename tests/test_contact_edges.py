@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pw_elements import Reduction, prescribe
-from pw_elements.contact import ContactProblem
-from pw_elements.contact.edges import Edges
-from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact
+from pw_elements.contact import OPEN, SLIP, STICK, ContactProblem
+from pw_elements.contact.iteration import ActiveSet, Contact
+from pw_elements.contact.iteration.policy import Edges
 from tests.contact_cases import at
 from tests.two_bodies import Stack
 

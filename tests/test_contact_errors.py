@@ -18,7 +18,11 @@ from pw_elements import (
     nodal_load,
     prescribe,
 )
+from pw_elements.checks import check_mesh
 from pw_elements.contact import (
+    OPEN,
+    SLIP,
+    STICK,
     ContactPair,
     DegenerateMesh,
     FreeBody,
@@ -33,9 +37,8 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.contact.globalisation import Cycles
-from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact
-from pw_elements.mesh_checks import check_mesh
+from pw_elements.contact.iteration import ActiveSet, Contact
+from pw_elements.contact.iteration.policy import Cycles
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Greco, at
 

@@ -41,7 +41,7 @@ from pw_elements.contact import (
     solve_contact,
     write,
 )
-from pw_elements.contact.pictures import _chains
+from pw_elements.contact.output.pictures import _chains
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests import vtx
 from tests.contact_cases import Block, Punch, at

@@ -15,6 +15,7 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    force_transfer,
     prescribe,
     reactions,
     split,
@@ -30,9 +31,8 @@ from pw_elements.contact import (
     solve_contact,
     write,
 )
-from pw_elements.hybrid import SubSpace
 from pw_elements.meshes import triangles
-from pw_elements.recovery import force_transfer
+from pw_elements.spaces import SubSpace
 from tests.contact_cases import at
 from tests.test_contact_matching import doubled
 

@@ -26,7 +26,7 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from pw_elements.contact.cutback import Target, between, held_by, in_parts
+from pw_elements.contact.steps.stepping import Target, between, held_by, in_parts
 from pw_elements.meshes import quadrilaterals, triangles
 from tests.contact_cases import at
 from tests.contact_residuals import residuals, walked, worst

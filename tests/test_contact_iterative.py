@@ -13,9 +13,8 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from pw_elements.contact.anchors import _apart
-from pw_elements.contact.system import ContactSystem
-from pw_elements.contact.unassembled import NodePoints
+from pw_elements.contact.iteration import ContactSystem
+from pw_elements.contact.iteration.krylov import NodePoints, _apart
 from tests.contact_iterative import CASES, STACKED, Solid, held_by_contact, nearly_sliding
 from tests.two_bodies import Stack
 

@@ -7,9 +7,10 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements.contact import NotFound
-from pw_elements.contact.globalisation import Cycles, LastHold, Policy, counted, mixed, same
-from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking, turned
+from pw_elements.contact import OPEN, SLIP, STICK, NotFound
+from pw_elements.contact.iteration import ActiveSet, Contact, Policy
+from pw_elements.contact.iteration.law import mixed, sticking, turned
+from pw_elements.contact.iteration.policy import Cycles, LastHold, counted, same
 
 SELF = MPI.COMM_SELF
 N = 4

@@ -40,7 +40,7 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.contact.equilibrium import Points, escape, proof
+from pw_elements.contact.rescue.refusals import Points, escape, proof
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, at
 from tests.contact_proofs import contradictions, contradicts, flaws, sound

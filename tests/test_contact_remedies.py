@@ -10,6 +10,7 @@ import pytest
 
 from pw_elements import (
     Body,
+    Direct,
     Material,
     Reduction,
     Spaces,
@@ -25,18 +26,22 @@ from pw_elements.contact import (
     NotFound,
     Parabola,
     Plane,
-    remedies,
     solve_contact,
 )
-from pw_elements.contact.complementarity import lemke, sprung
-from pw_elements.contact.condensed import Condensation, CondensedIncrement, gathered, scattered
-from pw_elements.contact.cutback import Target, between, held_by, homogeneous, in_parts
-from pw_elements.contact.globalisation import LastHold, Policy
 from pw_elements.contact.interface import NoContactStated
-from pw_elements.contact.newton import Increment, Reference
-from pw_elements.contact.remedies import without_active_sets
-from pw_elements.contact.system import ContactSystem, Tangent
-from pw_elements.linear_solver import Direct
+from pw_elements.contact.iteration import ContactSystem, Increment, Policy, Reference
+from pw_elements.contact.iteration.policy import LastHold
+from pw_elements.contact.iteration.system import Tangent
+from pw_elements.contact.rescue import Condensation, condensed
+from pw_elements.contact.rescue.condensed import (
+    CondensedIncrement,
+    gathered,
+    lemke,
+    scattered,
+    sprung,
+    without_active_sets,
+)
+from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
 from pw_elements.meshes import on_lines
 from study.verification.mesh_lines import growing
 from tests.contact_cases import Block, Greco, Punch, at
@@ -218,7 +223,7 @@ def test_cycling_and_crawling_problems_are_solved_without_active_sets(seed):
 
 
 def test_too_many_contact_points_are_left_alone(monkeypatch, caplog):
-    monkeypatch.setattr(remedies, "_MOST", 10)
+    monkeypatch.setattr(condensed, "_MOST", 10)
     with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound):
         problem(158).solve(remedies=("condensed",))
     assert "too many contact points" in caplog.text

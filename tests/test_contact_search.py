@@ -26,11 +26,11 @@ from pw_elements.contact import (
     NotFound,
     NotUnique,
     Plane,
-    branching,
+    rescue,
 )
-from pw_elements.contact.branching import searched
-from pw_elements.contact.condensed import CondensedIncrement
-from pw_elements.contact.cutback import Target
+from pw_elements.contact.rescue.condensed import CondensedIncrement
+from pw_elements.contact.rescue.statuses import searched
+from pw_elements.contact.steps.stepping import Target
 from pw_elements.meshes import triangles
 from tests.contact_cases import at
 from tests.contact_proofs import _Linear, contradictions, contradicts
@@ -164,7 +164,7 @@ def test_other_searches_prove_it_too(seed):
 
 
 def test_a_search_that_is_not_finished_proves_nothing(monkeypatch):
-    monkeypatch.setattr(branching, "_MOST", 30_000)
+    monkeypatch.setattr(rescue.statuses, "_MOST", 30_000)
     refused(276, NotFound)
 
 

@@ -24,11 +24,10 @@ from pw_elements.contact import (
     Smallness,
     Sphere,
     SurfacePassed,
-    results,
     solve_contact,
 )
-from pw_elements.contact.facets import Exterior
-from pw_elements.contact.gradients import Gradients
+from pw_elements.contact.iteration import results
+from pw_elements.contact.steps.watch import Exterior, Gradients
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Punch, at
 from tests.random_contact import outcome

@@ -7,7 +7,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 
-import pw_elements.algebra
+import pw_elements.algebra.linear
 
 PROJECT = Path(__file__).parents[1]
 CENTRE = 0.0736713  # of -Δu = 1 on the unit square with u = 0 around, the classical value
@@ -21,7 +21,7 @@ def test_the_example_of_the_readme_runs():
 
 
 def test_the_example_of_the_algebra_runs():
-    code = "\n".join(re.findall(r"^    (.*)$", pw_elements.algebra.__doc__, re.MULTILINE))
+    code = "\n".join(re.findall(r"^    (.*)$", pw_elements.algebra.linear.__doc__, re.MULTILINE))
     square = mesh.create_unit_square(MPI.COMM_SELF, 8, 8)
     square.topology.create_connectivity(1, 2)
     names = {**vars(pw_elements), "ufl": ufl, "fem": fem, "mesh": square}

@@ -26,6 +26,7 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
+    force_transfer,
     nodal_load,
     prescribe,
     reactions,
@@ -34,9 +35,9 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
-from pw_elements.hybrid import SubSpace, mixed_element
 from pw_elements.meshes import mapped, triangles
-from pw_elements.recovery import force_transfer
+from pw_elements.spaces import SubSpace
+from pw_elements.spaces.hybrid import mixed_element
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
 

@@ -33,7 +33,7 @@ from pw_elements.contact import (
     solve_impact,
     write,
 )
-from pw_elements.contact.impulses import nodal_contact
+from pw_elements.contact.steps.impact import nodal_contact
 from pw_elements.meshes import mapped, triangles
 from study.matrices import dense
 from study.verification import v12_impact

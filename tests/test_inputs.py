@@ -11,9 +11,11 @@ from dolfinx.mesh import exterior_facet_indices, meshtags
 
 from pw_elements import (
     Reduction,
+    SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    forces_along,
     lumped_mass,
     nodal_load,
     prescribe,
@@ -32,8 +34,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import curved, mapped, on_lines, quadrilaterals, triangles
-from pw_elements.parts import marked
-from pw_elements.recovery import SurfaceNodes, forces_along
+from pw_elements.spaces import marked
 from tests.contact_cases import Block, at
 
 BLOCK = Block(4)

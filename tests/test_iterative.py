@@ -31,17 +31,15 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     buckling,
-    matrices,
     prescribe,
     solve,
     test_space,
     vibration_modes,
 )
 from pw_elements._compat import cell_nodes
-from pw_elements.choice import chosen
-from pw_elements.inner_nodes import centre_nodes
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.multigrid import Multigrid
+from pw_elements.solvers import Multigrid, chosen, matrices
+from pw_elements.spaces import centre_nodes
 from tests.contact_cases import at
 
 PROJECT = Path(__file__).parents[1]

@@ -30,7 +30,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import curved
-from pw_elements.tetrahedron import twelve_cell_rule
+from pw_elements.spaces.elements import twelve_cell_rule
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 from tests.properties import Elastic, dense
 from tests.random_meshes import Grid, delaunay, points_within, same_nodes

@@ -22,39 +22,44 @@ A body that is thrown at a floor, by explicit dynamics:
     write("thrown.bp", history.frames, body, history.frame_times)
 """
 
-from pw_elements._compat import renamed
-from pw_elements.contact.errors import (
+from pw_elements.checks import DegenerateMesh
+from pw_elements.contact.iteration import OPEN, SLIP, STICK
+from pw_elements.contact.model import (
     ClosedBranch,
     ContactFailed,
-    DegenerateMesh,
+    ContactPair,
+    ContactState,
+    DeformableSurface,
+    FlatPunch,
     FreeBody,
+    MatchingNodes,
     MissingForce,
+    Motion,
     NoEquilibrium,
     NoSolution,
     NotFound,
     NotUnique,
-    RigidVelocity,
-    SurfacePassed,
-)
-from pw_elements.contact.explicit import solve_impact
-from pw_elements.contact.fields import ContactFields
-from pw_elements.contact.history import solve_contact
-from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory
-from pw_elements.contact.law import OPEN, SLIP, STICK
-from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
-from pw_elements.contact.pictures import draw_surface, plot
-from pw_elements.contact.polyline import Polyline
-from pw_elements.contact.problem import ContactProblem
-from pw_elements.contact.progress import Progress
-from pw_elements.contact.series import write
-from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
-from pw_elements.contact.surfaces import (
-    FlatPunch,
+    PairState,
     Parabola,
     Plane,
+    Polyline,
+    Residuals,
+    RigidVelocity,
     SignedDistance,
+    Smallness,
     Sphere,
     Surface,
+    SurfacePassed,
+)
+from pw_elements.contact.output import ContactFields, draw_surface, plot, write
+from pw_elements.contact.steps import (
+    ContactProblem,
+    Energies,
+    ImpactHistory,
+    PairHistory,
+    Progress,
+    solve_contact,
+    solve_impact,
 )
 
 __all__ = [
@@ -99,5 +104,3 @@ __all__ = [
     "solve_impact",
     "write",
 ]
-
-__getattr__ = renamed(__name__, {"ContactNotConverged": ("NotFound", NotFound)})

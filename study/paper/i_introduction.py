@@ -11,7 +11,18 @@ import scipy.sparse as sp
 import ufl
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, assemble_vector, prescribe, reactions, solve
+from pw_elements import (
+    Direct,
+    Material,
+    StressState,
+    SurfaceNodes,
+    assemble_vector,
+    boundary_measure,
+    forces_along,
+    prescribe,
+    reactions,
+    solve,
+)
 from pw_elements.contact import (
     OPEN,
     SLIP,
@@ -21,10 +32,7 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from pw_elements.linear_solver import Direct
-from pw_elements.mechanics import boundary_measure
 from pw_elements.meshes import triangles
-from pw_elements.recovery import SurfaceNodes, forces_along
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise

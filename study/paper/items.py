@@ -55,10 +55,10 @@ class Item:
         return self.figure or self.module
 
 
-_MECHANICS = "pw_elements/mechanics.py"
-_ELEMENTS = "pw_elements/elements.py"
-_SPACES = "pw_elements/spaces.py"
-_EIGEN = "pw_elements/eigen.py"
+_MECHANICS = "pw_elements/elasticity/body.py"
+_ELEMENTS = "pw_elements/spaces/elements.py"
+_SPACES = "pw_elements/spaces/spaces.py"
+_EIGEN = "pw_elements/algebra/eigen.py"
 _WEIGHTS = "study/paper/s3_weight_functions.py"
 _COMPUTED = {
     "3": _WEIGHTS,

@@ -18,7 +18,7 @@ from pw_elements import (
     macro_element,
     quadratic_element,
 )
-from pw_elements.elements import PAPER_NODES
+from pw_elements.spaces import PAPER_NODES
 from study.core.cases import Case
 from study.core.store import Result
 from study.matrices import dense, relative_difference

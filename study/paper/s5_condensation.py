@@ -13,13 +13,13 @@ from pw_elements import (
     Reduction,
     StressState,
     assemble_vector,
+    force_transfer,
     prescribe,
     reactions,
     solve,
 )
-from pw_elements.inner_nodes import mid_diagonal_nodes
 from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
-from pw_elements.recovery import force_transfer
+from pw_elements.spaces import mid_diagonal_nodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise

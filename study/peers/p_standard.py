@@ -29,8 +29,8 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
-from pw_elements.mechanics import Marker
 from pw_elements.meshes import curved
+from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
 from study.peers.calculix import Peer, peer_of, tracked_digest

@@ -125,8 +125,8 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("from_gmsh", "TaggedMesh", "triangles", "quadrilaterals", "on_lines", "mapped", "curved"),
     ),
     "Pressures and forces on a surface": (
-        "pw_elements.recovery",
-        ("SurfaceNodes", "forces_along", "BoundaryForces", "force_transfer", "transposed_transfer"),
+        "pw_elements",
+        ("SurfaceNodes", "forces_along", "BoundaryForces", "force_transfer"),
     ),
     "Pictures and checks": ("pw_elements", ("draw", "DegenerateMesh")),
 }

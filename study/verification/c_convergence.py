@@ -18,7 +18,7 @@ from pw_elements import (
     prescribe,
     solve,
 )
-from pw_elements.mechanics import Marker
+from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, spaces

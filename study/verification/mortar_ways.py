@@ -25,16 +25,14 @@ from pw_elements import (
     Reduction,
     Spaces,
     StressState,
+    SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
 )
-from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.mortar import Overlap
-from pw_elements.contact.state import ContactState
-from pw_elements.contact.trace import Trace, gathered_trace
-from pw_elements.parts import Part
-from pw_elements.recovery import SurfaceNodes
+from pw_elements.contact import ContactPair, ContactState, DeformableSurface, Motion, solve_contact
+from pw_elements.contact.interface import Overlap, Trace, gathered_trace
+from pw_elements.spaces import Part
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -25,6 +25,7 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    force_transfer,
     nodal_load,
     prescribe,
     reactions,
@@ -33,7 +34,6 @@ from pw_elements import (
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.meshes import curved, mapped, triangles
-from pw_elements.recovery import force_transfer
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import spaces

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import Material, prescribe
+from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import (
     STICK,
     ContactPair,
@@ -14,7 +14,6 @@ from pw_elements.contact import (
     Parabola,
     solve_contact,
 )
-from pw_elements.recovery import SurfaceNodes
 from study.core.store import Result
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, hertz_force

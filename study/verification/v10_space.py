@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 from scipy.spatial.transform import Rotation
 
-from pw_elements import Material, prescribe
+from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import (
     ContactPair,
     FlatPunch,
@@ -21,7 +21,6 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
-from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.verification.c_mesh_families import on_cube

@@ -14,12 +14,11 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 from scipy.spatial import cKDTree
 
-from pw_elements import StressState, assemble_matrix, prescribe
+from pw_elements import StressState, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import STICK, ContactState, Motion
-from pw_elements.contact.trace import Trace, gathered_trace, sizes
+from pw_elements.contact.interface import Trace, gathered_trace, sizes
 from pw_elements.meshes import curved, mapped, on_lines
-from pw_elements.parts import exterior_facets
-from pw_elements.recovery import SurfaceNodes
+from pw_elements.spaces import exterior_facets
 from study.core.cases import Case
 from study.core.store import Result
 from study.peers.calculix import peer_of, tracked_digest

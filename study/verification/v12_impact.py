@@ -27,15 +27,16 @@ from pw_elements import (
     Sibling,
     Spaces,
     StressState,
+    SurfaceNodes,
     assemble_matrix,
     assemble_vector,
+    critical_step,
     lumped_mass,
     prescribe,
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
-from pw_elements.recovery import SurfaceNodes, by_position
-from pw_elements.stability import critical_step
+from pw_elements.elasticity import by_position
 from study.core.cases import Case
 from study.core.store import Result
 from study.units import dimensionless

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, prescribe
+from pw_elements import Material, StressState, SurfaceNodes, prescribe
 from pw_elements.contact import (
     OPEN,
     STICK,
@@ -24,7 +24,6 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import on_lines
-from pw_elements.recovery import SurfaceNodes
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes
 from study.units import dimensionless

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, prescribe
+from pw_elements import Material, StressState, SurfaceNodes, prescribe
 from pw_elements.contact import (
     OPEN,
     STICK,
@@ -23,7 +23,6 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import on_lines
-from pw_elements.recovery import SurfaceNodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves

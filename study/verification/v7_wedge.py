@@ -14,6 +14,7 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Material,
     StressState,
+    SurfaceNodes,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -29,7 +30,6 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case
 from study.core.store import Result

@@ -24,8 +24,8 @@ from pw_elements import (
     solve,
     vibration_modes,
 )
-from pw_elements.mechanics import Marker
 from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import (

@@ -1,0 +1,226 @@
+"""Free assembly, the reduction L^T K R, and solves that refuse a singular system.
+
+DOLFINx sets no Dirichlet conditions on a matrix whose test and trial spaces differ. Here the
+matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u = 0 around:
+
+    V = fem.functionspace(mesh, ("Lagrange", 2))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
+    K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+    f = assemble_vector(v * ufl.dx)
+    rim = fem.locate_dofs_topological(V, 1, exterior_facet_indices(mesh.topology))
+    a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
+"""
+
+from functools import partial
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.algebra.consistency import Problem
+from pw_elements.algebra.reduction import Reduction
+from pw_elements.checks import arguments, collective
+from pw_elements.solvers import (
+    Direct,
+    Iterative,
+    LinearSolver,
+    PreparedSolver,
+    SingularSystem,
+    Solver,
+    by_chosen,
+    chosen,
+    collect_garbage,
+    unbalanced,
+)
+from pw_elements.spaces import (
+    FREE_PRESSURE,
+    NOTHING,
+    SubSpace,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    is_hybrid,
+)
+
+__all__ = [
+    "Reduction",
+    "assemble_matrix",
+    "assemble_scalar",
+    "assemble_vector",
+    "factorise",
+    "reactions",
+    "solve",
+    "symmetric_part",
+]
+
+# Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
+_RESIDUAL = 1e-10
+
+
+def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
+    """Displacements a (n,) of K a = f under a reduction.
+
+    The vector's attribute "report", `a.getAttr("report")`, is the `SolverReport`.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free.
+        f: load (n,).
+        reduction: supports, condensation.
+        solver: `Direct()`, `Iterative()` or "auto", the default, which takes the latter in three
+            dimensions from 15 000 unknowns on. If "auto" sees `Iterative()` fail, it takes
+            `Direct()` instead, given enough memory, and logs that it does.
+
+    Raises:
+        SingularSystem: if the reduced system has no unique solution.
+        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, or
+            a solver that does not serve the reduction.
+    """
+    Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
+    taken = chosen(solver, reduction.supports)
+    return by_chosen(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
+
+
+def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
+    if isinstance(solver, Iterative):
+        reduction = reduction.masked()
+    reduction = reduction.equilibrated(K).under(K, f)
+    load = reduction.load(K, f)
+    if isinstance(solver, Iterative):
+        krylov = solver.prepare(K, supports=reduction.supports)
+        try:
+            ready(krylov)
+            solution, report = krylov.solve(load), krylov.report
+        finally:
+            krylov.release()
+            del krylov
+            collect_garbage(K)
+    else:
+        matrix = reduction.matrix(K)
+        prepared = factorise(matrix, solver=solver, reduction=reduction)
+        solution = load.duplicate()
+        prepared.ksp.solve(load, solution)
+        _check_residual(matrix, solution, load)
+        report = prepared.report
+        prepared.ksp.destroy()
+    full = reduction.expand(solution)
+    full.setAttr("report", report)
+    return full
+
+
+def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
+    """Nodal forces r = K a - f (n,) that supports exert on the body.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free.
+        a: displacement (n,).
+        f: load (n,).
+
+    Raises:
+        TypeError, ValueError: for arguments that do not fit together or are not finite.
+    """
+    Problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
+    return unbalanced(K, a, f)
+
+
+def free_pressure(
+    matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
+) -> bool:
+    """Whether a constant pressure of a hybrid space acts on no displacement.
+
+    Args:
+        matrix: the stiffness under the reduction.
+        reduction: of hybrid or other spaces.
+        beside: this process' own local numbers of reduced equations that do not count.
+    """
+    if reduction.space is None or not is_hybrid(reduction.space):
+        return False
+    pressure = SubSpace.pressure(reduction.space)
+    constant = reduction.offset.duplicate()
+    constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
+    unknown, effect = matrix.createVecRight(), matrix.createVecLeft()
+    reduction.right.multTranspose(constant, unknown)
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
+    matrix.mult(unknown, effect)
+    if beside is not None:
+        effect.array[beside] = 0.0
+    largest = PETSc.NormType.INFINITY
+    size = matrix.norm(largest) * unknown.norm(largest)
+    return bool(size > 0 and effect.norm(largest) <= NOTHING * size)
+
+
+def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
+    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix.
+
+    Args:
+        matrix: A, (n, n); it is not changed.
+
+    Raises:
+        TypeError, ValueError: if it is not a square matrix.
+    """
+    with collective(arguments.processes(matrix)):
+        arguments.matrix("the matrix", matrix)
+    part = matrix.copy()
+    part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    part.scale(0.5)
+    part.setAttr("form", matrix.getAttr("form"))
+    return part
+
+
+def factorise(
+    matrix: PETSc.Mat,
+    symmetric: bool = False,
+    solver: LinearSolver | None = None,
+    reduction: Reduction | None = None,
+) -> PreparedSolver:
+    """A solver that is ready for a regular matrix (n, n): MUMPS' factors unless another is given.
+
+    Args:
+        matrix: to be factorised.
+        symmetric: whether LDL^T will do.
+        solver: another one.
+        reduction: by which the matrix was made, that of hybrid spaces say, for better words.
+
+    Raises:
+        SingularSystem: if a known solution does not come back, or a pivot is zero.
+    """
+    try:
+        return ready((solver or Direct()).prepare(matrix, symmetric))
+    except SingularSystem:
+        if reduction is not None and free_pressure(matrix, reduction):
+            raise SingularSystem(FREE_PRESSURE) from None
+        raise
+
+
+def ready(prepared: PreparedSolver) -> PreparedSolver:
+    """A solver that has been set up.
+
+    Raises:
+        SingularSystem: if its matrix is singular.
+    """
+    try:
+        prepared.set_up()
+    except SingularSystem as error:
+        prepared.ksp.destroy()
+        if str(error) == FREE_PRESSURE:
+            raise
+        raise SingularSystem(
+            f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
+            "body is far too slender; add Dirichlet conditions"
+        ) from None
+    return prepared
+
+
+def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:
+    residual = load.duplicate()
+    matrix.mult(solution, residual)
+    residual.axpy(-1.0, load)
+    scale = matrix.norm(PETSc.NormType.INFINITY) * solution.norm(PETSc.NormType.INFINITY)
+    scale += load.norm(PETSc.NormType.INFINITY)
+    if scale > 0 and not residual.norm(PETSc.NormType.INFINITY) <= _RESIDUAL * scale:
+        raise SingularSystem(
+            f"the direct solver left the relative residual "
+            f"{residual.norm(PETSc.NormType.INFINITY) / scale:.1e}: the matrix is too badly "
+            "conditioned; check supports and units"
+        )

@@ -1,0 +1,287 @@
+"""The active-set (semismooth Newton) iteration of one increment: solve, residual, next set."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.algebra import Reduction
+from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.iteration.kinematics import Kinematics
+from pw_elements.contact.iteration.law import ActiveSet, Contact, equations, turned
+from pw_elements.contact.iteration.policy import Policy, counted, same
+from pw_elements.contact.iteration.system import ContactSystem
+from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
+from pw_elements.progress import doing
+from pw_elements.solvers import SingularSystem
+
+Array = npt.NDArray[np.float64]
+
+# Violation of the law over the largest nodal contact force
+TOLERANCE = 1e-9
+# What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
+# it is `ROUND_OFF`, for a gap is a difference of coordinates
+_LOST = 1e-13
+# Relative change of friction beside a singular tangent, and of a solution that goes on there
+_BESIDE, _NEAR = 1e-6, 1e-3
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """A solution of one linear system, seen from the contact points.
+
+    Args:
+        reduced: displacements, reduced.
+        full: all unknowns (n,).
+        translations: of the surfaces, (pairs, dim).
+        displacement: motion of the points, (m, dim).
+        force: of the surfaces on the points, (m, dim).
+        unbalanced: largest force on this process that is no contact force.
+        contact: gaps, slips and forces in the frames.
+    """
+
+    reduced: PETSc.Vec
+    full: PETSc.Vec
+    translations: Array
+    displacement: Array
+    force: Array
+    unbalanced: float
+    contact: Contact
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where an increment starts: slip counts from here.
+
+    Args:
+        displacement: motion of the points, (m, dim).
+        force: on the points, (m, dim).
+        translations: of the surfaces, (pairs, dim).
+    """
+
+    displacement: Array
+    force: Array
+    translations: Array
+
+    @classmethod
+    def of(cls, state: ContactState, interface: Interface) -> "Reference":
+        """What an increment from a state has to know of it, on this process."""
+        moved = interface.local([pair.displacement for pair in state.pairs])
+        forces = interface.local([pair.force_vector for pair in state.pairs])
+        return cls(moved, forces, state.translations)
+
+
+class Increment:
+    """The equations of one increment.
+
+    Args:
+        system: linear systems.
+        K: stiffness (n, n), free.
+        load: f (n,), at the end.
+        prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
+        totals: forces of the free translations.
+        past: where it starts.
+        stated: share of the displacements that supports and interference prescribe.
+
+    Attributes:
+        load: f, reduced.
+        supported: what supports make of the points' motion, (m, dim).
+        nearest: what came nearest to a solution so far, and its violation of the law, as
+            `violation` gives it.
+    """
+
+    def __init__(
+        self,
+        system: ContactSystem,
+        K: PETSc.Mat,
+        load: PETSc.Vec,
+        prescribed: Array,
+        totals: Array,
+        past: Reference,
+        stated: float = 1.0,
+    ) -> None:
+        self.system, self.past = system, past
+        self.interface: Interface = system.interface
+        self.prescribed, self.totals, self._stated = prescribed, totals, stated
+        self._reduction: Reduction = system.reduction.scaled(stated).under(K, load)
+        self.load = self._reduction.load(K, load)
+        self.nearest: tuple[Iterate, float] | None = None
+        self.supported = self.system.motions(self._reduction.offset)
+
+    def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
+        """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
+        free = np.isnan(self.prescribed)
+        past = self.past.displacement - self.past.translations[self.interface.pair]
+        place = Kinematics.at(self.interface, past, translations, free, displacement, force)
+        if self._stated == 1:
+            return place
+        # points inside their surface are pressed out of it little by little
+        return replace(place, gap=place.gap + (1 - self._stated) * self.interface.interference)
+
+    def solve(self, active: ActiveSet, place: Kinematics) -> Iterate:
+        """Solves for an active set and the kinematics of a place.
+
+        Raises:
+            NotUnique: if the tangent is singular at a solution.
+            NotFound: if it is singular elsewhere.
+        """
+        try:
+            return self._solved(active, place, self.interface.friction)
+        except SingularSystem as error:
+            raise self._singular(active, place, error) from error
+
+    def _solved(self, active: ActiveSet, place: Kinematics, friction: Array) -> Iterate:
+        A, B = equations(active, friction, self.system.scale)
+        E, C, D, constraint = place.equations(A, B)
+        known = np.nan_to_num(self.prescribed)[self.interface.pair]
+        constraint += np.einsum("nij,nj->ni", D, known)
+        constraint -= np.einsum("nij,nj->ni", C, self.supported)
+        reduced, free = self.system.solve(self.load, E, C, D, constraint, self.totals)
+        moved = self.prescribed.copy()
+        moved[np.isnan(moved)] = free
+        return self.seen(reduced, moved, place)
+
+    def _singular(
+        self, active: ActiveSet, place: Kinematics, error: SingularSystem
+    ) -> NotUnique | NotFound:
+        """What a singular tangent shows, all rigid motions being held.
+
+        With a little more or less friction it is regular. If the equations of the set have
+        solutions, they have about the same one then; else one runs away, to either side.
+        """
+        where, beside = counted(active, self.system.comm), []
+        for share in (1 - _BESIDE, 1 + _BESIDE):
+            try:
+                beside.append(self._solved(active, place, share * self.interface.friction))
+            except SingularSystem:
+                break
+        else:
+            less, more = beside
+            apart, wrong = (less.full - more.full).norm(), self.violation(less) * TOLERANCE
+            if apart <= _NEAR * less.full.norm() and wrong <= _NEAR:
+                self.nearest = less, self.violation(less)
+                return NotUnique(
+                    f"{error}: no rigid motion is free, so the friction of the {where} is too "
+                    "large for a unique answer"
+                )
+        return NotFound(
+            f"{error}, though no rigid motion is free: with the friction of the {where} the "
+            "equations have no solution"
+        )
+
+    def seen(self, reduced: PETSc.Vec, translations: Array, place: Kinematics) -> Iterate:
+        """Gaps, slips and forces at the contact points."""
+        full = self._reduction.expand(reduced)
+        displacement = self.system.motions(full)
+        force, unbalanced = self.system.forces(reduced, self.load)
+        contact = Contact(
+            place.frame,
+            place.gaps(displacement, translations),
+            place.slips(displacement, translations),
+            place.forces(force, translations),
+            self.interface.friction,
+            self.system.scale,
+        )
+        return Iterate(reduced, full, translations, displacement, force, unbalanced, contact)
+
+    def violation(self, now: Iterate) -> float:
+        """Largest violation of the law over what is allowed.
+
+        Coordinates' round-off is allowed for in gaps, and in all that is said of points which are
+        not pressed by more. It excuses no friction of the others: slips have no coordinates.
+        """
+        comm, contact = self.system.comm, now.contact
+        wrong = np.nan_to_num(np.abs(contact.violation()), nan=np.inf)
+        largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
+        moved, placed = self._lost(now)
+        pressed = contact.force[:, :1] > placed
+        gap = np.where(np.isfinite(contact.gap), contact.gap, 0.0)
+        excused = contact.friction * contact.scale * np.abs(gap)  # friction's limit has the gap
+        lost = np.where(pressed, excused[:, None], placed) + np.zeros_like(wrong)
+        lost[:, 0] = placed
+        allowed = TOLERANCE * largest + moved + lost
+        share = np.divide(wrong, allowed, out=np.zeros_like(wrong), where=wrong > 0)
+        return float(comm.allreduce(share.max(initial=0.0), MPI.MAX))
+
+    def round_off(self, now: Iterate) -> float:
+        """Force that may be nothing but round-off."""
+        return sum(self._lost(now))
+
+    def _lost(self, now: Iterate) -> tuple[float, float]:
+        """Forces that may be nothing but round-off: of displacements, and of coordinates."""
+        lengths = _LOST * np.abs(now.displacement), ROUND_OFF * np.abs(self.interface.position)
+        forces = [(self.system.scale[:, None] * part).max(initial=0.0) for part in lengths]
+        moved, placed = np.max(self.system.comm.allgather(forces), axis=0)
+        return float(moved), float(placed)
+
+
+def newton(
+    increment: Increment,
+    active: ActiveSet,
+    place: Kinematics,
+    policy: Policy,
+    most: int,
+    told: Callable[[int, ActiveSet, float], None] | None = None,
+) -> Iterate:
+    """Iterates from an active set and a place of linearisation until all conditions hold.
+
+    Planes make gap and slip linear. For curved surfaces under force control they are linearised
+    anew where the active set has been found, until nothing changes.
+
+    `told`, if it is given, is called with each iteration's number, active set and violation.
+
+    Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
+    with exact ones.
+
+    Raises:
+        NotUnique, NotFound: as `solve_contact` says.
+    """
+    try:
+        return _iterated(increment, active, place, policy, most, told)
+    except ContactFailed:
+        if not increment.system.insist():
+            raise
+        return _iterated(increment, active, place, policy, most, told)
+
+
+def _iterated(
+    increment: Increment,
+    active: ActiveSet,
+    place: Kinematics,
+    policy: Policy,
+    most: int,
+    told: Callable[[int, ActiveSet, float], None] | None,
+) -> Iterate:
+    system = increment.system
+    policy.restart(active)
+    for iteration in range(1, most + 1):
+        with doing(system.comm, f"iteration {iteration}"):
+            now = increment.solve(active, place)
+        violation = increment.violation(now)
+        if told:
+            told(iteration, active, violation)
+        if violation <= 1:
+            if not system.tangent.settled:
+                system.forget_factors()  # equilibrium may lag behind
+                continue
+            old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
+            now = increment.seen(now.reduced, now.translations, place)
+            violation = increment.violation(now)
+            if violation <= 1:
+                return now
+            active = turned(active, old.frame, place.frame)
+            policy.restart()
+        if increment.nearest is None or violation < increment.nearest[1]:
+            increment.nearest = now, violation
+        wanted = policy.wanted(active, now.contact)
+        if not system.tangent.own_factors and same(wanted, active, system.comm):
+            system.forget_factors()  # corrected factors leave single gaps open
+            continue
+        active = policy.taken(wanted, active, now.contact)
+    raise NotFound(
+        f"no active set satisfies the contact conditions after {most} iterations (max_iterations)"
+    )

@@ -1,0 +1,32 @@
+"""What is stated of contact and what comes back: pairs, surfaces, states, errors."""
+
+from pw_elements.contact.model.errors import (
+    ClosedBranch,
+    ContactFailed,
+    FreeBody,
+    MissingForce,
+    NoEquilibrium,
+    NoSolution,
+    NotFound,
+    NotUnique,
+    RigidVelocity,
+    SurfacePassed,
+)
+from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
+from pw_elements.contact.model.state import (
+    ContactState,
+    Free,
+    PairState,
+    Residuals,
+    Scale,
+    Smallness,
+)
+from pw_elements.contact.model.surfaces import (
+    FlatPunch,
+    Parabola,
+    Plane,
+    Polyline,
+    SignedDistance,
+    Sphere,
+    Surface,
+)

@@ -1,0 +1,31 @@
+"""Linear solvers: factors, Krylov methods and multigrid."""
+
+from pw_elements.solvers.direct import (
+    Direct,
+    LinearSolver,
+    PreparedSolver,
+    SingularSystem,
+    SolverNotConverged,
+    SolverReport,
+)
+from pw_elements.solvers.iterative import (
+    NO_SUPPORTS,
+    Iterative,
+    Krylov,
+    SaddlePoint,
+    Solver,
+    by_chosen,
+    chosen,
+    free_motion,
+)
+from pw_elements.solvers.matrices import (
+    collect_garbage,
+    connected_pieces,
+    destroy,
+    python_matrix,
+    selection,
+    unbalanced,
+    unblocked,
+)
+from pw_elements.solvers.multigrid import Multigrid
+from pw_elements.solvers.projection import Masked, Projection, Supports, Ties
