@@ -25,7 +25,6 @@ A body that is thrown at a floor, by explicit dynamics:
 from pw_elements.checks import DegenerateMesh
 from pw_elements.contact.iteration import OPEN, SLIP, STICK
 from pw_elements.contact.model import (
-    ClosedBranch,
     ContactFailed,
     ContactPair,
     ContactState,
@@ -36,7 +35,6 @@ from pw_elements.contact.model import (
     MissingForce,
     Motion,
     NoEquilibrium,
-    NoSolution,
     NotFound,
     NotUnique,
     PairState,
@@ -66,7 +64,6 @@ __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
-    "ClosedBranch",
     "ContactFailed",
     "ContactFields",
     "ContactPair",
@@ -82,7 +79,6 @@ __all__ = [
     "MissingForce",
     "Motion",
     "NoEquilibrium",
-    "NoSolution",
     "NotFound",
     "NotUnique",
     "PairHistory",

@@ -110,8 +110,6 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "ContactFailed",
             "NoEquilibrium",
-            "NoSolution",
-            "ClosedBranch",
             "FreeBody",
             "NotUnique",
             "NotFound",

@@ -32,7 +32,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -41,6 +40,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgWarning, solve
 from scipy.linalg.blas import dger
+from scipy.optimize import linprog
 
 from pw_elements.algebra import Reduction
 from pw_elements.checks import collective
@@ -76,9 +76,8 @@ _PIVOT = 1e-11
 _TIE = 1e-12
 # Pivots per unknown
 _PIVOTS = 20
-
-Remedy: TypeAlias = Literal["condensed", "cutback", "search"]
-REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback", "search")
+# Smallest gap of a loose body, over the largest at rest
+_OPEN = 1e-9
 
 log = logging.getLogger("pw_elements.contact")
 
@@ -483,26 +482,6 @@ def tractable(interface: Interface) -> bool:
     return unknowns(points, interface.position.shape[1]) <= _MOST
 
 
-def otherwise(
-    failure: ContactFailed,
-    increment: Increment,
-    condensed: Callable[[], Condensation],
-    place: Kinematics,
-    policy: Callable[[], Policy],
-    most: int,
-) -> tuple[Iterate | None, ContactFailed]:
-    """The solution where the iteration has failed, if there is one, and what else is to be told.
-
-    `NotUnique` is told as it is; for the arguments see `without_active_sets`.
-    """
-    if isinstance(failure, NotUnique):
-        return None, failure
-    try:
-        return without_active_sets(increment, condensed, place, policy, most), failure
-    except NotUnique as unique:
-        return None, unique
-
-
 def without_active_sets(
     increment: Increment,
     condensed: Callable[[], Condensation],
@@ -520,7 +499,7 @@ def without_active_sets(
         most: linear systems of each ordinary iteration.
 
     Raises:
-        NotUnique: if the tangent is singular at all solutions met.
+        NotUnique: if the tangent is singular at all solutions met, or the body is loose.
     """
     comm = increment.interface.comm
     if not tractable(increment.interface):
@@ -530,12 +509,11 @@ def without_active_sets(
         condensation = condensed()
     except SingularSystem:
         return None
-    near: Array | None = None
+    first = problem = CondensedIncrement(increment, condensation, place)
+    near = first.start
     one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
         for _ in range(_ROUNDS):
-            problem = CondensedIncrement(increment, condensation, place)
-            near = problem.start if near is None else near
             with collective(comm):
                 found = _search(problem, spring, near) if comm.rank == 0 else None
             z, exact = comm.bcast(found)
@@ -549,8 +527,10 @@ def without_active_sets(
                 one_of_many = solution or one_of_many
             reached: Array = z if exact is None else exact
             near, place = reached, increment.kinematics(*problem.split(reached))
+            problem = CondensedIncrement(increment, condensation, place)
     if one_of_many is not None:
         raise one_of_many
+    _refuse_loose(first, increment)
     return None
 
 
@@ -627,3 +607,40 @@ def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> 
         for values in (active.status, active.direction, active.turning)
     )
     return ActiveSet(status, direction, turning)
+
+
+def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
+    """Raises NotUnique if there is a state without contact forces, in which nothing touches."""
+    comm = increment.interface.comm
+    with collective(comm):
+        found = _loose(problem) if comm.rank == 0 else None
+    z = comm.bcast(found)
+    if z is not None and at_itself(problem, increment, z) is not None:
+        raise NotUnique(
+            "the loads are balanced without any contact force, and the body is loose: it can be "
+            "where nothing touches it, in many places; a support, or a load that presses it "
+            "against something, makes it one"
+        )
+
+
+def _loose(problem: CondensedIncrement) -> Array | None:
+    """The z without contact forces in which the smallest gap is largest; None if it is not open."""
+    n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0) or 1.0
+    stiffness = problem.scale.mean()
+    balanced = np.concatenate([problem.force.slope.reshape(-1, n), problem.balance.slope])
+    forces = np.append(problem.force.value.ravel(), problem.balance.value)
+    faced = problem.faced
+    best = linprog(
+        np.append(np.zeros(n), -1.0),
+        A_ub=np.column_stack([-problem.gap.slope[faced], np.ones(int(faced.sum()))]),
+        b_ub=problem.gap.value[faced] / scale,
+        A_eq=np.column_stack([balanced / stiffness, np.zeros(len(balanced))]),
+        b_eq=-forces / (stiffness * scale),
+        bounds=[(None, None)] * n + [(None, 1.0)],
+    )
+    if not best.success or best.x[-1] <= _OPEN:
+        return None
+    z = scale * best.x[:n]
+    points, dim = problem.frame.shape[:2]
+    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), np.zeros(points))
+    return z + problem.step(none, z)

@@ -1,4 +1,4 @@
-"""Which refusal it is when the iteration of an increment has failed, and its words.
+"""What is tried where the iteration of an increment has failed, and which refusal it is.
 
 Statics alone may prove that no contact forces balance the loads. In a rigid motion of a piece, or
 of a free surface, only loads and contact forces do work. Let v be the velocity of a contact point
@@ -22,7 +22,7 @@ Only contact points are gathered, and the program runs on one process: 3 seconds
 in space, 0.2 in the plane.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,14 @@ from scipy.optimize import linprog
 from scipy.sparse.csgraph import connected_components
 
 from pw_elements.checks import collective, listed
-from pw_elements.contact.iteration import TOLERANCE, Increment, Kinematics, contact_state
+from pw_elements.contact.iteration import (
+    TOLERANCE,
+    Increment,
+    Iterate,
+    Kinematics,
+    Policy,
+    contact_state,
+)
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
@@ -42,8 +49,9 @@ from pw_elements.contact.model import (
     RigidVelocity,
     Smallness,
 )
+from pw_elements.contact.rescue.condensed import Condensation, without_active_sets
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
-from pw_elements.solvers import SolverReport
+from pw_elements.solvers import SolverNotConverged, SolverReport
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -248,6 +256,50 @@ def no_equilibrium(
         if comm.rank == 0:
             error = _proved(points, basis, work, size, rigid.modes)
     return comm.bcast(error), [int(k) for k in np.unique(points.pair[points.turning])]
+
+
+def rescue(
+    failure: ContactFailed | SolverNotConverged,
+    increment: Increment,
+    place: Kinematics,
+    rigid: RigidMotions,
+    condensed: Callable[[], Condensation] | None,
+    policy: Callable[[], Policy],
+    most: int,
+    before: ContactState,
+    spent: Callable[[], tuple[int, SolverReport]],
+) -> Iterate:
+    """The solution of an increment whose iteration has failed, or the refusal that says why.
+
+    Args:
+        failure: of the iteration.
+        increment: its equations.
+        place: kinematics at its start.
+        rigid: motions of the body's pieces and of free surfaces.
+        condensed: the body, condensed to its contact points; None if that is not to be tried.
+        policy: makes one for each ordinary iteration.
+        most: linear systems of each ordinary iteration.
+        before: state at the increment's start.
+        spent: linear systems solved so far, and what they took.
+
+    Raises:
+        NoEquilibrium, NotUnique, NotFound: with what is known of the increment.
+        SolverNotConverged: the failure, unless statics explain it.
+    """
+    proof, unproved = no_equilibrium(increment, place, rigid)
+    if proof is not None:
+        raise proof from None
+    if isinstance(failure, SolverNotConverged):
+        raise failure
+    found = None
+    if condensed is not None and not isinstance(failure, NotUnique):
+        try:
+            found = without_active_sets(increment, condensed, place, policy, most)
+        except NotUnique as unique:
+            failure = unique
+    if found is None:
+        raise refusal(failure, increment, before, spent(), unproved) from None
+    return found
 
 
 def refusal(

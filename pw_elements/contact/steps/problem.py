@@ -23,8 +23,13 @@ from pw_elements.contact.model import (
     Motion,
 )
 from pw_elements.contact.output import read_state, write_state
-from pw_elements.contact.rescue import REMEDIES, Remedy
-from pw_elements.contact.steps.stepping import Callback, Stepping, checked_callback
+from pw_elements.contact.steps.stepping import (
+    REMEDIES,
+    Callback,
+    Remedy,
+    Stepping,
+    checked_callback,
+)
 from pw_elements.progress import bar, doing
 from pw_elements.solvers import LinearSolver, Solver, by_chosen, chosen, collect_garbage
 from pw_elements.spaces import is_hybrid
@@ -300,8 +305,7 @@ class ContactProblem:
             that has one; an exception that it raises ends the computation.
         remedies: what is tried where the iteration fails: "condensed" iterates without
             active sets, on the contact points alone; "cutback" halves the increment, which with
-            friction is another path (see `ContactState.substates`); and "search" examines all
-            statuses of a few points in the plane.
+            friction is another path (see `ContactState.substates`).
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem.
@@ -355,7 +359,6 @@ class ContactProblem:
                 displacement of a node in contact.
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
-            NoSolution: if a search of all statuses proves that the increment has no state.
             NotUnique: if the tangent is singular at a solution: the friction is too large, or the
                 body is loose.
             NotFound: if no state has been found, though there may be one; `state` came nearest.

@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from time import perf_counter
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -54,19 +54,9 @@ from pw_elements.contact.model import (
     ContactState,
     Free,
     Motion,
-    NoSolution,
     NotFound,
-    NotUnique,
 )
-from pw_elements.contact.rescue import (
-    Condensation,
-    Remedy,
-    RigidMotions,
-    no_equilibrium,
-    otherwise,
-    refusal,
-    search,
-)
+from pw_elements.contact.rescue import Condensation, RigidMotions, rescue
 from pw_elements.contact.steps.watch import Watch
 from pw_elements.progress import doing, hush
 from pw_elements.solvers import Iterative, LinearSolver, SolverNotConverged, SolverReport
@@ -79,6 +69,10 @@ log = logging.getLogger("pw_elements.contact")
 _SMALLEST = 1 / 16
 # What counts as no gap, over the extent of the contact nodes
 _TOUCHING = 1e-9
+
+# What is tried where the iteration fails: one without active sets, and smaller increments
+Remedy: TypeAlias = Literal["condensed", "cutback"]
+REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
 
 # Linear systems, and what they took
 Spent: TypeAlias = tuple[int, SolverReport]
@@ -374,8 +368,8 @@ class Stepping:
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
-            except NotFound as failure:
-                joined = self._cut(state, end, reporter) or self._searched(state, end, failure)
+            except NotFound:
+                joined = self._cut(state, end, reporter)
                 if joined is None:
                     raise
                 iterations, report = self._spent(end.free, before)
@@ -389,21 +383,6 @@ class Stepping:
             return None
         start = held_by(state, self._K, self.interface)
         return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
-
-    def _searched(self, state: ContactState, end: Target, failure: NotFound) -> ContactState | None:
-        """The state at a target, after a search of all statuses; None if it does not find it."""
-        if "search" not in self._remedies:
-            return None
-        increment, place, policy = self._begun(state, end)
-        before = self._spent(end.free)
-        try:
-            now = search(increment, lambda: self._condensed, place, policy, self._most)
-        except NotUnique as unique:
-            raise refusal(unique, increment, state, self._spent(end.free, before), ()) from None
-        except NoSolution as proved:
-            proved.state = failure.state
-            raise
-        return None if now is None else self._ended(increment, now, state, before)
 
     def _solved(
         self,
@@ -420,20 +399,17 @@ class Stepping:
         try:
             now = newton(increment, active, place, policy(), self._most, told)
         except (ContactFailed, SolverNotConverged) as failure:
-            proof, unproved = no_equilibrium(increment, place, rigid)
-            if proof is not None:
-                raise proof from None
-            if isinstance(failure, SolverNotConverged):
-                raise
-            found, last = None, failure
-            if "condensed" in self._remedies:
-                found, last = otherwise(
-                    failure, increment, lambda: self._condensed, place, policy, self._most
-                )
-            if found is None:
-                spent = self._spent(target.free, before)
-                raise refusal(last, increment, state, spent, unproved) from None
-            now = found
+            now = rescue(
+                failure,
+                increment,
+                place,
+                rigid,
+                (lambda: self._condensed) if "condensed" in self._remedies else None,
+                policy,
+                self._most,
+                state,
+                lambda: self._spent(target.free, before),
+            )
         if reporter:
             reporter.violation = increment.violation(now)
         return self._ended(increment, now, state, before)
