@@ -22,6 +22,8 @@ from dolfinx.mesh import (
 
 from pw_elements.checks import agree, answer, arguments, collective, field, vector
 
+__all__ = ["curved", "from_gmsh", "mapped", "on_lines", "quadrilaterals", "triangles"]
+
 Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")

@@ -16,14 +16,12 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    composite_element,
 )
-from pw_elements.elasticity import Vector
-from pw_elements.spaces import Marker, SubSpace, centre_nodes, mid_diagonal_nodes
+from pw_elements.elasticity import StressState, Vector
+from pw_elements.spaces import Marker, SubSpace, centre_nodes, composite_element, mid_diagonal_nodes
 
 
 def _composite(mesh: Mesh) -> Spaces:

@@ -13,17 +13,9 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    StressState,
-    assemble_matrix,
-    prescribe,
-    reactions,
-)
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe, reactions
 from pw_elements.contact import ContactFields, ContactPair, Motion, Sphere, solve_contact, write
+from pw_elements.elasticity import StressState
 from tests.contact_cases import Block, at
 from tests.test_contact_matching import Blocks
 from tests.two_bodies import Stack

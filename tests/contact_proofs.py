@@ -17,7 +17,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pw_elements.contact import ContactPair, MatchingNodes, NoEquilibrium
+from pw_elements.contact import ContactPair, NoEquilibrium
+from pw_elements.contact.model import MatchingNodes
 from tests.contact_residuals import _contact_nodes, _supports
 from tests.oracle.search import Branch, Increment
 

@@ -33,29 +33,27 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    nodal_load,
 )
 from pw_elements.contact import (
     ContactFailed,
     ContactPair,
-    ContactState,
     FlatPunch,
     Motion,
     NoEquilibrium,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
-    Surface,
     solve_contact,
 )
+from pw_elements.contact.model import ContactState, Surface
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import PATTERNS, mapped, quadrilaterals, triangles
 from tests.contact_residuals import _contact_nodes
+from tests.polyline import Polyline
 
 Array = npt.NDArray[np.float64]
 Side = tuple[int, int]  # axis and end of the box

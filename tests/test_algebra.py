@@ -15,16 +15,15 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     prescribe,
     reactions,
     solve,
-    symmetric_part,
 )
-from pw_elements.algebra import factorise
+from pw_elements.algebra import factorise, symmetric_part
+from pw_elements.elasticity import StressState
 from study.matrices import dense
 
 

@@ -27,7 +27,6 @@ from pw_elements import (
     Direct,
     Material,
     NoModes,
-    NumberingError,
     Reduction,
     SingularSystem,
     Spaces,
@@ -37,39 +36,41 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
-    composite_element,
     force_transfer,
     forces_along,
     lumped_mass,
-    macro_element,
-    nodal_load,
     prescribe,
-    quadratic_element,
     reactions,
-    serendipity_element,
     solve,
-    symmetric_part,
     test_space,
     vibration_modes,
 )
 from pw_elements._compat import cell_nodes
+from pw_elements.algebra import symmetric_part
 from pw_elements.contact import (
     ContactFailed,
     ContactPair,
     ContactProblem,
     FlatPunch,
-    MatchingNodes,
     Motion,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     solve_contact,
 )
-from pw_elements.elasticity import by_position
+from pw_elements.contact.model import MatchingNodes
+from pw_elements.elasticity import by_position, nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, quadrilaterals, triangles
-from pw_elements.spaces import centre_nodes, mid_diagonal_nodes
+from pw_elements.spaces import (
+    NumberingError,
+    centre_nodes,
+    composite_element,
+    macro_element,
+    mid_diagonal_nodes,
+    quadratic_element,
+    serendipity_element,
+)
 
 LIBRARY = Path(pw_elements.__file__).parent
 DOCUMENTED = (
@@ -780,11 +781,6 @@ CASES |= {
     "sphere exchanged": lambda w: Sphere(1.0, (0, 0)),
     "punch of width 0": lambda w: FlatPunch((0, 0), (0, 1), 0.0),
     "punch of width None": lambda w: FlatPunch((0, 0), (0, 1), None),
-    "polyline of one point": lambda w: Polyline([(0, 0)]),
-    "polyline of a repeated point": lambda w: Polyline([(0, 0), (0, 0)]),
-    "polyline of NaN": lambda w: Polyline([(0, 0), (1, NAN)]),
-    "polyline of None": lambda w: Polyline(None),
-    "polyline of radius -1": lambda w: Polyline([(0, 0), (1, 0)], -1.0),
     "signed distance of None": lambda w: w.contact(pairs=ContactPair(below, SignedDistance(None))),
     "signed distance of columns": lambda w: w.contact(
         pairs=ContactPair(below, SignedDistance(lambda x: x))

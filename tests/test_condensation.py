@@ -13,7 +13,6 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     prescribe,
@@ -21,6 +20,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.spaces import centre_nodes, mid_diagonal_nodes
 from study.discretisation import discretise

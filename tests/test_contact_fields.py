@@ -20,7 +20,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -42,6 +41,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.output.pictures import _chains
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests import vtx
 from tests.contact_cases import Block, Punch, at

@@ -24,13 +24,13 @@ from pw_elements.contact import (
     ContactFields,
     ContactPair,
     ContactProblem,
-    MatchingNodes,
     Motion,
     Parabola,
     Plane,
     solve_contact,
     write,
 )
+from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
 from tests.contact_cases import at

@@ -19,11 +19,9 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    nodal_load,
     prescribe,
 )
 from pw_elements.contact import (
@@ -31,7 +29,6 @@ from pw_elements.contact import (
     ContactProblem,
     FlatPunch,
     FreeBody,
-    MatchingNodes,
     Motion,
     NoEquilibrium,
     NotFound,
@@ -39,7 +36,9 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
+from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue.refusals import Points, escape, proof
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, at
 from tests.contact_proofs import contradictions, contradicts, flaws, linear_increment, sound

@@ -8,16 +8,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements import (
-    Body,
-    Direct,
-    Material,
-    Reduction,
-    Spaces,
-    StressState,
-    assemble_matrix,
-    prescribe,
-)
+from pw_elements import Body, Direct, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.contact import (
     OPEN,
     ContactPair,
@@ -42,6 +33,7 @@ from pw_elements.contact.rescue.condensed import (
     without_active_sets,
 )
 from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import on_lines
 from study.verification.mesh_lines import growing
 from tests.contact_cases import Block, Greco, Punch, at

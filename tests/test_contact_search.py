@@ -8,15 +8,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    StressState,
-    assemble_matrix,
-    prescribe,
-)
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -26,6 +18,7 @@ from pw_elements.contact import (
     NotUnique,
     Plane,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import at
 from tests.contact_proofs import contradictions, contradicts, linear_increment

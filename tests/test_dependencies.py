@@ -4,8 +4,10 @@ The oracle of the tests imports none of them.
 """
 
 import ast
+import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -107,6 +109,23 @@ def wing(module):
     parts = module.split(".")[1:]
     depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
     return ".".join(parts[:depth])
+
+
+PUBLIC = ("pw_elements", "pw_elements.contact", "pw_elements.meshes")
+
+
+def test_the_library_has_at_most_62_public_names():
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert 30 < len(names) <= 62
+
+
+def test_every_public_name_has_a_user():
+    """In the study, an example or a guide; the reference's list of names is none."""
+    users = [ROOT / "README.md", *(ROOT / "examples").glob("*.py"), *(ROOT / "docs").rglob("*.md")]
+    users += [p for p in (ROOT / "study").rglob("*.py") if p.name != "reference.py"]
+    words = {word for path in users for word in re.findall(r"\w+", path.read_text())}
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert names - words == set()
 
 
 def library_imports():

@@ -22,14 +22,12 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     cell_measure,
-    macro_element,
-    one_cut_element,
     prescribe,
-    quadratic_element,
     reactions,
     solve,
 )
 from pw_elements.meshes import curved
+from pw_elements.spaces import macro_element, one_cut_element, quadratic_element
 from pw_elements.spaces.elements import twelve_cell_rule
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 from tests.properties import Elastic, dense

@@ -19,8 +19,8 @@ from slepc4py import SLEPc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.algebra.consistency import Problem, check_weights, refuse_negative
-from pw_elements.algebra.linear import factorise, ready, symmetric_part
+from pw_elements.algebra.linear import explained, factorise, symmetric_part
+from pw_elements.algebra.problem_checks import check_problem, check_weights, refuse_negative
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import collective, flag, number, processes, whole
 from pw_elements.progress import doing
@@ -28,16 +28,17 @@ from pw_elements.solvers import (
     Direct,
     Iterative,
     LinearSolver,
+    NotConverged,
     PreparedSolver,
     Solver,
-    SolverNotConverged,
     SolverReport,
     Supports,
     by_chosen,
     chosen,
+    is_matrix_free,
     unblocked,
 )
-from pw_elements.spaces import is_hybrid
+from pw_elements.spaces import Assembled, is_hybrid
 
 log = logging.getLogger(__name__)
 
@@ -152,7 +153,7 @@ def vibration_modes(
         TypeError, ValueError: for arguments that do not fit together or are not finite; for
             matrices whose diagonals add up to less than zero, and numbers out of range.
         SingularSystem: if the shift is an eigenvalue.
-        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
@@ -185,7 +186,7 @@ def _vibrations(
     if shift is None:
         shift = -_SHIFT * short / B.getSize()[0]
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
-    B.setAttr("form", None)  # the next call would lose it, and mesh and all never be freed
+    Assembled().mark(B)  # the next call would lose what it knows, and never free mesh and all
     B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     if supports is not None:
@@ -238,7 +239,7 @@ def buckling(
         TypeError, ValueError: for arguments that do not fit together or are not finite; for
             a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
-        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
@@ -291,7 +292,7 @@ def _check(
     symmetrised: bool,
     solver: Solver,
 ) -> None:
-    Problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
+    check_problem({_STIFFNESS: K, **dict([other])}, reduction=reduction, solver=solver)
     with collective(processes(reduction)):
         whole("count", count, 1)
         flag("symmetrised", symmetrised)
@@ -310,7 +311,7 @@ def _pair(
     A: PETSc.Mat, B: PETSc.Mat, reduction: Reduction, solver: LinearSolver
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Supports | None]:
     """Both matrices reduced; or under supports A masked and B free, a copy, and the supports."""
-    if not isinstance(solver, Iterative):
+    if not is_matrix_free(solver):
         return reduction.matrix(A), reduction.matrix(B), reduction, None
     masked = reduction.masked()
     return masked.matrix(A), B.copy(), masked, masked.supports
@@ -335,7 +336,7 @@ def _largest(
     Raises:
         ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
         SingularSystem: if B is singular.
-        SolverNotConverged: if an iterative solver fails.
+        NotConverged: if an iterative solver fails.
         NoModes: if not all values converged, or B, which is to be symmetric, is not positive
             definite; `indefinite` says what that means.
     """
@@ -347,7 +348,8 @@ def _largest(
         if loose:
             krylov.multigrid.ready()
         else:
-            ready(krylov)
+            with explained():
+                krylov.set_up()
         B = krylov.operator
     else:
         ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
@@ -386,7 +388,7 @@ def _largest(
         modes.append(imaginary if values[i].imag < 0 else real)
     eigensolver.destroy()
     if supports is not None and not residuals.max() <= _TRUE:
-        raise SolverNotConverged(
+        raise NotConverged(
             f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
             "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
         )
@@ -457,7 +459,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
             that is not symmetric, or a mass that is not diagonal and positive.
         NoModes: if the highest frequency is not found.
     """
-    Problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
+    check_problem({"the stiffness": K, "the mass": M}, reduction=reduction)
     refuse_unsymmetric(K)
     inverse = diagonal_mass(M)
     inverse.reciprocal()

@@ -25,12 +25,19 @@ from dolfinx.fem import petsc
 from ufl.algorithms import compute_form_data, expand_derivatives
 from ufl.algorithms.check_arities import ArityMismatch
 
-from pw_elements.algebra.consistency import check_solver, is_finite
+from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
 from pw_elements.checks import agree, answer, arguments, collective, whole
 from pw_elements.progress import doing
-from pw_elements.solvers import Direct, Iterative, LinearSolver, SingularSystem
+from pw_elements.solvers import (
+    Direct,
+    LinearSolver,
+    NotConverged,
+    SingularSystem,
+    is_matrix_free,
+)
 from pw_elements.spaces import (
+    Assembled,
     Spaces,
     compiled_form,
     equilibration,
@@ -66,10 +73,6 @@ Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant
 
 # An increment is cut into so many parts at most
 _PARTS = 16
-
-
-class NotConverged(RuntimeError):
-    """Newton's method has found no solution."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +118,7 @@ class System:
             local.set(0.0)
         petsc.assemble_vector(forces, self._residual)
         forces.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        forces.setAttr("form", self._residual)
-        return forces
+        return Assembled(self._residual).mark(forces)
 
     def assemble(self) -> None:
         """The tangent, free."""
@@ -193,7 +195,7 @@ class Newton:
             raise
         finally:
             snes.destroy()  # and with it resets the KSP
-            self._prepared.ksp.destroy()
+            self._prepared.release()
 
     def _take(self, x: PETSc.Vec) -> None:
         """Sets u to what the scaled unknowns stand for."""
@@ -327,7 +329,7 @@ class PetrovGalerkinProblem:
             arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
             arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
             check_solver(solver)
-            if isinstance(solver, Iterative | str):
+            if isinstance(solver, str) or is_matrix_free(solver):
                 raise ValueError(
                     'Iterative() and "auto" solve with one free matrix under supports, not with '
                     "Newton's tangents: use Direct()"

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra.consistency import Problem, check_reduction
+from pw_elements.algebra.problem_checks import check_problem, check_reduction
 from pw_elements.checks import arguments, collective, listed
 from pw_elements.solvers import (
     NO_SUPPORTS,
@@ -29,6 +29,7 @@ from pw_elements.solvers import (
     unblocked,
 )
 from pw_elements.spaces import (
+    Assembled,
     Spaces,
     equilibration,
     fields_of,
@@ -120,7 +121,7 @@ def condensed(
     conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
 ) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Vec, PETSc.Mat]:
     """L, R, a_0 and Q of `Reduction.condensation`, which says what it takes and raises."""
-    Problem({"the stiffness": K}, space=space)
+    check_problem({"the stiffness": K}, space=space)
     if is_hybrid(space):
         raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
     K = unblocked(K)
@@ -388,8 +389,7 @@ class Reduction:
         """
         self._check_system(K)
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
-        reduced.setAttr("form", K.getAttr("form"))
-        return reduced
+        return Assembled(Assembled.of(K).form).mark(reduced)
 
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """L^T (f - K a_0).
@@ -447,12 +447,12 @@ class Reduction:
                 arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
 
     def _check_reduced(self, reduced: PETSc.Vec) -> None:
-        with collective(self.offset.comm.tompi4py()):
-            arguments.petsc_vector("the reduced vector", reduced)
-            expected = self.right.getSizes()[1]
-            arguments.same_sizes(
-                "the reduced vector", reduced.getSizes(), "the reduced system", expected
-            )
+        """Local, since it is asked in every iteration: a vector has one size on all processes."""
+        arguments.petsc_vector("the reduced vector", reduced)
+        expected = self.right.getSizes()[1]
+        arguments.same_sizes(
+            "the reduced vector", reduced.getSizes(), "the reduced system", expected
+        )
 
     def then(self, inner: "Reduction") -> "Reduction":
         """This reduction followed by another one of the reduced system.

@@ -24,7 +24,7 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from ufl.core.expr import Expr
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Problem
+from pw_elements.algebra import check_problem
 from pw_elements.checks import (
     agree,
     arguments,
@@ -36,6 +36,7 @@ from pw_elements.checks import (
     whole,
 )
 from pw_elements.spaces import (
+    Assembled,
     Marker,
     Part,
     Spaces,
@@ -634,7 +635,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
             the space.
     """
     arguments.space(space)
-    Problem({"the mass matrix": M}, space=space)
+    check_problem({"the mass matrix": M}, space=space)
     if is_hybrid(space):
         raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
@@ -653,8 +654,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
     lumped.assemble()
-    lumped.setAttr("form", M.getAttr("form"))
-    return lumped
+    return Assembled(Assembled.of(M).form).mark(lumped)
 
 
 def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:

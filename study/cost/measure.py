@@ -203,7 +203,8 @@ def _body(element: str, cells: int) -> Any:  # noqa: ANN401
 
     from dolfinx.mesh import CellType, create_box, create_rectangle
 
-    from pw_elements import Body, Material, StressState
+    from pw_elements import Body, Material
+    from pw_elements.elasticity import StressState
     from study.discretisation import spaces
 
     comm = MPI.COMM_WORLD

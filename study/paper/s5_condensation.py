@@ -11,13 +11,13 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Material,
     Reduction,
-    StressState,
     assemble_vector,
     force_transfer,
     prescribe,
     reactions,
     solve,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
 from pw_elements.spaces import mid_diagonal_nodes
 from study.core.cases import Case

@@ -413,7 +413,7 @@ class KrylovTangent:
 
         Raises:
             SingularSystem: if a constant pressure acts on nothing.
-            SolverNotConverged: if the residual does not become small.
+            NotConverged: if the residual does not become small.
         """
         exact = self.factorised is None or self.always_exact
         again = self.factorised is None and self.settled

@@ -23,7 +23,6 @@ from pw_elements.contact.model.surfaces import (
     FlatPunch,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     Surface,

@@ -51,7 +51,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.rescue.condensed import Condensation, without_active_sets
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
-from pw_elements.solvers import SolverNotConverged, SolverReport
+from pw_elements.solvers import NotConverged, SolverReport
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -259,7 +259,7 @@ def no_equilibrium(
 
 
 def rescue(
-    failure: ContactFailed | SolverNotConverged,
+    failure: ContactFailed | NotConverged,
     increment: Increment,
     place: Kinematics,
     rigid: RigidMotions,
@@ -284,12 +284,12 @@ def rescue(
 
     Raises:
         NoEquilibrium, NotUnique, NotFound: with what is known of the increment.
-        SolverNotConverged: the failure, unless statics explain it.
+        NotConverged: the failure, unless statics explain it.
     """
     proof, unproved = no_equilibrium(increment, place, rigid)
     if proof is not None:
         raise proof from None
-    if isinstance(failure, SolverNotConverged):
+    if isinstance(failure, NotConverged):
         raise failure
     found = None
     if condensed is not None and not isinstance(failure, NotUnique):

@@ -24,9 +24,9 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import (
-    Problem,
     Reduction,
     check_load,
+    check_problem,
     critical_step,
     diagonal_mass,
     is_finite,
@@ -38,6 +38,7 @@ from pw_elements.contact.model import ContactPair, ContactState, PairState, Resi
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
+from pw_elements.spaces import Assembled
 
 Array = npt.NDArray[np.float64]
 
@@ -310,7 +311,7 @@ def solve_impact(
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
-    Problem({"the stiffness": K, "the mass": M}, start, reductions=(reduction,), space=space)
+    check_problem({"the stiffness": K, "the mass": M}, start, reduction=reduction, space=space)
     comm = space.mesh.comm
     with collective(comm):
         positive("duration", duration)
@@ -324,7 +325,7 @@ def solve_impact(
         step = _COURANT * critical
     if step > critical:
         raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
-    sibling: Sibling | None = K.getAttr("sibling")
+    sibling: Sibling | None = Assembled.of(K).sibling
     interface = nodal_interface(stated, space, reduction, sibling)
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Problem, Reduction, check_load, is_finite
+from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
 from pw_elements.checks import agree, arguments, check_mesh, collective, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
@@ -53,7 +53,7 @@ def checked_problem(
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for what does not make one problem (see `Problem` and, of two bodies,
+        ValueError: for what does not make one problem (see `check_problem` and, of two bodies,
             `mortar.check_weights`), no iterations, or what differs between processes.
     """
     arguments.space(space)
@@ -61,7 +61,7 @@ def checked_problem(
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
         stated = _each(pairs, ContactPair, "a contact pair")
-    Problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
+    check_problem({_STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
         surface = pair.surface
@@ -363,7 +363,7 @@ class ContactProblem:
                 body is loose.
             NotFound: if no state has been found, though there may be one; `state` came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
-            SolverNotConverged: if an iterative solver fails, singular tangents among the reasons;
+            NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)

@@ -59,7 +59,8 @@ from pw_elements.contact.model import (
 from pw_elements.contact.rescue import Condensation, RigidMotions, rescue
 from pw_elements.contact.steps.watch import Watch
 from pw_elements.progress import doing, hush
-from pw_elements.solvers import Iterative, LinearSolver, SolverNotConverged, SolverReport
+from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
+from pw_elements.spaces import Assembled
 
 Array = npt.NDArray[np.float64]
 
@@ -342,13 +343,13 @@ class Stepping:
         solver: LinearSolver,
     ) -> None:
         self.solver = solver
-        iterative = isinstance(solver, Iterative)
+        iterative = is_matrix_free(solver)
         self._K = K
         self._reduction = (reduction.masked() if iterative else reduction).equilibrated(K)
         self._most, self._callback = max_iterations, callback
         # others condense the body
         self._remedies = [one for one in remedies if one == "cutback" or not iterative]
-        self.interface = nodal_interface(pairs, space, self._reduction, K.getAttr("sibling"))
+        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K).sibling)
         self._whole, self.space = space, self.interface.field.space
         self._watch = Watch(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
@@ -398,7 +399,7 @@ class Stepping:
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
             now = newton(increment, active, place, policy(), self._most, told)
-        except (ContactFailed, SolverNotConverged) as failure:
+        except (ContactFailed, NotConverged) as failure:
             now = rescue(
                 failure,
                 increment,
