@@ -331,13 +331,6 @@ def test_state_that_came_nearest_is_kept_but_nothing_goes_on_from_it(tmp_path):
     assert found.residuals.largest() < 1e-8
 
 
-def test_old_name_of_not_found_still_catches_it():
-    with pytest.warns(DeprecationWarning, match="ContactNotConverged is now called NotFound"):
-        from pw_elements.contact import ContactNotConverged
-    with pytest.raises(ContactNotConverged):
-        Greco(16).solve(1.0, max_iterations=3, remedies=())
-
-
 # -- another program, other forces ---------------------------------------------------------------
 
 

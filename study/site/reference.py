@@ -74,6 +74,8 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "ContactPair",
             "Motion",
+            "Coulomb",
+            "Friction",
             "Surface",
             "Plane",
             "Sphere",

@@ -166,12 +166,12 @@ class _Conditions:
         self._problem, self._reach = problem, reach
         faced, frame, stiffness = self.faced, problem.frame, problem.scale.mean()
         slides = np.linalg.norm(frame[:, 1], axis=1) > 0.5
-        self._friction = problem.friction[faced]
+        self._friction = problem.cone.steepest[faced]
         self._rough = slides[faced] & (self._friction > 0)
         force, balance = problem.force, problem.balance
         n = force.slope.shape[-1]
         # what is zero in any case: smooth shear, forces where nothing faces a point, balances
-        away, smooth = ~problem.faced, slides & ~(problem.faced & (problem.friction > 0))
+        away, smooth = ~problem.faced, slides & ~(problem.faced & (problem.cone.steepest > 0))
         normal, shear = force.slope[:, 0], force.slope[:, 1]
         mu = self._friction
         slopes = [
@@ -344,7 +344,7 @@ def search(
     except SingularSystem:
         return None
     first, linear = CondensedIncrement(increment, condensation, place), _linear(increment, place)
-    if interface.position.shape[1] == 2 and len(first.friction) <= _POINTS:
+    if interface.position.shape[1] == 2 and len(first.cone.steepest) <= _POINTS:
         for reach in (None,) if linear else _REACHES:
             problem, here = first, place
             for _ in range(1 if linear else _ROUNDS):
@@ -406,7 +406,7 @@ def _linear(increment: Increment, place: Kinematics) -> bool:
 
 def _no_solution(closed: tuple[ClosedBranch, ...], problem: CondensedIncrement) -> NoSolution:
     error = NoSolution(
-        f"no state obeys the contact conditions: all statuses of the {len(problem.friction)} "
+        f"no state obeys the contact conditions: all statuses of the {len(problem.cone.steepest)} "
         "contact nodes have been searched, and each branch of the search contradicts them. "
         "Smaller increments take another path, on which there may be one"
     )
@@ -447,5 +447,5 @@ def _loose(problem: CondensedIncrement) -> Array | None:
         return None
     z = scale * best.x[:n]
     points, dim = problem.frame.shape[:2]
-    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), np.zeros(points))
+    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), *np.zeros((3, points)))
     return z + problem.step(none, z)
