@@ -193,7 +193,7 @@ class ContactPair:
         """The law of friction: Coulomb's, unless another one is given."""
         if isinstance(self.friction, Friction) and not isinstance(self.friction, type):
             return self.friction
-        return Coulomb(self.friction)  # type: ignore[arg-type]  # which a class may satisfy, too
+        return Coulomb(self.friction)
 
 
 def _is_surface(thing: object) -> bool:
