@@ -80,7 +80,7 @@ def coupled():
     zero = np.zeros_like(nodal.position)
     points = Points(
         nodal.position,
-        nodal.friction,
+        nodal.cone,
         nodal.equation,
         motion.tocsr(),
         force.tocsr(),
@@ -111,7 +111,7 @@ def test_a_point_may_couple_to_many_nodes_and_its_force_act_elsewhere(descent, d
     increment = Increment(system, BLOCK.K, load, prescribed, totals, past)
     policy = Policy(LastHold(lambda *_: [], interface.pair, 1, interface.comm), interface.comm)
     place = increment.kinematics(np.nan_to_num(prescribed), zero, zero)
-    start = sticking(np.ones(len(zero), dtype=bool), interface.friction, 1)
+    start = sticking(np.ones(len(zero), dtype=bool), interface.cone, 1)
     now = newton(increment, start, place, policy, 50)
 
     # all of it once more, from K, G, H and the law as the paper's readers know it
@@ -182,7 +182,7 @@ def test_an_ordinary_iteration_passes_six_modules():
         sys.setprofile(None)
     ordinary = passed[1:-1]  # the last one ends in a state
     assert len(ordinary) >= 2
-    six = {"newton", "law", "kinematics", "system", "policy", "rigid"}
+    six = {"newton", "law", "kinematics", "system", "policy", "rigid", "friction"}
     assert all(modules <= six for modules in ordinary)
     assert len(ordinary[0]) >= 5  # the watch sees them
 

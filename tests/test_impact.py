@@ -31,7 +31,7 @@ from pw_elements.contact import (
     solve_impact,
     write,
 )
-from pw_elements.contact.model import MatchingNodes
+from pw_elements.contact.model import Cone, Coulomb, MatchingNodes
 from pw_elements.contact.steps.impact import nodal_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
@@ -177,7 +177,8 @@ def test_law_holds_at_random_points():
     motion, shift = rng.normal(size=(2, n, 3))
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     gap[:50] = np.inf
-    found = nodal_contact(motion, gap, normal, shift, np.zeros((n, 3), bool), mass, mu, step)
+    cone = Cone([Coulomb(0.0)], [mu])
+    found = nodal_contact(motion, gap, normal, shift, np.zeros((n, 3), bool), mass, cone, step)
     after = motion + step**2 * found.force / mass[:, None]
     reached = gap + np.sum(normal * after, axis=1)
     slip = after - shift - np.sum(normal * (after - shift), axis=1)[:, None] * normal

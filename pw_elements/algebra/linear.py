@@ -67,16 +67,20 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
 
 
 def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
-    free = is_matrix_free(solver)
-    reduction = (reduction.masked() if free else reduction).equilibrated(K).under(K, f)
+    matrix: PETSc.Mat | None = None
+    prepared: PreparedSolver
+    if is_matrix_free(solver):
+        reduction = reduction.masked().equilibrated(K).under(K, f)
+        prepared = solver.prepare(K, supports=reduction.supports)
+    else:
+        reduction = reduction.equilibrated(K).under(K, f)
+        matrix = reduction.matrix(K)
+        prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
-    matrix = K if free else reduction.matrix(K)
-    options = {"supports": reduction.supports} if free else {}
-    prepared = solver.prepare(matrix, **options)
     try:
-        with explained(None if free else matrix, reduction):
+        with explained(matrix, reduction):
             solution, report = prepared.solve(load), prepared.report
-        if not free:
+        if matrix is not None:
             _check_residual(matrix, solution, load)
     finally:
         prepared.release()

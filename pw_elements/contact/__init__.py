@@ -26,6 +26,7 @@ from pw_elements.contact.iteration import OPEN, SLIP, STICK
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
+    Coulomb,
     DeformableSurface,
     FlatPunch,
     FreeBody,
@@ -54,6 +55,7 @@ __all__ = [
     "ContactFields",
     "ContactPair",
     "ContactProblem",
+    "Coulomb",
     "DeformableSurface",
     "FlatPunch",
     "FreeBody",

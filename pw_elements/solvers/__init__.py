@@ -4,6 +4,7 @@ from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
     LinearSolver,
+    MatrixFree,
     NotConverged,
     PreparedSolver,
     SingularSystem,

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from time import perf_counter
-from typing import Protocol
+from typing import Any, ClassVar, Protocol, TypeGuard
 
 from petsc4py import PETSc
 
@@ -140,12 +140,7 @@ class PreparedSolver(Protocol):
 
 
 class LinearSolver(Protocol):
-    """How linear systems are solved.
-
-    One with an attribute `matrix_free` that is true gets the free stiffness (n, n) in place of the
-    reduced one, and `supports`, the `Supports` under which its entries count. Its right-hand sides
-    and solutions are zero where displacements are prescribed.
-    """
+    """How linear systems are solved."""
 
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> PreparedSolver:
         """Binds the solver to a square matrix (n, n); it factorises when it first has to.
@@ -157,7 +152,26 @@ class LinearSolver(Protocol):
         ...
 
 
-def is_matrix_free(solver: object) -> bool:
+class MatrixFree(Protocol):
+    """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
+
+    Right-hand sides and solutions are zero where displacements are prescribed.
+    """
+
+    matrix_free: ClassVar[bool]  # true
+
+    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False, supports: Any = None) -> Any:  # noqa: ANN401
+        """Binds the solver to a free matrix (n, n) under `Supports`; gives a `PreparedSolver`.
+
+        Args:
+            matrix: square (n, n), free.
+            symmetric: whether it is.
+            supports: of `Reduction.dirichlet`; None where the reduction is another one.
+        """
+        ...
+
+
+def is_matrix_free(solver: object) -> TypeGuard[MatrixFree]:
     """Whether a solver takes the free matrix and supports, and does without a reduced one."""
     return bool(getattr(solver, "matrix_free", False))
 

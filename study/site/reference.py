@@ -68,6 +68,8 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "ContactPair",
             "Motion",
+            "Coulomb",
+            "model.Friction",
             "model.Surface",
             "Plane",
             "Sphere",

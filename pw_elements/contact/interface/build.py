@@ -15,6 +15,7 @@ from pw_elements.contact.interface.mortar import mortar_points
 from pw_elements.contact.interface.nodes import BodyNodes, opposite_nodes, owned_nodes
 from pw_elements.contact.interface.operators import RIGID, Interface, Points
 from pw_elements.contact.model import (
+    Cone,
     ContactPair,
     DeformableSurface,
     MatchingNodes,
@@ -62,22 +63,22 @@ def nodal_interface(
         owned_nodes(f"contact pair {k}", pair.nodes, body.space) for k, pair in enumerate(pairs)
     ]
     with collective(space.mesh.comm):
-        friction = [
-            _friction(space.mesh.comm, k, pair, body.x[node])
+        cones = [
+            _cone(space.mesh.comm, k, pair, body.x[node])
             for k, (pair, node) in enumerate(zip(pairs, found, strict=True))
         ]
     points, faced = [], []
-    for k, (pair, node, mu) in enumerate(zip(pairs, found, friction, strict=True)):
+    for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         opposite = None
         if isinstance(pair.surface, DeformableSurface):
-            of_pair, shapes[k] = mortar_points(k, pair.surface, node, mu, body)
+            of_pair, shapes[k] = mortar_points(k, pair.surface, node, cone, body)
             points.append(of_pair)
             continue
         if isinstance(pair.surface, MatchingNodes):
             whose = f"contact pair {k}, opposite side"
             faced.append(owned_nodes(whose, pair.surface.nodes, body.space))
-            opposite = opposite_nodes(k, pair.surface, node, faced[-1], mu, body)
-        points.append(_points(body, node, mu, opposite))
+            opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
+        points.append(_points(body, node, cone, opposite))
     interfering = [pair.interference for pair in pairs]
     inverse = None if sibling is None else sibling.inverse
     interface = Interface(points, shapes, body.field, interfering, inverse)
@@ -87,7 +88,7 @@ def nodal_interface(
 
 
 def _points(
-    body: BodyNodes, node: npt.NDArray[np.int32], friction: Array, opposite: Indices | None
+    body: BodyNodes, node: npt.NDArray[np.int32], cone: Cone, opposite: Indices | None
 ) -> Points:
     """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
     dim = body.x.shape[1]
@@ -100,7 +101,7 @@ def _points(
     motion = sp.csr_matrix((value, (row, np.concatenate(dofs))), shape)
     return Points(
         body.x[node],
-        friction,
+        cone,
         body.column[node],
         motion,
         motion,
@@ -132,14 +133,13 @@ def _check_dimension(number: int, surface: Surface, dim: int) -> None:
             )
 
 
-def _friction(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array:
-    """Coulomb's mu (n,) at positions (n, dim); local, for use under the guard."""
-    if not callable(pair.friction):
-        return np.full(len(x), pair.friction, dtype=float)
+def _cone(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Cone:
+    """What the law of friction says at positions (n, dim); local, for use under the guard."""
     points = np.zeros((3, len(x)))
     points[: x.shape[1]] = x.T
     whose = f"the friction of contact pair {number}"
-    given = answer(comm, whose, pair.friction, points) if len(x) else points[0]
+    given = answer(comm, whose, pair.law.at, points) if len(x) else points[0]
     if is_number(given):  # the same everywhere
-        return np.full(len(x), given, dtype=float)
-    return field(whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)")
+        given = np.full(len(x), given, dtype=float)
+    layout = "it takes points as columns (3, n) and gives (n,)"
+    return Cone([pair.law], [field(whose, given, (len(x),), layout)])

@@ -67,7 +67,7 @@ from pw_elements.contact.interface.geometry import (
 )
 from pw_elements.contact.interface.nodes import BodyNodes
 from pw_elements.contact.interface.operators import DEFORMABLE, Points
-from pw_elements.contact.model import DeformableSurface
+from pw_elements.contact.model import Cone, DeformableSurface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import Assembled, exterior_facets, is_hybrid
 
@@ -270,7 +270,7 @@ def mortar_points(
     number: int,
     master: DeformableSurface,
     node: npt.NDArray[np.int32],
-    friction: Array,
+    cone: Cone,
     body: BodyNodes,
 ) -> tuple[Points, InitialGap]:
     """Points at the owned nodes of a pair whose opposite is another part of the boundary.
@@ -281,7 +281,7 @@ def mortar_points(
         number: of the pair, for messages.
         master: the opposite part.
         node: (m,), owned nodes of the pair.
-        friction: (m,).
+        cone: of friction.
         body: whose nodes they are.
 
     Raises:
@@ -332,7 +332,7 @@ def mortar_points(
     meets = overlap.integrals(overlap.weight, at3, w2, (m, nodes))[:, other.nodes] > 0
     lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
     body.refuse(
-        node[faced & (friction > 0) & lone.any(axis=1)],
+        node[faced & cone.rough & lone.any(axis=1)],
         "have a prescribed displacement that none of the nodes which they face has, so that these "
         "would get no friction: exchange both sides",
     )
@@ -351,7 +351,7 @@ def mortar_points(
     at = other.positions_of_nodes()
     points = Points(
         body.x[node],
-        friction,
+        cone,
         body.column[node],
         sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
         sp.csr_matrix(sp.kron(force, axes)),

@@ -158,7 +158,7 @@ def opposite_nodes(
     matching: MatchingNodes,
     node: npt.NDArray[np.int32],
     theirs: npt.NDArray[np.int32],
-    friction: Array,
+    rough: npt.NDArray[np.bool_],
     body: BodyNodes,
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
@@ -168,7 +168,7 @@ def opposite_nodes(
         matching: the opposite side, as the user states it.
         node: (m,), the pair's own nodes.
         theirs: nodes of the opposite side that this process owns.
-        friction: (m,).
+        rough: (m,), whether there is friction.
         body: whose nodes they are.
 
     Raises:
@@ -193,7 +193,7 @@ def opposite_nodes(
     body.refuse(node[times[nearest] > 1], "face the same node of the opposite side")
     alone = ((body.column[node] == -1) & ~held[nearest]).any(axis=1)
     body.refuse(
-        node[alone & (friction > 0)],
+        node[alone & rough],
         "have a prescribed displacement that their counterparts have not: exchange both sides",
     )
     return np.asarray(known[nearest])

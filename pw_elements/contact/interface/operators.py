@@ -33,7 +33,7 @@ import scipy.sparse as sp
 
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
-from pw_elements.contact.model import Surface
+from pw_elements.contact.model import Cone, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
 
@@ -61,7 +61,7 @@ class Points:
 
     Args:
         position: (m, dim), undeformed.
-        friction: (m,), Coulomb's mu.
+        cone: of friction.
         equation: (m, dim), number of the reduced equation that holds this component of the
             point's force and of no other; -1 where none does: the law is not stated there. It
             is owned by this process.
@@ -78,7 +78,7 @@ class Points:
     """
 
     position: Array
-    friction: Array
+    cone: Cone
     equation: Indices
     motion: sp.csr_matrix
     force: sp.csr_matrix
@@ -100,7 +100,8 @@ class Interface:
         comm: of the space.
         surfaces: one per pair, at its initial place.
         pair: (m,), number of each point's pair.
-        position, friction, equation, node, faced: as in `Points`.
+        position, equation, node, faced: as in `Points`.
+        cone: of friction, at all of them.
         opposite: as in `Points`, per pair.
         motion: G.
         force: H.
@@ -126,7 +127,8 @@ class Interface:
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         self.position = np.concatenate([part.position for part in points])
-        self.friction = np.concatenate([part.friction for part in points])
+        cones = [part.cone for part in points]
+        self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones])
         self.equation = np.concatenate([part.equation for part in points])
         self.node = np.concatenate([part.node for part in points])
         self.faced = np.concatenate([part.faced for part in points])
@@ -154,7 +156,8 @@ class Interface:
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
-        wrong = ~(np.isfinite(self.friction) & (self.friction >= 0))
+        nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
+        wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
         self.check_supports(None)
         cut = ~(self._by_pair("gap", None, ()) >= -_PENETRATION * diagonal) & ~self._interfering

@@ -111,12 +111,13 @@ class Kinematics:
         turned = np.einsum("nak,nk->na", self.turned_force, self._from(translations))
         return np.einsum("nab,nb->na", self.frame, force) + turned
 
-    def equations(self, A: Array, B: Array) -> tuple[Array, Array, Array, Array]:
-        """A force + B (gap; slip) = 0 in the nodes' coordinates.
+    def equations(self, A: Array, B: Array, b: Array) -> tuple[Array, Array, Array, Array]:
+        """A force + B (gap; slip) = b in the nodes' coordinates.
 
         Args:
             A: (n, dim, dim), in the frames.
             B: (n, dim, dim).
+            b: (n, dim).
 
         Returns:
             E, C, D and c of E r + C a - D U = c, (n, dim, dim) thrice and (n, dim).
@@ -128,7 +129,7 @@ class Kinematics:
         level[:, 0] = np.where(np.isfinite(self.gap), -self.gap, 0.0)
         here = self.translations[self.interface.pair]
         turned = D - np.einsum("nab,nbk->nak", B[:, :, 1:], self.frame[:, 1:])
-        c = np.einsum("nab,nb->na", B, level) - np.einsum("nak,nk->na", turned, here)
+        c = b + np.einsum("nab,nb->na", B, level) - np.einsum("nak,nk->na", turned, here)
         E, C = A @ self.frame, B @ self.frame
         to_nodes = np.swapaxes(self.frame, 1, 2)
         return to_nodes @ E, to_nodes @ C, to_nodes @ D, np.einsum("nab,nb->na", to_nodes, c)

@@ -29,8 +29,8 @@ from dolfinx import fem
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
-    Iterative,
     Krylov,
+    MatrixFree,
     Multigrid,
     SaddlePoint,
     SingularSystem,
@@ -346,7 +346,7 @@ class KrylovTangent:
     """
 
     def __init__(
-        self, K: PETSc.Mat, supports: Supports, points: NodePoints, how: Iterative
+        self, K: PETSc.Mat, supports: Supports, points: NodePoints, how: MatrixFree
     ) -> None:
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()

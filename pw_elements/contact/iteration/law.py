@@ -3,33 +3,36 @@
 With r the force of the surface on the node, n the direction it pushes in, g the gap and v
 the slip of the increment (relative tangential displacement), r_n = n·r, r_t = r - r_n n:
 
-    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  r_t |v| = -mu r_n v
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= l(r_n),  r_t |v| = -l(r_n) v,
 
-is the same as the vanishing of (nodal Alart-Curnier function)
+l being the limit of friction, Coulomb's mu r_n say, is the same as the vanishing of the nodal
+Alart-Curnier function
 
     F_n = r_n - max(0, p),                     p = r_n - c g,
-    F_t = r_t - projection of s on the disc |.| <= mu max(0, p),    s = r_t - c v,
+    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)),    s = r_t - c v,
 
 for any c > 0; it is of the size of the node's stiffness diagonal, so that both terms are
 forces. Newton's method on F is an active-set iteration: a node is
 
     open (p <= 0):        r = 0,
-    stick (|s| < mu p):   g = 0, v = 0,
-    slip (else):          g = 0, (I - M) r_t - mu r_n d + c M v = 0,
-                          d = s/|s|, M = (mu p / |s|) (I - d d^T).
+    stick (|s| < l(p)):   g = 0, v = 0,
+    slip (else):          g = 0, (I - M) r_t - l'(p) r_n d + c M v = (l(p) - l'(p) p) d,
+                          d = s/|s|, M = (l(p) / |s|) (I - d d^T).
 
-M turns the direction of slip. In the plane there is one tangent, I - d d^T vanishes, the
-last line is r_t = ± mu r_n, and the iteration runs through finitely many sets. A tangent of
+M turns the direction of slip. In the plane there is one tangent, I - d d^T vanishes, the last line
+is r_t = ± mu r_n by Coulomb's law, and the iteration runs through finitely many sets. A tangent of
 length zero takes no part: that is how a prescribed tangential displacement is left alone.
 
 A node whose slip would turn back sticks for one iteration first: otherwise long slips, which
 c magnifies, let rows of nodes jump from one direction to the other and back.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+
+from pw_elements.contact.model import Cone, projected
 
 Array = npt.NDArray[np.float64]
 
@@ -44,12 +47,32 @@ class ActiveSet:
         status: (n,) OPEN, STICK or SLIP.
         direction: (n, dim - 1), unit tangential force of slipping nodes; zero for others and
             without friction.
-        turning: (n,), mu p / |s|; zero for nodes that do not slip.
+        turning: (n,), l(p) / |s|; zero for nodes that do not slip.
+        slope: (n,), l'(p), likewise.
+        level: (n,), l(p) - l'(p) p, likewise; nothing by Coulomb's law.
     """
 
     status: npt.NDArray[np.int8]
     direction: Array
     turning: Array
+    slope: Array
+    level: Array
+
+    @classmethod
+    def of(
+        cls,
+        status: npt.NDArray[np.int8],
+        direction: Array,
+        turning: Array,
+        cone: Cone,
+        pressing: Array,
+    ) -> "ActiveSet":
+        """With the limits of friction linearised at p (n,)."""
+        pressing = np.maximum(0.0, pressing)
+        limit, slope = cone.limit(pressing)
+        slips = np.any(direction != 0, axis=1)
+        level = np.where(slips, limit - slope * pressing, 0.0)
+        return cls(status, direction, turning, np.where(slips, slope, 0.0), level)
 
 
 @dataclass(frozen=True)
@@ -61,7 +84,7 @@ class Contact:
         gap: (n,), infinite where nothing faces the node.
         slip: (n, dim - 1), of this increment.
         force: (n, dim), components of the nodal force along the frame.
-        friction: (n,).
+        cone: of friction.
         scale: (n,), c.
     """
 
@@ -69,7 +92,7 @@ class Contact:
     gap: Array
     slip: Array
     force: Array
-    friction: Array
+    cone: Cone
     scale: Array
 
     @property
@@ -82,34 +105,37 @@ class Contact:
         """s, (n, dim - 1)."""
         return self.force[:, 1:] - self.scale[:, None] * self.slip
 
+    @property
+    def limit(self) -> Array:
+        """l(max(0, p)), (n,)."""
+        return self.cone.limit(np.maximum(0.0, self.pressing))[0]
+
     def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
         """The linearisation of F here; with regard to the one before, if it is given."""
         p, s = self.pressing, self.shearing
-        size, radius = np.linalg.norm(s, axis=1), self.friction * np.maximum(0.0, p)
+        size, radius = np.linalg.norm(s, axis=1), self.limit
         slipping = (p > 0) & (size >= radius)
         if before is not None:
             slipping &= ~(np.sum(s * before.direction, axis=1) < 0)
-        directed = slipping & (self.friction > 0)
+        directed = slipping & self.cone.rough
         status = np.where(p > 0, STICK, OPEN)
         status[slipping] = SLIP
         direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None] * s
         turning = np.where(directed, radius / np.where(directed, size, 1.0), 0.0)
-        return ActiveSet(status.astype(np.int8), direction, turning)
+        return ActiveSet.of(status.astype(np.int8), direction, turning, self.cone, p)
 
     def violation(self) -> Array:
         """F, (n, dim), forces: zero at a solution."""
         p, s = self.pressing, self.shearing
-        size, radius = np.linalg.norm(s, axis=1), self.friction * np.maximum(0.0, p)
-        shrink = np.where(size > radius, radius / np.where(size > radius, size, 1.0), 1.0)
         normal = self.force[:, :1] - np.maximum(0.0, p)[:, None]
-        return np.hstack([normal, self.force[:, 1:] - shrink[:, None] * s])
+        return np.hstack([normal, self.force[:, 1:] - projected(s, self.limit)])
 
 
-def sticking(closed: npt.NDArray[np.bool_], friction: Array, tangents: int) -> ActiveSet:
-    """The set in which closed nodes (n,) stick, or slip where there is no friction (n,)."""
+def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> ActiveSet:
+    """The set in which closed nodes (n,) stick, or slip where there is no friction."""
     n = len(closed)
-    status = np.where(closed, np.where(friction > 0, STICK, SLIP), OPEN).astype(np.int8)
-    return ActiveSet(status, np.zeros((n, tangents)), np.zeros(n))
+    status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
+    return ActiveSet(status, np.zeros((n, tangents)), *np.zeros((3, n)))
 
 
 def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
@@ -118,14 +144,16 @@ def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> Active
         np.where(keep, old.status, new.status).astype(np.int8),
         np.where(keep[:, None], old.direction, new.direction),
         np.where(keep, old.turning, new.turning),
+        np.where(keep, old.slope, new.slope),
+        np.where(keep, old.level, new.level),
     )
 
 
-def equations(active: ActiveSet, friction: Array, scale: Array) -> tuple[Array, Array]:
-    """Linear equations A force + B (gap; slip) = 0 of every node in its frame.
+def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
+    """Linear equations A force + B (gap; slip) = b of every node in its frame.
 
     Returns:
-        A and B, both (n, dim, dim).
+        A and B, both (n, dim, dim), and b, (n, dim).
     """
     n, tangents = active.direction.shape
     A, B = np.zeros((n, tangents + 1, tangents + 1)), np.zeros((n, tangents + 1, tangents + 1))
@@ -140,10 +168,10 @@ def equations(active: ActiveSet, friction: Array, scale: Array) -> tuple[Array, 
     across = one[1:, 1:] - d[:, :, None] * d[:, None, :]
     turn = active.turning[slip, None, None] * across
     B[slip, 0, 0] = c
-    A[slip, 1:, 0] = -friction[slip, None] * d
+    A[slip, 1:, 0] = -active.slope[slip, None] * d
     A[slip, 1:, 1:] = one[1:, 1:] - turn
     B[slip, 1:, 1:] = c[:, None, None] * turn
-    return A, B
+    return A, B, np.pad(active.level[:, None] * active.direction, ((0, 0), (1, 0)))
 
 
 def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
@@ -165,4 +193,4 @@ def turned(active: ActiveSet, old: Array, new: Array) -> ActiveSet:
     """An active set that refers to frames (n, dim, dim), in new ones."""
     turn = np.einsum("nai,nbi->nab", new[:, 1:], old[:, 1:])
     direction = np.einsum("nab,nb->na", turn, active.direction)
-    return ActiveSet(active.status, direction, active.turning)
+    return replace(active, direction=direction)

@@ -130,13 +130,12 @@ class Increment:
             NotFound: if it is singular elsewhere.
         """
         try:
-            return self._solved(active, place, self.interface.friction)
+            return self._solved(active, place)
         except SingularSystem as error:
             raise self._singular(active, place, error) from error
 
-    def _solved(self, active: ActiveSet, place: Kinematics, friction: Array) -> Iterate:
-        A, B = equations(active, friction, self.system.scale)
-        E, C, D, constraint = place.equations(A, B)
+    def _solved(self, active: ActiveSet, place: Kinematics) -> Iterate:
+        E, C, D, constraint = place.equations(*equations(active, self.system.scale))
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
         constraint += np.einsum("nij,nj->ni", D, known)
         constraint -= np.einsum("nij,nj->ni", C, self.supported)
@@ -156,7 +155,10 @@ class Increment:
         where, beside = counted(active, self.system.comm), []
         for share in (1 - _BESIDE, 1 + _BESIDE):
             try:
-                beside.append(self._solved(active, place, share * self.interface.friction))
+                less_or_more = replace(
+                    active, slope=share * active.slope, level=share * active.level
+                )
+                beside.append(self._solved(less_or_more, place))
             except SingularSystem:
                 break
         else:
@@ -183,7 +185,7 @@ class Increment:
             place.gaps(displacement, translations),
             place.slips(displacement, translations),
             place.forces(force, translations),
-            self.interface.friction,
+            self.interface.cone,
             self.system.scale,
         )
         return Iterate(reduced, full, translations, displacement, force, unbalanced, contact)
@@ -200,7 +202,8 @@ class Increment:
         moved, placed = self._lost(now)
         pressed = contact.force[:, :1] > placed
         gap = np.where(np.isfinite(contact.gap), contact.gap, 0.0)
-        excused = contact.friction * contact.scale * np.abs(gap)  # friction's limit has the gap
+        slope = contact.cone.limit(np.maximum(0.0, contact.pressing))[1]
+        excused = slope * contact.scale * np.abs(gap)  # friction's limit has the gap
         lost = np.where(pressed, excused[:, None], placed) + np.zeros_like(wrong)
         lost[:, 0] = placed
         allowed = TOLERANCE * largest + moved + lost

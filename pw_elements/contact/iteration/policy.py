@@ -111,14 +111,15 @@ class Edges:
         """The new set, in which more points let go next to those that have done so."""
         shear = contact.shearing
         size = np.linalg.norm(shear, axis=1)
-        excess = size - contact.friction * np.maximum(0.0, contact.pressing)
+        excess = size - contact.limit
         sticking_, closed = old.status == STICK, old.status != OPEN
-        slips = self._beside(sticking_, new.status == STICK, excess) & (contact.friction > 0)
+        slips = self._beside(sticking_, new.status == STICK, excess) & contact.cone.rough
         slips &= size > 0
         direction = np.where(slips, 1 / np.where(slips, size, 1.0), 0.0)[:, None] * shear
-        slipping = ActiveSet(np.full_like(new.status, SLIP), direction, slips.astype(float))
+        status, turning = np.full_like(new.status, SLIP), slips.astype(float)
+        slipping = ActiveSet.of(status, direction, turning, contact.cone, contact.pressing)
         opens = self._beside(closed, new.status != OPEN, -contact.force[:, 0])
-        open_ = sticking(np.zeros_like(opens), contact.friction, direction.shape[1])
+        open_ = sticking(np.zeros_like(opens), contact.cone, direction.shape[1])
         return mixed(~opens, mixed(~slips, new, slipping), open_)
 
     def _beside(self, before: Mask, now: Mask, pull: Array) -> Mask:
@@ -164,7 +165,7 @@ class Cycles:
             NotFound: if it has been there with the remedy in force already.
         """
         digest = blake2b(active.status.tobytes(), digest_size=16)
-        for values in (active.direction, active.turning):
+        for values in (active.direction, active.turning, active.slope):
             digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
         key = b"".join(self._comm.allgather(digest.digest()))
         known = [seen for seen, _ in self._visited]
@@ -252,7 +253,7 @@ class LastHold:
             return pivoted
         if self.rescues < _RESCUES:
             self.rescues += 1
-            gripping = (new.status == SLIP) & ~loosened & (contact.friction > 0)
+            gripping = (new.status == SLIP) & ~loosened & contact.cone.rough
             for touching in (gripping, gripping | self._landing(new, contact.gap)):
                 held = _gripping(touching, new, contact)
                 if not self._free_motions(held, contact.frame):
@@ -275,7 +276,7 @@ class LastHold:
         )
         held = shear[loosened & (new.status == SLIP)].sum(axis=0)
         self._comm.Allreduce(MPI.IN_PLACE, held, MPI.SUM)
-        braking = (new.status == SLIP) & ~loosened & (contact.friction > 0) & (slip @ held > 0)
+        braking = (new.status == SLIP) & ~loosened & contact.cone.rough & (slip @ held > 0)
         speed = np.where(braking, np.linalg.norm(slip, axis=1), np.inf)
         slowest = self._comm.allreduce(speed.min(initial=np.inf), MPI.MIN)
         if not np.isfinite(slowest):
@@ -339,7 +340,7 @@ class Policy:
 
 def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:
     """An active set in which some points stick, or slip if they are smooth."""
-    return mixed(where, sticking(where, contact.friction, active.direction.shape[1]), active)
+    return mixed(where, sticking(where, contact.cone, active.direction.shape[1]), active)
 
 
 def same(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
@@ -355,7 +356,8 @@ def counted(active: ActiveSet, comm: MPI.Comm) -> str:
 
 def _differs(a: ActiveSet, b: ActiveSet) -> Mask:
     turned = np.abs(a.direction - b.direction).max(axis=1) > 10.0**-_DIGITS
-    return (a.status != b.status) | turned
+    steeper = np.abs(a.slope - b.slope) > 10.0**-_DIGITS
+    return (a.status != b.status) | turned | steeper
 
 
 def first_active_set(
@@ -424,7 +426,7 @@ def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
 
 
 def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
-    return sticking(closed, place.interface.friction, place.frame.shape[1] - 1)
+    return sticking(closed, place.interface.cone, place.frame.shape[1] - 1)
 
 
 def _touching(place: Kinematics) -> ActiveSet:
@@ -443,10 +445,12 @@ def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
     """The active set of a state, in the frames of a place."""
     local, pairs = place.interface.local, before.pairs
     direction = local([pair.direction for pair in pairs])
-    return ActiveSet(
+    return ActiveSet.of(
         local([pair.status for pair in pairs]),
         np.einsum("nab,nb->na", place.frame[:, 1:], direction),
         local([pair.turning for pair in pairs]),
+        place.interface.cone,
+        local([pair.force_normal for pair in pairs]),
     )
 
 
@@ -454,18 +458,20 @@ def _transferred(guess: ContactState, place: Kinematics) -> ActiveSet:
     """Status and direction of the nearest node of another mesh's state."""
     interface = place.interface
     n, dim = interface.position.shape
-    status, force = np.zeros(n, dtype=np.int8), np.zeros((n, dim))
+    status, force, pressing = np.zeros(n, dtype=np.int8), np.zeros((n, dim)), np.zeros(n)
     for k, pair in enumerate(guess.pairs):
         mine = interface.pair == k
         if mine.any():
             nearest = cKDTree(pair.position).query(interface.position[mine])[1]
             status[mine] = pair.status[nearest]
             force[mine] = pair.force_tangential[nearest]
-    rough = interface.friction > 0
+            pressing[mine] = pair.force_normal[nearest]
+    rough = interface.cone.rough
     status[(status == STICK) & ~rough] = SLIP
     tangential = np.einsum("nab,nb->na", place.frame[:, 1:], force)
     size = np.linalg.norm(tangential, axis=1)
     directed = (status == SLIP) & rough & (size > 0)
     status[(status == SLIP) & rough & ~directed] = STICK
     direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None]
-    return ActiveSet(status, direction * tangential, directed.astype(float))
+    turning, cone = directed.astype(float), interface.cone
+    return ActiveSet.of(status, direction * tangential, turning, cone, pressing)

@@ -62,7 +62,7 @@ def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
                 force_tangential=zero,
                 gap=interface.in_order(k, gap),
                 slip=zero,
-                friction=interface.in_order(k, interface.friction),
+                friction=interface.in_order(k, interface.cone.steepest),
                 status=np.full(len(position), OPEN, dtype=np.int8),
                 translation=np.zeros(position.shape[1]),
                 force=np.zeros(position.shape[1]),
@@ -109,7 +109,7 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
         force_tangential=ordered(np.einsum("nab,na->nb", tangents, contact.force[:, 1:])),
         gap=ordered(contact.gap),
         slip=ordered(slip),
-        friction=ordered(interface.friction),
+        friction=ordered(interface.cone.coefficient(contact.force[:, 0])),
         status=ordered(active.status),
         translation=now.translations[k].copy(),
         force=ordered(now.force).sum(axis=0),
@@ -150,7 +150,7 @@ def _residuals(increment: Increment, now: Iterate, force: float, length: float) 
     force = force or largest(system.scale) * length
     tangential = contact.force[:, 1:]
     friction, slip = np.linalg.norm(tangential, axis=1), np.linalg.norm(contact.slip, axis=1)
-    limit = interface.friction * contact.force[:, 0]
+    limit, _ = interface.cone.limit(contact.force[:, 0])
     against = slip[:, None] * tangential + limit[:, None] * contact.slip
     pressed = contact.force[:, 0]
     apart = np.where(np.isfinite(contact.gap), contact.gap, 0.0) / length

@@ -10,6 +10,16 @@ from pw_elements.contact.model.errors import (
     RigidVelocity,
     SurfacePassed,
 )
+from pw_elements.contact.model.friction import (
+    SIDES,
+    Cone,
+    Coulomb,
+    Friction,
+    dual_clearance,
+    dual_rows,
+    polygon,
+    projected,
+)
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
     ContactState,

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from dolfinx.mesh import MeshTags
 
 from pw_elements.checks import described, flag, is_number, number, of_type, vector
+from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface
 from pw_elements.spaces import Part
 
@@ -147,8 +148,8 @@ class ContactPair:
         surface: the rigid surface at its initial place, or the other part of the mesh, as
             `DeformableSurface` or `MatchingNodes`.
         friction: Coulomb's mu, or a function of positions as columns (3, n) that returns it for
-            each node, (n,). It also assigns a node between a smooth and a rough part to one of
-            them.
+            each node, (n,), or another law, see `Friction`. It also assigns a node between a smooth
+            and a rough part to one of them.
         motions: one per increment of `solve_contact`; without them the surface rests. A
             single one need not be in a list.
         interference: whether the surface may cut the body before any motion, as in a shrink fit;
@@ -162,7 +163,7 @@ class ContactPair:
 
     nodes: Part
     surface: Surface | MatchingNodes | DeformableSurface
-    friction: float | Callable[[Array], Array] = 0.0
+    friction: float | Callable[[Array], Array] | Friction = 0.0
     motions: Motion | Sequence[Motion] = ()
     interference: bool = False
 
@@ -174,11 +175,11 @@ class ContactPair:
                 f"the surface of a contact pair is {described(self.surface)}: it has to have a gap "
                 "and a normal, or to be a DeformableSurface or MatchingNodes"
             )
-        mu = self.friction
-        if not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
+        mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
+        if isinstance(mu, type) or not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
             raise ValueError(
-                f"friction = {mu!r}: it has to be a number that is finite and not negative, or a "
-                "function of positions"
+                f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
+                "function of positions, or a law of friction"
             )
         if self.interference and getattr(self.surface, "coincident", False):
             raise ValueError("sides that coincide do not cut each other: give interference or that")
@@ -186,6 +187,13 @@ class ContactPair:
         for motion in motions:
             of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
         object.__setattr__(self, "motions", motions)
+
+    @property
+    def law(self) -> Friction:
+        """The law of friction: Coulomb's, unless another one is given."""
+        if isinstance(self.friction, Friction) and not isinstance(self.friction, type):
+            return self.friction
+        return Coulomb(self.friction)
 
 
 def _is_surface(thing: object) -> bool:

@@ -56,7 +56,7 @@ from pw_elements.contact.iteration import (
     equations,
     newton,
 )
-from pw_elements.contact.model import ContactFailed, Free, NotUnique
+from pw_elements.contact.model import SIDES, Cone, ContactFailed, Free, NotUnique, polygon
 from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
 
 Array = npt.NDArray[np.float64]
@@ -69,8 +69,6 @@ _SINGULAR = 1e-12
 _SHORTEST = 1e-6
 _DECREASE = 1e-4
 
-# Sides of the polygon that stands for the circle of friction
-_SIDES = 8
 # Smallest pivot over the largest entry of its column, and what counts as equal ratios
 _PIVOT = 1e-11
 _TIE = 1e-12
@@ -158,7 +156,7 @@ def gathered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
 
 def scattered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
     """This process' rows (m, ...) of `gathered` values."""
-    counts = [len(interface.in_order(k, interface.friction)) for k in range(interface.pairs)]
+    counts = [len(interface.in_order(k, interface.pair)) for k in range(interface.pairs)]
     return interface.local(np.split(values, np.cumsum(counts)[:-1]))
 
 
@@ -200,7 +198,9 @@ class CondensedIncrement:
             return gathered(interface, values)
 
         self.frame, gap = all_of(place.frame), all_of(place.gap)
-        self.friction = all_of(interface.friction)
+        cone, said = interface.cone, np.concatenate(interface.cone.at)
+        at = [interface.in_order(k, said) for k in range(interface.pairs)]
+        self.cone = Cone(cone.laws, at)
         self.scale = all_of(increment.system.scale)
         self.faced = np.isfinite(gap)
         self._stated = all_of(interface.equation >= 0)
@@ -246,17 +246,15 @@ class CondensedIncrement:
     def contact(self, z: Array) -> Contact:
         """Gaps, slips and forces."""
         gap = np.where(self.faced, self.gap.at(z), np.inf)
-        return Contact(
-            self.frame, gap, self.slip.at(z), self.force.at(z), self.friction, self.scale
-        )
+        return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
 
     def step(self, active: ActiveSet, z: Array) -> Array:
         """The way from z to the solution of an active set; the shortest if there are many."""
-        A, B = equations(active, self.friction, self.scale)
+        A, B, b = equations(active, self.scale)
         slope = np.concatenate([self.gap.slope[:, None], self.slip.slope], axis=1)
         value = np.concatenate([self.gap.value[:, None], self.slip.value], axis=1)
         law = _sum(_through(A, self.force), _through(B, Affine(slope, value)))
-        law = self.in_components(law)
+        law = self.in_components(Affine(law.slope, law.value - b))
         matrix = np.vstack([law.slope, self.balance.slope])
         right = -np.append(law.at(z), self.balance.at(z))
         with warnings.catch_warnings():
@@ -408,7 +406,7 @@ def _smallest(rows: npt.NDArray[np.intp], ratio: Array) -> npt.NDArray[np.intp]:
 
 def unknowns(points: int, dim: int) -> int:
     """Size of the complementarity problem, at most."""
-    return points * (2 + (2 if dim == 2 else _SIDES))
+    return points * (2 + (2 if dim == 2 else SIDES))
 
 
 def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
@@ -456,7 +454,11 @@ def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | N
     q[side] = c[owner] * np.sum(d * problem.slip.at(value)[faced[owner]], axis=1)
     speed = pressed + count + np.repeat(np.arange(len(rough)), sides)
     M[side, speed], M[speed, side] = 1.0, -1.0
-    M[pressed + count + np.arange(len(rough)), rough] = problem.friction[faced[rough]]
+    force = np.maximum(0.0, problem.force.at(near)[:, 0])  # limits are linearised there
+    limit, steep = problem.cone.limit(force)
+    last = pressed + count + np.arange(len(rough))
+    M[last, rough] = steep[faced[rough]]
+    q[last] = (limit - steep * force)[faced[rough]]
     scale = np.abs(q).max(initial=0.0) or 1.0
     x = lemke(M, q / scale)
     return None if x is None else slope @ (scale * x[: pressed + count]) + value
@@ -464,16 +466,8 @@ def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | N
 
 def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> list[Array]:
     """Corners (k, dim - 1) of each point's unit polygon of friction; none where it is smooth."""
-    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    polygon = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    each = []
-    for n in faced:
-        tangents = np.flatnonzero(np.linalg.norm(problem.frame[n, 1:], axis=1) > 0.5)
-        if problem.friction[n] == 0:
-            tangents = tangents[:0]
-        one = np.eye(problem.frame.shape[1] - 1)[tangents]
-        each.append(polygon if len(one) == 2 else np.concatenate([one, -one]))
-    return each
+    rough, tangents = problem.cone.rough, problem.frame[:, 1:]
+    return [polygon(tangents[n] if rough[n] else np.zeros_like(tangents[n])) for n in faced]
 
 
 def tractable(interface: Interface) -> bool:
@@ -602,11 +596,7 @@ def _search(
 
 def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> ActiveSet:
     active = problem.contact(z).active_set()
-    status, direction, turning = (
-        scattered(increment.interface, values)
-        for values in (active.status, active.direction, active.turning)
-    )
-    return ActiveSet(status, direction, turning)
+    return ActiveSet(*(scattered(increment.interface, part) for part in vars(active).values()))
 
 
 def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
@@ -642,5 +632,5 @@ def _loose(problem: CondensedIncrement) -> Array | None:
         return None
     z = scale * best.x[:n]
     points, dim = problem.frame.shape[:2]
-    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), np.zeros(points))
+    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), *np.zeros((3, points)))
     return z + problem.step(none, z)

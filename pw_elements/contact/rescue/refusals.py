@@ -48,6 +48,8 @@ from pw_elements.contact.model import (
     NotUnique,
     RigidVelocity,
     Smallness,
+    dual_clearance,
+    dual_rows,
 )
 from pw_elements.contact.rescue.condensed import Condensation, without_active_sets
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
@@ -81,14 +83,14 @@ class Points:
 
     Args:
         pair: (m,).
-        friction: (m,).
+        steepest: (m,), slope of the cone of friction at zero.
         turning: (m,), whether the normal turns with a free translation.
         normal: (m, k), v_n in each of k motions.
         tangential: (m, dim, k), v_t.
     """
 
     pair: Indices
-    friction: Array
+    steepest: Array
     turning: npt.NDArray[np.bool_]
     normal: Array
     tangential: Array
@@ -104,28 +106,23 @@ class Points:
         moved = self._moved()[:, motions].any(axis=1)
         return Points(
             self.pair[moved],
-            self.friction[moved],
+            self.steepest[moved],
             self.turning[moved],
             self.normal[np.ix_(moved, motions)],
             self.tangential[moved][..., motions],
         )
 
     def rows(self, along: Array) -> Array:
-        """v_n - mu v_t·d over the length of (1, mu), (m, k), d being unit vectors (m, dim)."""
-        sliding = np.einsum("ma,mak->mk", along, self.tangential)
-        return (self.normal - self.friction[:, None] * sliding) / self._length()[:, None]
+        """`dual_rows` along unit vectors (m, dim)."""
+        return dual_rows(self.steepest, along, self.normal, self.tangential)
 
     def clearance(self, velocity: Array) -> Array:
-        """v_n - mu |v_t| over the length of (1, mu), (m,), of motions together (k,)."""
-        sliding = np.linalg.norm(self.tangential @ velocity, axis=1)
-        return np.asarray((self.normal @ velocity - self.friction * sliding) / self._length())
+        """`dual_clearance` (m,) of motions together (k,)."""
+        return dual_clearance(self.steepest, self.normal @ velocity, self.tangential @ velocity)
 
     def where(self, mask: npt.NDArray[np.bool_]) -> "Points":
         """Some of them."""
         return Points(*(values[mask] for values in vars(self).values()))
-
-    def _length(self) -> Array:
-        return np.sqrt(1 + self.friction**2)
 
     def _moved(self) -> npt.NDArray[np.bool_]:
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
@@ -205,7 +202,7 @@ def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
     tangents = place.frame[:, 1:]
     values = (
         interface.pair,
-        interface.friction,
+        interface.cone.steepest,
         _turning(increment, place),
         np.einsum("na,nak->nk", place.frame[:, 0], works),
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),

@@ -254,8 +254,7 @@ class RigidMotions:
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
-        friction = self._system.interface.friction
-        B = equations(active, friction, np.ones_like(friction))[1]
+        B = equations(active, np.ones(len(active.status)))[1]
         return self.free(np.einsum("nab,nbj->naj", B, frame))
 
     def free(self, constraints: Array) -> list[str]:

@@ -34,7 +34,7 @@ from pw_elements.algebra import (
 from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, undeformed
-from pw_elements.contact.model import ContactPair, ContactState, PairState, Residuals
+from pw_elements.contact.model import Cone, ContactPair, ContactState, PairState, Residuals
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
@@ -85,7 +85,7 @@ def nodal_contact(
     shift: Array,
     held: npt.NDArray[np.bool_],
     mass: Array,
-    friction: Array,
+    cone: Cone,
     step: float,
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
@@ -97,7 +97,7 @@ def nodal_contact(
         shift: (m, dim), of the surfaces in the step.
         held: (m, dim), components that supports prescribe, which friction leaves alone.
         mass: (m,).
-        friction: (m,), Coulomb's mu.
+        cone: of friction.
         step: of time.
     """
     stiffness = mass / step**2
@@ -106,7 +106,7 @@ def nodal_contact(
     slip = np.where(held, 0.0, motion - shift)
     slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
     sticking = stiffness * np.linalg.norm(slip, axis=1)
-    share = np.minimum(1.0, friction * pressed / np.where(sticking > 0, sticking, 1.0))[:, None]
+    share = np.minimum(1.0, cone.limit(pressed)[0] / np.where(sticking > 0, sticking, 1.0))[:, None]
     return NodalContact(
         pressed,
         -share * stiffness[:, None] * slip,
@@ -420,7 +420,7 @@ class _March:
             shift[interface.pair],
             interface.equation < 0,
             self._mass[self._rows[:, 0]],
-            interface.friction,
+            interface.cone,
             dt,
         )
         velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
