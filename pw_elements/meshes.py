@@ -37,7 +37,7 @@ def triangles(
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle of triangles.
+    """Meshes a rectangle with triangles.
 
     Args:
         comm: communicator.
@@ -60,7 +60,7 @@ def quadrilaterals(
     upper: tuple[float, float],
     divisions: tuple[int, int],
 ) -> Mesh:
-    """Rectangle of quadrilaterals.
+    """Meshes a rectangle with quadrilaterals.
 
     Args:
         comm: communicator.
@@ -83,7 +83,7 @@ def on_lines(
     cell: str,
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle whose mesh lines are given.
+    """Meshes a rectangle along given lines.
 
     Args:
         comm: communicator.

@@ -215,7 +215,7 @@ def test_cycling_and_crawling_problems_are_solved_without_active_sets(seed):
 
 
 def test_too_many_contact_points_are_left_alone(monkeypatch, caplog):
-    monkeypatch.setattr(condensed, "_MOST", 10)
+    monkeypatch.setattr(condensed, "_MOST_UNKNOWNS", 10)
     with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound):
         problem(158).solve(remedies=("condensed",))
     assert "too many contact points" in caplog.text

@@ -26,7 +26,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.iteration import results
 from pw_elements.contact.model import Smallness
-from pw_elements.contact.steps.watch import Exterior, Gradients
+from pw_elements.contact.steps.smallness import Exterior, Gradients
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Punch, at

@@ -42,12 +42,14 @@ from pw_elements.spaces import Assembled, is_hybrid
 
 log = logging.getLogger(__name__)
 
-_STIFFNESS, _MASS, _INITIAL_STRESS = "the stiffness", "the mass", "the initial stress"
-_TOLERANCE = 1e-12
+_STIFFNESS = "the stiffness"
+_MASS = "the mass"
+_INITIAL_STRESS = "the initial stress"
+_EIGENVALUE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
 # Eigenvalues that have to converge beyond those asked for: further copies of a multiple one come
 # from round-off alone, and late. A free body has six rigid modes.
-_SPARE = 6
+_SPARE_EIGENVALUES = 6
 # The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
 # each copy of a multiple rigid mode outgrows the elastic ones within a few steps
 _SHIFT = 1e-2
@@ -57,11 +59,11 @@ _SLENDER = 1e-3
 # Eigenvalues below this, over that of a mode as short as an element, are zeros with round-off.
 # Those of free bars, slender ones too, lie below 1e-16; a clamped one 500 times as long as high,
 # of elements as long as high, has 7e-13
-_RIGID = 2e-15
+_RIGID_EIGENVALUE = 2e-15
 # |x.A y - y.A x| over |A y| |x|, of random x and y, that makes a symmetric matrix
 _SYMMETRIC = 1e-14
 # Residual of a mode that an iterative solver may leave
-_TRUE = 1e-8
+_MODE_RESIDUAL = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
 
@@ -72,7 +74,7 @@ _UNSTABLE = (
 _TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: use a smaller one"
 
 # Largest |K - K^T| over |K| of a symmetric matrix, by its assembly's round-off
-_ROUND_OFF = 1e-10
+_ASYMMETRY_OF_ROUND_OFF = 1e-10
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
 _POWER_STEPS = 1000
@@ -200,7 +202,7 @@ def _vibrations(
             f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
         )
     values = shift + short / mu
-    rigid = np.abs(values) < _RIGID * short
+    rigid = np.abs(values) < _RIGID_EIGENVALUE * short
     elastic = values[~rigid]
     lowest = elastic.real.min(initial=np.inf)
     if not given and 0 < lowest < -_SLENDER * shift:
@@ -310,7 +312,7 @@ def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSo
 def _pair(
     A: PETSc.Mat, B: PETSc.Mat, reduction: Reduction, solver: LinearSolver
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Supports | None]:
-    """Both matrices reduced; or under supports A masked and B free, a copy, and the supports."""
+    """The reduced pair; or, for a matrix-free solver, A masked, B as a free copy, and supports."""
     if not is_matrix_free(solver):
         return reduction.matrix(A), reduction.matrix(B), reduction, None
     masked = reduction.masked()
@@ -361,8 +363,8 @@ def _largest(
     kind = SLEPc.EPS.ProblemType
     eigensolver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    eigensolver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
-    eigensolver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
+    eigensolver.setDimensions(nev=min(count + _SPARE_EIGENVALUES, A.getSize()[0]))
+    eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
     begun, comm = perf_counter(), A.comm.tompi4py()
     eigensolver.getST().setKSP(inverse.ksp)
     what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
@@ -387,7 +389,7 @@ def _largest(
         residuals[i] = _residual(A, B, values[i], real, imaginary)
         modes.append(imaginary if values[i].imag < 0 else real)
     eigensolver.destroy()
-    if supports is not None and not residuals.max() <= _TRUE:
+    if supports is not None and not residuals.max() <= _MODE_RESIDUAL:
         raise NotConverged(
             f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
             "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
@@ -424,7 +426,7 @@ def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:
 def _residual(
     A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
 ) -> float:
-    """|A d - mu B d| / |mu B d| of d = real + i imaginary."""
+    """The relative residual |A d - mu B d| / |mu B d| of d = real + i imaginary."""
     images = [matrix.createVecLeft() for matrix in (A, A, B, B)]
     A_real, A_imaginary, B_real, B_imaginary = images
     for matrix, part, image in zip((A, A, B, B), (real, imaginary) * 2, images, strict=True):
@@ -488,7 +490,7 @@ def refuse_unsymmetric(K: PETSc.Mat) -> None:
     difference = K.transpose(PETSc.Mat())
     difference.axpy(-1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     share = difference.norm(PETSc.NormType.FROBENIUS) / K.norm(PETSc.NormType.FROBENIUS)
-    if not share <= _ROUND_OFF:
+    if not share <= _ASYMMETRY_OF_ROUND_OFF:
         raise ValueError(
             f"the stiffness is not symmetric, it differs from its transpose by {share:.1e}: some "
             "of its upper eigenvalues are complex, and undamped motions would grow whatever the "

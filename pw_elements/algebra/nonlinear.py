@@ -54,7 +54,8 @@ log = logging.getLogger("pw_elements.problems")
 _CORRECTION = 1e-8
 # Largest residual of a solution, over the tangent's norm times that of u; a line search that finds
 # nothing better has failed unless it is round-off
-_RESIDUAL, _ROUND_OFF = 1e-10, 1e-14
+_RESIDUAL = 1e-10
+_ROUND_OFF_RESIDUAL = 1e-14
 _ITERATIONS = 25
 
 # PETSc's SNESConvergedReason by number: one name has changed
@@ -72,12 +73,12 @@ Array = npt.NDArray[np.float64]
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
 # An increment is cut into so many parts at most
-_PARTS = 16
+_MOST_PARTS = 16
 
 
 @dataclass(frozen=True)
 class Increment:
-    """What it took to solve an increment, or a part of one.
+    """The work that an increment took, or a part of one.
 
     Args:
         share: of the load, at its end.
@@ -121,7 +122,7 @@ class System:
         return Assembled(self._residual).mark(forces)
 
     def assemble(self) -> None:
-        """The tangent, free."""
+        """Assembles the tangent, without any conditions."""
         self.matrix.zeroEntries()
         petsc.assemble_matrix(self.matrix, self._tangent)
         self.matrix.assemble()
@@ -173,7 +174,7 @@ class Newton:
         self._prepared = solver.prepare(system.matrix)
 
     def solve(self) -> None:
-        """Solves it.
+        """Solves the system under the conditions.
 
         Raises:
             NotConverged, SingularSystem: if that fails; u is worth nothing then.
@@ -254,13 +255,13 @@ class Newton:
             if relative > _RESIDUAL:
                 raise NotConverged(f"the linear solver left the relative residual {relative:.1e}")
         elif reason == _LINE_SEARCH:
-            if not self._relative_residual(snes) <= _ROUND_OFF:
+            if not self._relative_residual(snes) <= _ROUND_OFF_RESIDUAL:
                 raise NotConverged(words)
         elif reason <= 0:
             raise NotConverged(words)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
-        """Of the last equations, over the tangent's norm times that of u."""
+        """The residual of the last equations over the tangent's norm times that of u."""
         residual = _largest(snes.getFunction()[0])
         scale = self._norm * _largest(snes.getSolution())
         return 0.0 if residual == 0 else residual / (scale or np.nan)
@@ -383,7 +384,7 @@ class PetrovGalerkinProblem:
             path = self._path(load)
         loads = [np.array(constant.value) for constant in _constants(load)]
         agree(self._comm, {"increments": increments, "the load": loads})
-        total, size, done = increments * _PARTS, _PARTS, 0
+        total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
         self.increments = ()
         while done < total:
             size = min(size, total - done)
@@ -413,7 +414,7 @@ class PetrovGalerkinProblem:
                 size //= 2
                 continue
             done += size
-            size = min(2 * size, _PARTS)
+            size = min(2 * size, _MOST_PARTS)
         self._keep(load)
         return self.u
 
@@ -430,7 +431,7 @@ class PetrovGalerkinProblem:
         return self._system.forces()
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
-        """What sets the load to a share of it; local."""
+        """The function that sets the load to a share of it; local."""
         if callable(load) and not isinstance(load, fem.Constant):  # UFL's expressions are, too
             return load
         ways = []

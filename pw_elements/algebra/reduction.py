@@ -44,7 +44,7 @@ from pw_elements.spaces import (
 _SAME_VALUE = 1e-9
 
 # Entries of a matrix below this, over its largest, are zeros
-_ROUND_OFF = 1e-13
+_ZERO_ENTRY = 1e-13
 
 
 def prescribed(
@@ -165,12 +165,12 @@ def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -
     with collective(comm):
         if not np.isfinite(value).all():
             raise ValueError("the stiffness of a node that is to be condensed is not finite")
-        if np.abs(value[~own]).max(initial=0.0) > _ROUND_OFF * size:
+        if np.abs(value[~own]).max(initial=0.0) > _ZERO_ENTRY * size:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
                 "cell"
             )
-        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF):
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
     inverse = np.linalg.inv(blocks)
 
@@ -283,7 +283,7 @@ class Reduction:
         return cls(left, right, offset, inner, space)
 
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
-        """This reduction for a load f (n,) that acts on inner nodes, too.
+        """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
         Args:
             K: stiffness (n, n).
@@ -302,7 +302,7 @@ class Reduction:
         return replace(self, offset=offset)
 
     def scaled(self, share: float) -> "Reduction":
-        """This reduction with a share of the prescribed values.
+        """Makes the reduction with a share of the prescribed values.
 
         Args:
             share: factor of the prescribed values.
@@ -314,7 +314,7 @@ class Reduction:
         return replace(self, offset=offset)
 
     def masked(self) -> "Reduction":
-        """The same supports, the unknowns being numbered as before and zero where prescribed.
+        """Makes the reduction that keeps all unknowns and sets prescribed ones to zero.
 
         Raises:
             ValueError: if this reduction does more than prescribe values.
@@ -344,7 +344,7 @@ class Reduction:
         return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
 
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
-        """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.
+        """Makes the reduction with pressures of hybrid spaces scaled to a displacement's size.
 
         In consistent units displacement and pressure may be 15 orders of magnitude apart, and
         factorisations and Krylov methods would lose one of them. `expand` returns the same values.
@@ -364,7 +364,7 @@ class Reduction:
         return replace(self, left=left, right=right)
 
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
-        """This condensation for mass matrices, where two left matrices L are in use.
+        """Makes this condensation one for mass matrices, where two left matrices L are in use.
 
         Args:
             left: "transposed" is this L, from the transposed problem; "same" takes R for L, the
@@ -379,7 +379,7 @@ class Reduction:
         return self if left == "transposed" else replace(self, left=self.right)
 
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """L^T K R.
+        """Reduces a matrix to L^T K R.
 
         Args:
             K: matrix (n, n).
@@ -392,7 +392,7 @@ class Reduction:
         return Assembled(Assembled.of(K).form).mark(reduced)
 
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
-        """L^T (f - K a_0).
+        """Reduces a load to L^T (f - K a_0).
 
         Args:
             K: stiffness (n, n).
@@ -455,7 +455,7 @@ class Reduction:
         )
 
     def then(self, inner: "Reduction") -> "Reduction":
-        """This reduction followed by another one of the reduced system.
+        """Joins this reduction and another one of the reduced system.
 
         Args:
             inner: a reduction of the system that this one leaves.

@@ -22,7 +22,7 @@ from pw_elements.solvers import unblocked
 from pw_elements.spaces import Assembled
 
 # A sum of positive shares below this, over one, is none
-_NOTHING = 1e-9
+_NO_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Sibling:
         kept, free = standard.right.createVecRight(), standard.offset.duplicate()
         kept.set(1.0)
         standard.right.mult(kept, free)
-        lacking = (self.basis * free).array_r * (1 - free.array_r) > _NOTHING
+        lacking = (self.basis * free).array_r * (1 - free.array_r) > _NO_SHARE
         dim, block = self.space.mesh.geometry.dim, self.space.dofmap.index_map_bs
         nodes = np.unique(np.flatnonzero(lacking) // block)
         places = self.space.tabulate_dof_coordinates()[nodes, :dim]

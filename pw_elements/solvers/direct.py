@@ -66,7 +66,7 @@ class SolverReport:
     krylov_iterations: int = 0
 
     def after(self, before: "SolverReport") -> "SolverReport":
-        """Both together.
+        """Adds what was done before.
 
         Args:
             before: what was done before.
@@ -324,7 +324,7 @@ class Factors:
         return solution if self.ksp.getConvergedReason() > 0 else None
 
     def release(self) -> None:
-        """Frees the factors."""
+        """Frees the factors, on all processes."""
         self.ksp.destroy()
 
     def _check(self) -> None:

@@ -354,7 +354,7 @@ class Krylov:
 
     @property
     def negative_pivots(self) -> None:
-        """Not known."""
+        """None: GMRES knows no pivots."""
         return
 
     def set_up(self) -> None:

@@ -121,7 +121,7 @@ class Overlap:
 
     @classmethod
     def of(cls, one: Trace, other: Trace, own: Indices, revolved: bool) -> "Overlap":
-        """Of both traces, for the points of global numbers `own` (m,)."""
+        """Makes the overlap of both traces, for points of global numbers `own` (m,)."""
         (nodes, corners, _), (their_nodes, their_corners, outward) = one.parts, other.parts
         found, mine = overlaps(one, other, own, outward)
         order = np.argsort(own)

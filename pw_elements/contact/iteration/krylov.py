@@ -99,7 +99,7 @@ class NodePoints:
         scale: Array,
         free: Free,
     ) -> "NodePoints":
-        """Those of an interface."""
+        """Collects the points of an interface."""
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):

@@ -107,13 +107,13 @@ class Residuals:
     balance: float
 
     def largest(self) -> float:
-        """The largest of them."""
+        """The largest violation of any condition."""
         return max(vars(self).values())
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What is largest in a history, from the undeformed body on, as long as there is contact.
+    """Largest force and length of a history, from the undeformed body on, while there is contact.
 
     Args:
         force: nodal contact force; 0 as long as it was nothing but round-off.

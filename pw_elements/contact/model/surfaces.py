@@ -241,7 +241,7 @@ class SignedDistance:
         return field("the function of a signed distance", self.function(x), (len(x),), layout)
 
     def _slope(self, x: Points) -> Points:
-        """Gradient (n, dim)."""
+        """Gradient (n, dim) of the function."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)

@@ -81,11 +81,11 @@ log = logging.getLogger("pw_elements.contact")
 
 # Stiffness of the springs over the points' own, how often their ends follow, and Newton's steps
 _SPRINGS = (1e-3, 1e-5, 1e-7)
-_ROUNDS = 3
-_STEPS = 30
+_SPRING_ROUNDS = 3
+_NEWTON_STEPS = 30
 _DAMPED_STEPS = 100
 # Unknowns of the complementarity problem: its table takes 16 bytes times their square
-_MOST = 3000
+_MOST_UNKNOWNS = 3000
 
 
 class Condensation:
@@ -123,7 +123,7 @@ class Condensation:
 
     @property
     def report(self) -> SolverReport:
-        """What it took."""
+        """Factorisations that condensing the body took."""
         return self._system.report
 
     def at_rest(self, load: PETSc.Vec, supported: Array) -> Array:
@@ -155,7 +155,7 @@ def gathered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
 
 
 def scattered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
-    """This process' rows (m, ...) of `gathered` values."""
+    """Hands `gathered` values back: the rows (m, ...) of this process."""
     counts = [len(interface.in_order(k, interface.pair)) for k in range(interface.pairs)]
     return interface.local(np.split(values, np.cumsum(counts)[:-1]))
 
@@ -168,7 +168,7 @@ class Affine:
     value: Array
 
     def at(self, z: Array) -> Array:
-        """Its value."""
+        """The value of the function at z."""
         return self.slope @ z + self.value
 
 
@@ -240,11 +240,11 @@ class CondensedIncrement:
 
     @property
     def unknowns(self) -> int:
-        """Number of motions w."""
+        """Number of the points' motions w."""
         return len(self._places)
 
     def contact(self, z: Array) -> Contact:
-        """Gaps, slips and forces."""
+        """Gaps, slips and forces of all points at z."""
         gap = np.where(self.faced, self.gap.at(z), np.inf)
         return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
 
@@ -265,7 +265,7 @@ class CondensedIncrement:
                 return np.asarray(np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0])
 
     def in_components(self, framed: Affine) -> Affine:
-        """What is stated of each point along its frame, in the stated components: (p, ...)."""
+        """Turns values along each point's frame into the stated components (p, ...)."""
         turned = _through(np.swapaxes(self.frame, 1, 2), framed)
         slope = turned.slope.reshape(turned.value.size, turned.slope.shape[-1])[self._places]
         return Affine(slope, turned.value.ravel()[self._places])
@@ -276,7 +276,7 @@ class CondensedIncrement:
         return np.append(wrong.ravel()[self._places], self.balance.at(z))
 
     def solved_by(self, z: Array) -> bool:
-        """Whether all conditions hold."""
+        """Whether all conditions hold at z."""
         return self.error(z) <= _TOLERANCE
 
     def error(self, z: Array) -> float:
@@ -473,7 +473,7 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
 def tractable(interface: Interface) -> bool:
     """Whether the contact points are few enough for a dense problem."""
     points = sum(interface.comm.allgather(len(interface.pair)))
-    return unknowns(points, interface.position.shape[1]) <= _MOST
+    return unknowns(points, interface.position.shape[1]) <= _MOST_UNKNOWNS
 
 
 def without_active_sets(
@@ -507,7 +507,7 @@ def without_active_sets(
     near = first.start
     one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
-        for _ in range(_ROUNDS):
+        for _ in range(_SPRING_ROUNDS):
             with collective(comm):
                 found = _search(problem, spring, near) if comm.rank == 0 else None
             z, exact = comm.bcast(found)
@@ -537,7 +537,7 @@ def confirmed(
     most: int,
     way: str,
 ) -> Iterate | NotUnique | None:
-    """What the ordinary iteration makes of z: a solution, one of many, or nothing.
+    """Starts the ordinary iteration from z: a solution, one of many, or nothing.
 
     Args:
         problem: condensed with the kinematics of a place.
@@ -590,7 +590,7 @@ def _search(
     z = sprung(problem, spring, near)
     if z is None:
         return None, None
-    exact = problem.newton(z, _STEPS, damped=False)
+    exact = problem.newton(z, _NEWTON_STEPS, damped=False)
     return z, problem.newton(z, _DAMPED_STEPS, damped=True) if exact is None else exact
 
 

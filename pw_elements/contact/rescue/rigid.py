@@ -29,14 +29,15 @@ NOTHING = 1e-6
 
 # Stiffness of a motion, over what it would be for an arbitrary one: as good as none below, and
 # no more than round-off where something is to be proved by it
-_FREE, _NONE = 1e-8, 1e-11
+_FREE_STIFFNESS = 1e-8
+_ZERO_STIFFNESS = 1e-11
 # Rows that are factorised at once, to save memory
-_AT_ONCE = 20_000
+_ROWS_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Independent motions.
+    """Independent rigid motions, and a mode that tells each apart.
 
     Args:
         motions: (k, modes).
@@ -92,7 +93,7 @@ class RigidModes:
 
     @property
     def number(self) -> int:
-        """Of all modes."""
+        """Number of all modes, those of surfaces included."""
         return self.of_pieces + len(self.free)
 
     def of_piece(self, k: int) -> slice:
@@ -100,7 +101,7 @@ class RigidModes:
         return slice(k * self._each, (k + 1) * self._each)
 
     def displacements(self) -> Iterator[Array]:
-        """Of this process' nodes (owned dofs,) in each of the pieces' modes."""
+        """Displacements (owned dofs,) of this process' nodes in each of the pieces' modes."""
         for k in range(len(self.centre)):
             mine = self._piece == k
             s = (self._x[mine] - self.centre[k]) / self.length[k]
@@ -141,7 +142,7 @@ class RigidModes:
         return Basis(rows[:, np.argsort(order)], order[pivot])
 
     def names(self, motions: Array) -> list[str]:
-        """What moves how in each of the motions (k, modes), in words.
+        """Names what moves how in each of the motions (k, modes).
 
         Rotations of a piece are about a point at rest in all of them, if there is one.
         """
@@ -209,7 +210,7 @@ class RigidModes:
 
 
 def reduced_echelon(rows: Array) -> tuple[Array, Indices]:
-    """Of independent rows (k, n): their reduced echelon form, and its pivots (k,)."""
+    """Reduced echelon form of independent rows (k, n), and its pivots (k,)."""
     rows = rows.copy()
     pivot: list[int] = []
     for column in range(rows.shape[1]):
@@ -267,7 +268,7 @@ class RigidMotions:
         m, dim, motions = self._relative.shape
         rows = np.einsum("nab,nbm->nam", constraints, self._relative).reshape(m * dim, motions)
         held = np.pad(self._held, ((0, 0), (0, motions - self._held.shape[1])))
-        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]), _FREE)
+        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]), _FREE_STIFFNESS)
         if not len(free):
             return []
         return self.modes.names(self.modes.simplest(free).motions)
@@ -284,7 +285,7 @@ class RigidMotions:
         basis = []
         for k in range(pieces):
             mine = self.modes.of_piece(k)
-            free = _null_space(held[:, mine], _NONE)
+            free = _null_space(held[:, mine], _ZERO_STIFFNESS)
             basis.append(np.zeros((len(free), motions)))
             basis[-1][:, mine] = free
         surfaces = np.eye(motions)[held.shape[1] :]
@@ -292,7 +293,7 @@ class RigidMotions:
         return chosen, self._at_points(self._works()) @ chosen.motions.T
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
-        """What reduced loads and forces on free surfaces do in each mode, and its round-off.
+        """Work of reduced loads and of forces on free surfaces in each mode, and its round-off.
 
         Returns:
             Work (modes,), and the sum (modes,) of the magnitudes of its parts.
@@ -316,7 +317,7 @@ class RigidMotions:
             yield vector
 
     def _reduced(self) -> Iterator[PETSc.Vec]:
-        """The same, where they are not prescribed, under the reduction."""
+        """Reduced displacements of the pieces' modes, where they are not prescribed."""
         stiffness, kept = self._system.stiffness, self._column >= 0
         field = self._system.interface.field
         own = self._column[kept] - stiffness.getOwnershipRange()[0]
@@ -336,7 +337,7 @@ class RigidMotions:
             yield work
 
     def _at_points(self, motions: Iterable[PETSc.Vec]) -> Array:
-        """Of the pieces' modes (points dim,) and the surfaces': (m, dim, modes), relative."""
+        """Relative motions (m, dim, modes) of the points, from the pieces' (points dim,) modes."""
         interface, free = self._system.interface, self.modes.free
         m, dim = interface.position.shape
         relative = np.zeros((m, dim, self.modes.number))
@@ -347,7 +348,7 @@ class RigidMotions:
         return relative
 
     def _hold_of_supports(self, transposed: bool) -> Array:
-        """What pieces' modes do at prescribed displacements, and their forces, by `_triangle`.
+        """Displacements of pieces' modes at supports and the forces they cause, by `_triangle`.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of
@@ -382,7 +383,7 @@ def _triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
     """
     own: Array = np.zeros((0, rows.shape[1]))
     for each in (rows, *more):
-        for first in range(0, len(each), _AT_ONCE):
-            part = np.vstack([own, each[first : first + _AT_ONCE]])
+        for first in range(0, len(each), _ROWS_AT_ONCE):
+            part = np.vstack([own, each[first : first + _ROWS_AT_ONCE]])
             own = np.asarray(np.linalg.qr(part, mode="r"))
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))

@@ -49,9 +49,9 @@ Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 # Part of the critical step that is taken unless another step is given
 _COURANT = 0.9
 # Of masses that are equal, and of a whole number of steps
-_ROUND_OFF = 1e-9
+_EQUAL = 1e-9
 # Largest penetration at the start that passes for round-off, over the extent of the contact nodes
-_PENETRATION = 1e-6
+_ROUND_OFF_DEPTH = 1e-6
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class NodalContact:
 
     @property
     def force(self) -> Array:
-        """Of the surface on the body, (m, dim)."""
+        """Force (m, dim) of the surface on the body."""
         return self.pressed[:, None] * self.normal + self.friction
 
 
@@ -175,7 +175,7 @@ class PairHistory:
 
     @classmethod
     def of(cls, interface: Interface, k: int, force: Array, translation: Array) -> "PairHistory":
-        """History of one pair.
+        """Picks the history of one pair.
 
         Args:
             interface: of all pairs.
@@ -193,7 +193,7 @@ class PairHistory:
 
 @dataclass(frozen=True)
 class ImpactHistory:
-    """Result of `solve_impact`.
+    """Motion, contact forces and energies that `solve_impact` found.
 
     Args:
         step: of time.
@@ -334,7 +334,7 @@ def solve_impact(
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
     march = _March(K, _masses(M, space), free, interface, moves, load, step)
     march.start(u, v)
-    steps = int(np.ceil(duration / step * (1 - _ROUND_OFF)))
+    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with doing(comm, f"{steps} steps of time"):
@@ -383,7 +383,7 @@ class _March:
         self.places: list[Array] = []
 
     def start(self, u: PETSc.Vec, v: PETSc.Vec) -> None:
-        """From displacements and velocities at the time 0, which `advance` will change."""
+        """Starts from displacements and velocities at the time 0, which `advance` will change."""
         dt = self._step
         self._u, self._v, self._inner = u, v, u.duplicate()
         self._K.mult(u, self._inner)
@@ -395,14 +395,14 @@ class _March:
         gap, normal = self._surfaces
         gap = gap + np.sum(normal * self.at_points(u), axis=1)
         self._interface.refuse(
-            gap < -_PENETRATION * np.ptp(self._interface.gathered(self._interface.position)),
+            gap < -_ROUND_OFF_DEPTH * np.ptp(self._interface.gathered(self._interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it come from "
             "farther away (the sibling's coefficients reach a curved surface a little earlier)",
         )
         self._keep(np.zeros(3))
 
     def advance(self) -> NodalContact:
-        """Goes one step on."""
+        """Advances everything by one step."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
         load, now = self._loads(time), self._u.array_r.copy()
@@ -472,7 +472,7 @@ class _March:
         return np.asarray(load.array_r)
 
     def _translations(self, time: float) -> Array:
-        """Of the surfaces, (pairs, dim)."""
+        """Translations (pairs, dim) of the surfaces at a time."""
         comm, dim = self._comm, self._rows.shape[1]
         each = np.zeros((len(self._paths), dim))
         with collective(comm):
@@ -489,7 +489,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     mass = diagonal_mass(M).array_r.copy()
     of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective(space.mesh.comm):
-        if np.any(np.ptp(of_node, axis=1) > _ROUND_OFF * of_node[:, 0]):
+        if np.any(np.ptp(of_node, axis=1) > _EQUAL * of_node[:, 0]):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"
             )

@@ -231,7 +231,7 @@ def check_state(state: ContactState, own: ContactState, space: fem.FunctionSpace
 
 
 def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
-    """A file's path.
+    """Checks the path of a file.
 
     Raises:
         TypeError: for what is none.

@@ -57,7 +57,7 @@ from pw_elements.contact.model import (
     NotFound,
 )
 from pw_elements.contact.rescue import Condensation, RigidMotions, rescue
-from pw_elements.contact.steps.watch import Watch
+from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, hush
 from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
 from pw_elements.spaces import Assembled
@@ -249,7 +249,7 @@ Callback: TypeAlias = Callable[[Progress], object]
 
 
 def checked_callback(comm: MPI.Comm, callback: Callback | None) -> Callback | None:
-    """The user's function.
+    """Checks the user's function.
 
     Raises:
         ValueError: if it is none.
@@ -351,7 +351,7 @@ class Stepping:
         self._remedies = [one for one in remedies if one == "cutback" or not iterative]
         self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K).sibling)
         self._whole, self.space = space, self.interface.field.space
-        self._watch = Watch(self.interface, self.space)
+        self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
 
     def step(
