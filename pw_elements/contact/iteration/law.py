@@ -107,7 +107,7 @@ class Contact:
 
     @property
     def limit(self) -> Array:
-        """l(max(0, p)), (n,)."""
+        """Limits of friction l(max(0, p)), (n,)."""
         return self.cone.limit(np.maximum(0.0, self.pressing))[0]
 
     def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
