@@ -4,7 +4,6 @@ Started by test_contact_fields.py with `mpirun`: `FOLDER` has a state of two blo
 process, and gets files of fields.
 """
 
-import pickle
 import sys
 from pathlib import Path
 
@@ -64,7 +63,6 @@ if __name__ == "__main__":
     comm, folder = MPI.COMM_WORLD, Path(sys.argv[1])
     block = Block(12, comm=comm)
     states = block.solve(0.3, 60.0, increments=2)
-    states[1] = pickle.loads(pickle.dumps(states[1]))
     write(folder / "block.bp", states, block.body)
     body, _, states = ball(CellType.tetrahedron, Spaces.petrov_galerkin, comm)
     write(folder / "ball.bp", states, body)

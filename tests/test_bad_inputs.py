@@ -64,10 +64,8 @@ from pw_elements.elasticity import by_position, nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, quadrilaterals, triangles
 from pw_elements.spaces import (
     NumberingError,
-    centre_nodes,
     composite_element,
     macro_element,
-    mid_diagonal_nodes,
     quadratic_element,
     serendipity_element,
 )
@@ -539,10 +537,7 @@ CASES |= {
     "reduced load of another size": lambda w: w.held.load(w.K, w.short()),
     "expand None": lambda w: w.held.expand(None),
     "expand a full vector": lambda w: w.held.expand(w.f),
-    "expand_mode of an array": lambda w: w.held.expand_mode(np.zeros(5)),
     "reduction under another matrix": lambda w: w.held.under(w.larger[0], w.f),
-    "reduction then None": lambda w: w.held.then(None),
-    "reduction then one of the full system": lambda w: w.held.then(w.held),
     "guyan of a wrong name": lambda w: w.held.guyan("both"),
     "solve None": lambda w: solve(None, w.f, w.held),
     "solve an array": lambda w: solve(np.eye(30), w.f, w.held),
@@ -695,16 +690,6 @@ CASES |= {
     "curved to infinity": lambda w: curved(square(), lambda x: x + INF),
     "curved by a failing function": lambda w: curved(square(), failing),
     # inner nodes
-    "mid-diagonal nodes of quadrilaterals": lambda w: mid_diagonal_nodes(
-        Spaces.galerkin(w.quads).trial
-    ),
-    "mid-diagonal nodes of None": lambda w: mid_diagonal_nodes(None),
-    "mid-diagonal nodes of linear triangles": lambda w: mid_diagonal_nodes(w.P1),
-    "mid-diagonal nodes of one triangle": lambda w: mid_diagonal_nodes(
-        Spaces.galerkin(made("triangle", [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])).trial
-    ),
-    "centre nodes of triangles": lambda w: centre_nodes(w.U),
-    "centre nodes of Spaces": lambda w: centre_nodes(w.spaces),
     # contact
     "contact of K None": lambda w: w.contact(K=None),
     "contact of K of NaN": lambda w: w.contact(K=w.matrix(NAN)),

@@ -39,7 +39,7 @@ from pw_elements import (
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, chosen, matrices
-from pw_elements.spaces import centre_nodes
+from study.inner_nodes import centre_nodes
 from tests.contact_cases import at
 
 PROJECT = Path(__file__).parents[1]

@@ -442,7 +442,8 @@ def _residual(
 
 def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     """Full vector of a mode, its entry of largest absolute value 1."""
-    mode = reduction.expand_mode(reduced)
+    mode = reduction.offset.duplicate()
+    reduction.right.mult(reduced, mode)  # prescribed values do not move in a mode
     low, high = mode.min()[1], mode.max()[1]
     mode.scale(1 / (high if abs(high) >= abs(low) else low))
     return mode

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra.problem_checks import check_problem, check_reduction
+from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.checks import arguments, collective, listed
 from pw_elements.solvers import (
     NO_SUPPORTS,
@@ -418,23 +418,14 @@ class Reduction:
         Raises:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
-        self._check_reduced(reduced)
+        # local, since it is asked in every iteration: a vector has one size on all processes
+        arguments.petsc_vector("the reduced vector", reduced)
+        expected = self.right.getSizes()[1]
+        arguments.same_sizes(
+            "the reduced vector", reduced.getSizes(), "the reduced system", expected
+        )
         full = self.offset.duplicate()
         self.right.multAdd(reduced, self.offset, full)
-        return full
-
-    def expand_mode(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """R a_r: a mode, which vanishes where values are prescribed.
-
-        Args:
-            reduced: vector (n_r,), a_r.
-
-        Raises:
-            TypeError, ValueError: if it is not a vector (n_r,).
-        """
-        self._check_reduced(reduced)
-        full = self.offset.duplicate()
-        self.right.mult(reduced, full)
         return full
 
     def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
@@ -445,38 +436,3 @@ class Reduction:
             for f in loads:
                 arguments.petsc_vector("the load", f)
                 arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
-
-    def _check_reduced(self, reduced: PETSc.Vec) -> None:
-        """Local, since it is asked in every iteration: a vector has one size on all processes."""
-        arguments.petsc_vector("the reduced vector", reduced)
-        expected = self.right.getSizes()[1]
-        arguments.same_sizes(
-            "the reduced vector", reduced.getSizes(), "the reduced system", expected
-        )
-
-    def then(self, inner: "Reduction") -> "Reduction":
-        """Joins this reduction and another one of the reduced system.
-
-        Args:
-            inner: a reduction of the system that this one leaves.
-
-        Raises:
-            TypeError, ValueError: if it is not a reduction of that system.
-        """
-        with collective(self.offset.comm.tompi4py()):
-            check_reduction(inner)
-        self._check_reduced(inner.offset)
-        Q = self.inner
-        if inner.inner is not None:
-            lifted = self.right.matMult(inner.inner)
-            lifted = lifted.matMult(self.left.transpose(PETSc.Mat()))
-            if Q is not None:
-                lifted.axpy(1.0, Q, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            Q = lifted
-        return Reduction(
-            self.left.matMult(inner.left),
-            self.right.matMult(inner.right),
-            self.expand(inner.offset),
-            Q,
-            self.space,
-        )

@@ -39,8 +39,6 @@ from pw_elements.spaces.spaces import (
     NumberingError,
     Spaces,
     as_function,
-    centre_nodes,
-    mid_diagonal_nodes,
     scalar_space,
     split,
     test_space,

@@ -19,10 +19,10 @@ from pw_elements import (
 )
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
-from pw_elements.spaces import mid_diagonal_nodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.inner_nodes import mid_diagonal_nodes
 from study.matrices import dense, relative_difference
 from study.units import dimensionless
 from study.verification.t_identity import distorted
