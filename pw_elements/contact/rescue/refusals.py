@@ -220,10 +220,9 @@ def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
 def _turning(increment: Increment, place: Kinematics) -> npt.NDArray[np.bool_]:
     """Whether points' normals change with a free translation, (m,)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
-    extent = np.ptp(interface.gathered(interface.position), axis=0).max()
     here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(free.any(axis=0)):
-        for step in (sign * part * extent for part in _TURNING_STEPS for sign in (-1, 1)):
+        for step in (sign * part * interface.extent for part in _TURNING_STEPS for sign in (-1, 1)):
             moved = place.translations.copy()
             moved[free[:, axis], axis] += step
             try:

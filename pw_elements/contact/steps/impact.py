@@ -311,7 +311,8 @@ def solve_impact(
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
-    check_problem({"the stiffness": K, "the mass": M}, start, reduction=reduction, space=space)
+    constant = {} if load is None or callable(load) else {"the load": load}
+    check_problem({"the stiffness": K, "the mass": M}, start, constant, reduction, space)
     comm = space.mesh.comm
     with collective(comm):
         positive("duration", duration)
@@ -462,10 +463,10 @@ class _March:
     def _loads(self, time: float) -> Array:
         """Load (n,) on this process."""
         given = self._load
-        if given is None:
-            return np.zeros_like(self._mass)
+        if not callable(given):
+            return np.zeros_like(self._mass) if given is None else np.asarray(given.array_r)
         with collective(self._comm):
-            load = answer(self._comm, "the load", given, time) if callable(given) else given
+            load = answer(self._comm, "the load", given, time)
             check_load(f"the load at the time {time:.6g}", load, "the stiffness", self._K)
         if not is_finite(load):
             raise ValueError(f"the load at the time {time:.6g} is not finite")
@@ -475,6 +476,8 @@ class _March:
         """Translations (pairs, dim) of the surfaces at a time."""
         comm, dim = self._comm, self._rows.shape[1]
         each = np.zeros((len(self._paths), dim))
+        if not any(self._paths):
+            return each
         with collective(comm):
             for k, path in enumerate(self._paths):
                 if path is not None:
