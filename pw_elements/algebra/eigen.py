@@ -39,7 +39,7 @@ from pw_elements.solvers import (
 )
 from pw_elements.spaces import is_hybrid
 
-log = logging.getLogger(__name__)
+log = logging.getLogger("pw_elements.eigen")
 
 _STIFFNESS, _MASS, _INITIAL_STRESS = "the stiffness", "the mass", "the initial stress"
 _TOLERANCE = 1e-12

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from pw_elements.algebra.consistency import Problem
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import arguments, collective
+from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
     Iterative,
@@ -199,8 +200,11 @@ def ready(prepared: PreparedSolver) -> PreparedSolver:
     Raises:
         SingularSystem: if its matrix is singular.
     """
+    matrix = prepared.ksp.getOperators()[0]
+    what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
     try:
-        prepared.set_up()
+        with doing(matrix.comm.tompi4py(), what):
+            prepared.set_up()
     except SingularSystem as error:
         prepared.ksp.destroy()
         if str(error) == FREE_PRESSURE:
