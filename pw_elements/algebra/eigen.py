@@ -40,7 +40,7 @@ from pw_elements.solvers import (
 )
 from pw_elements.spaces import Assembled, is_hybrid
 
-log = logging.getLogger(__name__)
+log = logging.getLogger("pw_elements.eigen")
 
 _STIFFNESS = "the stiffness"
 _MASS = "the mass"

@@ -12,7 +12,7 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 
 from petsc4py import PETSc
@@ -23,6 +23,7 @@ import numpy.typing as npt
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import arguments, collective
+from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
     FreePressure,
@@ -78,7 +79,7 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)
     try:
-        with explained(matrix, reduction):
+        with explained(matrix, reduction), _told(prepared, K):
             solution, report = prepared.solve(load), prepared.report
         if matrix is not None:
             _check_residual(matrix, solution, load)
@@ -168,7 +169,7 @@ def factorise(
     """
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
-        with explained(matrix, reduction):
+        with explained(matrix, reduction), _told(prepared, matrix):
             prepared.set_up()
     except SingularSystem:
         prepared.release()
@@ -197,6 +198,12 @@ def explained(
             f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
             "body is far too slender; add Dirichlet conditions"
         ) from None
+
+
+def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
+    """Says on a terminal what is solved by what."""
+    what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
+    return doing(matrix.comm.tompi4py(), what)
 
 
 def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:

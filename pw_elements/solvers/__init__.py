@@ -22,6 +22,10 @@ from pw_elements.solvers.iterative import (
     free_motion,
 )
 from pw_elements.solvers.matrices import (
+    Masked,
+    Projection,
+    Supports,
+    Ties,
     collect_garbage,
     connected_pieces,
     destroy,
@@ -31,4 +35,3 @@ from pw_elements.solvers.matrices import (
     unblocked,
 )
 from pw_elements.solvers.multigrid import Multigrid
-from pw_elements.solvers.projection import Masked, Projection, Supports, Ties

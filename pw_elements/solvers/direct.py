@@ -17,9 +17,8 @@ import numpy as np
 
 from pw_elements.checks import collective, of_type, processes
 from pw_elements.checks import matrix as check_matrix
-from pw_elements.progress import doing
 
-log = logging.getLogger(__name__)
+log = logging.getLogger("pw_elements.linear_solver")
 
 # A known solution comes back with a relative error of condition number x round-off: above
 # this, fewer than four digits of any answer would be meant.
@@ -280,13 +279,12 @@ class Factors:
         self._worthwhile = -1.0
         begun, comm = perf_counter(), self._matrix.comm.tompi4py()
         what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
-        with doing(comm, what):
-            try:
-                self.ksp.setUp()
-            except PETSc.Error as error:
-                raise _refused(self._options, error) from error
-            self._factorisations += 1
-            self._check()
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            raise _refused(self._options, error) from error
+        self._factorisations += 1
+        self._check()
         if comm.rank == 0:
             log.debug("%s: %.2f s", what, perf_counter() - begun)
         if self._mumps:

@@ -41,9 +41,16 @@ from pw_elements.solvers.direct import (
     SolverReport,
     set_options,
 )
-from pw_elements.solvers.matrices import connected_pieces, destroy, galerkin_product, python_matrix
+from pw_elements.solvers.matrices import (
+    Masked,
+    Projection,
+    Supports,
+    connected_pieces,
+    destroy,
+    galerkin_product,
+    python_matrix,
+)
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
-from pw_elements.solvers.projection import Masked, Projection, Supports
 from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
 
 Array = npt.NDArray[np.float64]

@@ -16,15 +16,19 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from pw_elements.solvers.matrices import (
+    Masked,
+    Projection,
+    Supports,
+    Ties,
     add,
     block_diagonal,
     collect_garbage,
     destroy,
+    diagonal_blocks,
     galerkin_product,
     is_blocked,
     python_matrix,
 )
-from pw_elements.solvers.projection import Masked, Projection, Supports, Ties, diagonal_blocks
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

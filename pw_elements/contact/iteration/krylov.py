@@ -17,6 +17,7 @@ nodes are therefore held in the preconditioner, not in the equations, which chan
 of low rank and costs about as many iterations.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -27,6 +28,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
     Krylov,
@@ -143,9 +145,9 @@ class Unassembled:
         self._carried = None if points.spread is None else K.createVecLeft()
         self.force: Array = np.zeros(points.own.shape)
 
-    def state(self, E: Array, C: Array, D: Array) -> None:
-        """Takes over the combinations (m, dim, dim) of an active set."""
-        self._E, self._C, self._D = E, C, D
+    def state(self, law: LinearisedLaw) -> None:
+        """Takes over the law of an active set."""
+        self._E, self._C, self._D = law.E, law.C, law.D
 
     def of_motion(self, x: PETSc.Vec) -> Array:
         """C G a - D U, (m, dim): what the law says of a motion, without its forces."""
@@ -323,7 +325,7 @@ def _apart(x: Array) -> list[int]:
 
 
 class KrylovTangent:
-    """The matrix of any active set and its solver, in place of `system.Tangent`.
+    """The matrix of any active set and its solver, in place of `Tangent`.
 
     Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
     last, on the last process.
@@ -333,21 +335,23 @@ class KrylovTangent:
         supports: of the space.
         points: at nodes.
         how: options.
+        supported: K under the supports, which goes with this.
 
     Attributes:
-        solver: what counts iterations.
-        own_factors: whether the last solution is as exact as any can be.
-        settled: whether it is exact enough to be the last.
-        always_exact: whether every solution is to be exact.
-        force: K a (m, dim) at the points, of the last solution.
-        unbalanced: largest force on this process that its other equations leave.
-        factorised: None, when the next solution is to be more exact than the last.
-        encloses: whether a constant pressure has been met that acts on nothing.
+        solver, precise: as in `ContactTangent`.
     """
 
+    precise = False
+
     def __init__(
-        self, K: PETSc.Mat, supports: Supports, points: NodePoints, how: MatrixFree
+        self,
+        K: PETSc.Mat,
+        supports: Supports,
+        points: NodePoints,
+        how: MatrixFree,
+        supported: PETSc.Mat,
     ) -> None:
+        self._supported = supported
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: Krylov = how.prepare(K, supports=supports)
@@ -387,53 +391,39 @@ class KrylovTangent:
         loose = free_motion(elastic, held)
         self._anchors = Anchors.of(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
-        self.own_factors = self.settled = self.always_exact = self.encloses = False
-        self.force, self.unbalanced = self._context.force, 0.0
-        self.factorised: bool | None = True
+        self._final = self._enclosed = False
         self._accuracy, self._size = _EXACT, 0.0
 
-    def start(self, displacement: Array, translations: Array) -> None:
-        """Begins at a displacement (n,) of this process, zero where prescribed."""
-        n = len(displacement)
-        local = self._solution.array
-        local[:n] = displacement
-        local[n:] = translations[: len(local) - n]
-        self.factorised, self.always_exact = True, False
+    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Begins at unknowns of this process, zero where prescribed."""
+        begin, local = unknowns(), self._solution.array
+        local[: len(begin)] = begin
+        local[len(begin) :] = translations[: len(local) - len(begin)]
         self._size = self._solution.norm()
 
-    def solve(self, right: Array, balance: Array, E: Array, C: Array, D: Array) -> Array:
-        """Unknowns of this process, those of free translations at the end of the last one.
+    def encloses(self) -> bool:
+        """Whether a constant pressure has been met that acts on nothing."""
+        return self._enclosed
 
-        Args:
-            right: of this process' equations.
-            balance: right-hand sides of the free translations.
-            E: (m, dim, dim), combines a point's forces.
-            C: (m, dim, dim), combines its motion.
-            D: (m, dim, dim), combines the free translations of its surface.
-
-        Raises:
-            SingularSystem: if a constant pressure acts on nothing.
-            NotConverged: if the residual does not become small.
-        """
-        exact = self.factorised is None or self.always_exact
-        again = self.factorised is None and self.settled
-        self._accuracy = self._accuracy * _MORE if again else _EXACT
-        self.factorised = True
-        self._context.state(E, C, D)
+    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+        """As `ContactTangent` says; a constant pressure that acts on nothing is singular."""
+        more = accuracy == "more" and self._final
+        self._accuracy = self._accuracy * _MORE if more else _EXACT
+        self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
-        held = self._hold(E)
+        held = self._hold(law.E)
         if self._saddle and self._saddle.free_pressure(self._operator):
-            self.encloses = True
+            self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
         self._land(known, x, held)
         if self._ksp is not self.solver.ksp:
             self.solver.ksp.setUp()
         if self._border is not None:
-            self._border.update([self._column(j, D) for j in range(self._points.translations)])
+            self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
         rest, step = known.duplicate(), known.duplicate()
         left = self._left(known, rest)
-        reduced = 0.0 if exact else _FORCING * left
+        reduced = _FORCING * left if accuracy == "rough" else 0.0
         stalled = False
         while left > (target := self._target(left, reduced)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
@@ -445,18 +435,13 @@ class KrylovTangent:
         self._size = max(self._size, x.norm())
         if stalled and left > self.solver.round_off(self._size) + self._points.round_off + target:
             raise self.solver.not_converged(left / max(known.norm(), force))
-        self.settled = left <= _EXACT * force or stalled
-        self.own_factors = stalled
-        self.force = self._context.force
-        others = np.abs(rest.array_r[: len(right)])
-        others[self._points.own[self._points.own >= 0]] = 0.0
-        self.unbalanced = float(others.max(initial=0.0))
+        self._final = bool(left <= _EXACT * force or stalled)
         collect_garbage(known)
-        return np.array(x.array_r)
+        return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
     def release(self) -> None:
         """Frees the solver, on all processes."""
-        destroy(self._ksp, self._operator)
+        destroy(self._ksp, self._operator, self._supported)
         self.solver.release()
 
     def _target(self, left: float, reduced: float) -> float:

@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.interface import ROUND_OFF, Interface
-from pw_elements.contact.iteration.kinematics import Kinematics
-from pw_elements.contact.iteration.law import ActiveSet, Contact, equations, turned
+from pw_elements.contact.iteration.law import Accuracy, ActiveSet, Contact, Kinematics, turned
 from pw_elements.contact.iteration.policy import Policy, counted, same
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
-from pw_elements.progress import doing
 from pw_elements.solvers import SingularSystem
 
 Array = npt.NDArray[np.float64]
@@ -42,6 +40,8 @@ class Iterate:
         force: of the surfaces on the points, (m, dim).
         unbalanced: largest force on this process that is no contact force.
         contact: gaps, slips and forces in the frames.
+        exact: whether the same system, solved again, would give nothing better.
+        final: whether it was solved exactly enough for an end.
     """
 
     reduced: PETSc.Vec
@@ -51,6 +51,8 @@ class Iterate:
     force: Array
     unbalanced: float
     contact: Contact
+    exact: bool
+    final: bool
 
 
 @dataclass(frozen=True)
@@ -75,20 +77,58 @@ class Reference:
         return cls(moved, forces, state.translations)
 
 
+@dataclass(frozen=True)
+class LinearEquilibrium:
+    """Equilibrium K a = f + H r of a body under small strains, reduced by its supports.
+
+    Args:
+        stiffness: K, reduced: the tangent at any a.
+        load: f, reduced.
+        right: R, (n, n_r), and
+        offset: a_0, (n,), of all unknowns R a_r + a_0.
+    """
+
+    stiffness: PETSc.Mat
+    load: PETSc.Vec
+    right: PETSc.Mat
+    offset: PETSc.Vec
+
+    @classmethod
+    def of(
+        cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, stated: float = 1.0
+    ) -> "LinearEquilibrium":
+        """With a free stiffness (n, n), a load (n,), and a share of what supports prescribe."""
+        reduction: Reduction = system.reduction.scaled(stated).under(K, load)
+        reduced = reduction.load(K, load)
+        return cls(system.stiffness, reduced, reduction.right, reduction.offset)
+
+    def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """K a - f, reduced: where nothing touches it vanishes."""
+        residual = self.load.duplicate()
+        self.stiffness.mult(reduced, residual)
+        residual.axpy(-1.0, self.load)
+        return residual
+
+    def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """All unknowns (n,) of the problem."""
+        full = self.offset.duplicate()
+        self.right.multAdd(reduced, self.offset, full)
+        return full
+
+
 class Increment:
     """The equations of one increment.
 
     Args:
         system: linear systems.
-        K: stiffness (n, n), free.
-        load: f (n,), at the end.
+        equilibrium: at the end.
         prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
         totals: forces of the free translations.
         past: where it starts.
         stated: share of the displacements that supports and interference prescribe.
 
     Attributes:
-        load: f, reduced.
+        precise: whether every solution is to be exact enough to be the last.
         supported: what supports make of the points' motion, (m, dim).
         nearest: what came nearest to a solution so far, and its violation of the law, as
             `violation` gives it.
@@ -97,8 +137,7 @@ class Increment:
     def __init__(
         self,
         system: ContactSystem,
-        K: PETSc.Mat,
-        load: PETSc.Vec,
+        equilibrium: LinearEquilibrium,
         prescribed: Array,
         totals: Array,
         past: Reference,
@@ -107,10 +146,9 @@ class Increment:
         self.system, self.past = system, past
         self.interface: Interface = system.interface
         self.prescribed, self.totals, self._stated = prescribed, totals, stated
-        self._reduction: Reduction = system.reduction.scaled(stated).under(K, load)
-        self.load = self._reduction.load(K, load)
+        self.equilibrium, self.precise = equilibrium, system.tangent.precise
         self.nearest: tuple[Iterate, float] | None = None
-        self.supported = self.system.motions(self._reduction.offset)
+        self.supported = self.system.motions(equilibrium.offset)
 
     def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
@@ -122,27 +160,26 @@ class Increment:
         # points inside their surface are pressed out of it little by little
         return replace(place, gap=place.gap + (1 - self._stated) * self.interface.interference)
 
-    def solve(self, active: ActiveSet, place: Kinematics) -> Iterate:
-        """Solves for an active set and the kinematics of a place.
+    def solve(self, active: ActiveSet, place: Kinematics, more: bool = False) -> Iterate:
+        """Solves for an active set and the kinematics of a place, once `more` if need be.
 
         Raises:
             NotUnique: if the tangent is singular at a solution.
             NotFound: if it is singular elsewhere.
         """
         try:
-            return self._solved(active, place)
+            return self._solved(active, place, more)
         except SingularSystem as error:
             raise self._singular(active, place, error) from error
 
-    def _solved(self, active: ActiveSet, place: Kinematics) -> Iterate:
-        E, C, D, constraint = place.equations(*equations(active, self.system.scale))
+    def _solved(self, active: ActiveSet, place: Kinematics, more: bool = False) -> Iterate:
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
-        constraint += np.einsum("nij,nj->ni", D, known)
-        constraint -= np.einsum("nij,nj->ni", C, self.supported)
-        reduced, free = self.system.solve(self.load, E, C, D, constraint, self.totals)
+        law = place.law(active, self.system.scale).where(known, self.supported)
+        accuracy: Accuracy = "more" if more else "final" if self.precise else "rough"
+        found = self.system.solve(self.equilibrium.load, law, self.totals, accuracy)
         moved = self.prescribed.copy()
-        moved[np.isnan(moved)] = free
-        return self.seen(reduced, moved, place)
+        moved[np.isnan(moved)] = found.translations
+        return self.seen(found.reduced, moved, place, found.exact, found.final)
 
     def _singular(
         self, active: ActiveSet, place: Kinematics, error: SingularSystem
@@ -175,11 +212,18 @@ class Increment:
             "equations have no solution"
         )
 
-    def seen(self, reduced: PETSc.Vec, translations: Array, place: Kinematics) -> Iterate:
-        """Gaps, slips and forces at the contact points."""
-        full = self._reduction.expand(reduced)
+    def seen(
+        self,
+        reduced: PETSc.Vec,
+        translations: Array,
+        place: Kinematics,
+        exact: bool = True,
+        final: bool = True,
+    ) -> Iterate:
+        """Gaps, slips and forces at the contact points; for the rest see `Iterate`."""
+        full = self.equilibrium.expanded(reduced)
         displacement = self.system.motions(full)
-        force, unbalanced = self.system.forces(reduced, self.load)
+        force, unbalanced = self.system.forces(self.equilibrium.residual(reduced))
         contact = Contact(
             place.frame,
             place.gaps(displacement, translations),
@@ -188,7 +232,9 @@ class Increment:
             self.interface.cone,
             self.system.scale,
         )
-        return Iterate(reduced, full, translations, displacement, force, unbalanced, contact)
+        return Iterate(
+            reduced, full, translations, displacement, force, unbalanced, contact, exact, final
+        )
 
     def violation(self, now: Iterate) -> float:
         """Largest violation of the law over what is allowed.
@@ -246,8 +292,9 @@ def newton(
     try:
         return _iterated(increment, active, place, policy, most, told)
     except ContactFailed:
-        if not increment.system.insist():
+        if increment.precise:
             raise
+        increment.precise = True
         return _iterated(increment, active, place, policy, most, told)
 
 
@@ -261,18 +308,17 @@ def _iterated(
 ) -> Iterate:
     system = increment.system
     policy.restart(active)
+    more = False
     for iteration in range(1, most + 1):
-        with doing(system.comm, f"iteration {iteration}"):
-            now = increment.solve(active, place)
+        now = increment.solve(active, place, more)
         violation = increment.violation(now)
         if told:
             told(iteration, active, violation)
         if violation <= 1:
-            if not system.tangent.settled:
-                system.forget_factors()  # equilibrium may lag behind
+            if more := not now.final:  # equilibrium may lag behind
                 continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
-            now = increment.seen(now.reduced, now.translations, place)
+            now = increment.seen(now.reduced, now.translations, place, now.exact, now.final)
             violation = increment.violation(now)
             if violation <= 1:
                 return now
@@ -281,8 +327,8 @@ def _iterated(
         if increment.nearest is None or violation < increment.nearest[1]:
             increment.nearest = now, violation
         wanted = policy.wanted(active, now.contact)
-        if not system.tangent.own_factors and same(wanted, active, system.comm):
-            system.forget_factors()  # corrected factors leave single gaps open
+        # corrected factors leave single gaps open
+        if more := not now.exact and same(wanted, active, system.comm):
             continue
         active = policy.taken(wanted, active, now.contact)
     raise NotFound(

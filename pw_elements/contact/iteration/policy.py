@@ -19,8 +19,17 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration.kinematics import Kinematics
-from pw_elements.contact.iteration.law import OPEN, SLIP, STICK, ActiveSet, Contact, mixed, sticking
+from pw_elements.contact.iteration.law import (
+    OPEN,
+    SLIP,
+    STICK,
+    ActiveSet,
+    Contact,
+    Kinematics,
+    equations,
+    mixed,
+    sticking,
+)
 from pw_elements.contact.model import ContactState, FreeBody, NotFound
 from pw_elements.spaces import as_function, fields_of
 
@@ -45,9 +54,11 @@ _RESCUES = 3
 
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING = 1e-9
+# Stiffness of a motion, over what it would be for an arbitrary one, that is as good as none
+_FREE = 1e-8
 # Padding of cells among which that around a point of another mesh is looked for
 _BESIDE = 1e-6
-# Cells whose nodes are looked for at once, to save memory
+# Cells whose nodes are looked for, and rows that are factorised, at once, to save memory
 _AT_ONCE = 20_000
 
 
@@ -196,6 +207,52 @@ class Cycles:
         wrong = np.where(self._slow, np.linalg.norm(contact.violation(), axis=1), 0.0)
         worst = self._comm.allreduce(wrong.max(initial=0.0), MPI.MAX)
         return mixed(self._slow & (wrong < worst * (1 - 1e-6)), old, new)
+
+
+@dataclass(frozen=True)
+class LeftFree:
+    """Rigid motions that neither stiffness nor contact hold.
+
+    Args:
+        relative: motions (m, dim, modes) of the contact points relative to their surfaces.
+        held: rows (n, modes) of the pieces' modes that supports and stiffness act on.
+        comm: of the processes.
+        names: words for motions (k, modes).
+    """
+
+    relative: Array
+    held: Array
+    comm: MPI.Comm
+    names: Callable[[Array], list[str]]
+
+    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        m, dim, motions = self.relative.shape
+        constraints = equations(active, np.ones(m))[1] @ frame
+        rows = np.einsum("nab,nbm->nam", constraints, self.relative).reshape(m * dim, motions)
+        held = np.pad(self.held, ((0, 0), (0, motions - self.held.shape[1])))
+        free = null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE)
+        return self.names(free) if len(free) else []
+
+
+def null_space(rows: Array, tolerance: float) -> Array:
+    """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
+    n = rows.shape[1]
+    _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
+    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
+
+
+def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
+    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes, and of more of them.
+
+    A Gram matrix would square what is small, and lose it.
+    """
+    own: Array = np.zeros((0, rows.shape[1]))
+    for each in (rows, *more):
+        for first in range(0, len(each), _AT_ONCE):
+            part = np.vstack([own, each[first : first + _AT_ONCE]])
+            own = np.asarray(np.linalg.qr(part, mode="r"))
+    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 
 class LastHold:

@@ -10,11 +10,12 @@ the free translations U at the end:
     sum L K a               = totals + sum L f
 
 The nonzero pattern is that of all active sets. Its rows are built once, before the iteration.
-`krylov.KrylovTangent` assembles nothing instead.
+`KrylovTangent` assembles nothing instead.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,8 +27,9 @@ import scipy.sparse as sp
 from pw_elements.algebra import Reduction, free_pressure
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints
+from pw_elements.contact.iteration.law import Accuracy, ContactTangent, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
-from pw_elements.solvers import LinearSolver, SolverReport, destroy, is_matrix_free
+from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -63,7 +65,7 @@ class PointRows:
     def of(
         cls, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
     ) -> "PointRows":
-        """Rows `own` (m, dim) of a matrix, -1 for none, of E L K + C G - D, as `Tangent` has them.
+        """Rows `own` (m, dim) of a matrix, -1 for none, of E L K + C G - D, as in `Tangent`.
 
         The columns of D are the last ones.
         """
@@ -233,6 +235,22 @@ def stated_mean(values: Array, stated: npt.NDArray[np.bool_]) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), 1.0)
 
 
+@dataclass(frozen=True)
+class Solution:
+    """A solution of one linear system.
+
+    Args:
+        reduced: displacements, reduced.
+        translations: the free ones, on every process.
+        exact, final: as in `Solved`.
+    """
+
+    reduced: PETSc.Vec
+    translations: Array
+    exact: bool
+    final: bool
+
+
 class ContactSystem:
     """Equations of the reduced displacements and of the free translations of surfaces.
 
@@ -263,7 +281,6 @@ class ContactSystem:
         self.reduction, self.interface, self.free = reduction, interface, free
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
-        self._found: tuple[PETSc.Vec, PETSc.Vec, tuple[Array, float]] | None = None
         reduced = reduction.supported if is_matrix_free(solver) else reduction.matrix
         self.stiffness = reduced(K)
         (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
@@ -273,7 +290,7 @@ class ContactSystem:
             raise ValueError("the reduction moves a contact node to another process")
         force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
         self._flexible, self._spread = read_and_spread(force, interface.equation)
-        self.tangent: Tangent | KrylovTangent
+        self.tangent: ContactTangent
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
         if is_matrix_free(solver):
@@ -282,26 +299,26 @@ class ContactSystem:
             self.scale = stated_mean(stiffness / unit, stated)
             of_points = self._own, self._flexible, self.scale, free
             points = NodePoints.of(interface, self._spread, *of_points)
-            self.tangent = KrylovTangent(K, reduction.supports, points, solver)
+            self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         operators = self.stiffness, force, self._flexible, self._spread
         fixed, read = tangent_rows(*operators, interface.equation, len(free))
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
-        self.tangent = Tangent(fixed, read, moved, borders, self._own, first, self.comm, solver)
+        rows = PointRows.of(read, moved, borders, self._own)
+        border = balance_rows(borders @ read, self.comm)
+        matrix = with_points(fixed, rows, border, self.comm)
+        enclosed = partial(free_pressure, self.stiffness, reduction, self._own[stated])
+        self.tangent = Tangent(matrix, rows, first, border.shape[0], solver, enclosed)
 
     def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
-        """Has an iterative solver begin at unknowns (n,) and surfaces (pairs, dim)."""
-        if isinstance(self.tangent, KrylovTangent):
-            scale = self.reduction.right.getDiagonal().array_r
-            begin = np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
-            self.tangent.start(begin, np.array([translations[at] for at in self.free]))
+        """Begins an increment, perhaps at unknowns (n,) and surfaces (pairs, dim)."""
 
-    def insist(self) -> bool:
-        """Has all solutions of an increment exact; False if they were."""
-        inexact = not self.tangent.always_exact
-        self.tangent.always_exact = True
-        return inexact
+        def begin() -> Array:
+            scale = self.reduction.right.getDiagonal().array_r
+            return np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
+
+        self.tangent.start(begin, np.array([translations[at] for at in self.free]))
 
     @property
     def report(self) -> SolverReport:
@@ -311,24 +328,17 @@ class ContactSystem:
     def solve(
         self,
         load: PETSc.Vec,
-        E: Array,
-        C: Array,
-        D: Array,
-        constraint: Array,
+        law: LinearisedLaw,
         totals: Array,
-    ) -> tuple[PETSc.Vec, Array]:
-        """Solves E r + C G a - D U = constraint at every contact point, with equilibrium.
+        accuracy: Accuracy = "final",
+    ) -> Solution:
+        """Solves equilibrium with the law at every contact point.
 
         Args:
             load: reduced load f.
-            E: (m, dim, dim), combines a point's forces.
-            C: (m, dim, dim), combines its motion.
-            D: (m, dim, dim), combines the free translations of its surface.
-            constraint: (m, dim), prescribed translations included.
+            law: of what is free.
             totals: total forces, one per free translation.
-
-        Returns:
-            Reduced displacements, and the free translations on every process.
+            accuracy: of the solution.
 
         Raises:
             SingularSystem: if there is no unique solution.
@@ -336,24 +346,18 @@ class ContactSystem:
         self.solved += 1
         loads, right = self._read(load), self._spread_load(load)
         stated = self._own >= 0
-        right[self._own[stated]] = (np.einsum("nab,nb->na", E, loads) + constraint)[stated]
+        right[self._own[stated]] = (np.einsum("nab,nb->na", law.E, loads) + law.c)[stated]
         balance = totals + self.totals(loads)
-        solution = self.tangent.solve(right, balance, E, C, D)
+        found = self.tangent.solve(right, balance, law, accuracy)
         reduced = load.duplicate()
-        reduced.setArray(solution[: len(right)])
-        if isinstance(self.tangent, KrylovTangent):
-            self._found = reduced, load, (self.tangent.force - loads, self.tangent.unbalanced)
-        return reduced, np.array(self.comm.bcast(solution[len(right) :], self.comm.size - 1))
+        reduced.setArray(found.unknowns[: len(right)])
+        free = self.comm.bcast(found.unknowns[len(right) :], self.comm.size - 1)
+        return Solution(reduced, np.array(free), found.exact, found.final)
 
-    def forces(self, reduced: PETSc.Vec, load: PETSc.Vec) -> tuple[Array, float]:
+    def forces(self, residual: PETSc.Vec) -> tuple[Array, float]:
         """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
-        if self._found and reduced is self._found[0] and load is self._found[1]:
-            return self._found[2]
-        unbalanced = load.duplicate()
-        self.stiffness.mult(reduced, unbalanced)
-        unbalanced.axpy(-1.0, load)
-        force = self._read(unbalanced)
-        rest = np.abs(self._spread_load(unbalanced))
+        force = self._read(residual)
+        rest = np.abs(self._spread_load(residual))
         rest[self._own[self._own >= 0]] = 0.0
         return force, float(rest.max(initial=0.0))
 
@@ -361,28 +365,12 @@ class ContactSystem:
         """G a, (m, dim), of a full displacement vector (n,)."""
         return np.array((self.interface.motion * displacement).array_r.reshape(self._own.shape))
 
-    def encloses(self) -> bool:
-        """Whether a constant pressure in an incompressible body acts on contact points alone."""
-        if isinstance(self.tangent, KrylovTangent):
-            return self.tangent.encloses
-        return free_pressure(self.stiffness, self.reduction, self._own[self._own >= 0])
-
-    def release(self) -> None:
-        """Frees what an iterative solver holds, on all processes."""
-        if isinstance(self.tangent, KrylovTangent):
-            self.tangent.release()
-            destroy(self.stiffness)
-
     def totals(self, forces: Array) -> Array:
         """Sums of forces (m, dim) at the points of all processes, one per free translation."""
         pair = self.interface.pair
         sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
-
-    def forget_factors(self) -> None:
-        """Has the next matrix factorised, whatever it is."""
-        self.tangent.factorised = None
 
     def _read(self, equations: PETSc.Vec) -> Array:
         """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""
@@ -401,60 +389,47 @@ class ContactSystem:
 
 
 class Tangent:
-    """The assembled matrix of any active set, and its solver.
+    """The assembled matrix of any active set, and its factors.
 
     Args:
-        fixed: K', rows of this process, with columns for the free translations, as all below.
-        forces: L K, (m dim, unknowns).
-        motion: G, (m dim, unknowns).
-        borders: (free translations, m dim), ones where a translation moves a point.
-        own: (m, dim), local number of each point's own equations, -1 where there is none.
+        matrix: with places for the rows of the contact points.
+        points: these rows.
         first: number of this process' first equation.
-        comm: of the processes; the last of them has the free translations.
+        borders: number of equations of free translations on this process.
         solver: of the systems.
+        enclosed: what `encloses` asks.
 
     Attributes:
-        solver: that is bound to the matrix.
-        own_factors: whether the last solution is by factors of its own matrix.
-        settled, always_exact: True, as all of its solutions are.
-        factorised: combinations (m, 3, dim, dim) at the last factorisation.
+        solver, precise: as in `ContactTangent`.
     """
+
+    precise = True
 
     def __init__(
         self,
-        fixed: sp.csr_matrix,
-        forces: sp.csr_matrix,
-        motion: sp.csr_matrix,
-        borders: sp.csr_matrix,
-        own: Indices,
+        matrix: PETSc.Mat,
+        points: PointRows,
         first: int,
-        comm: MPI.Comm,
+        borders: int,
         solver: LinearSolver,
+        enclosed: Callable[[], bool],
     ) -> None:
-        self._comm = comm
-        self._points = PointRows.of(forces, motion, borders, own)
-        border = balance_rows(borders @ forces, comm)
-        self._borders = border.shape[0]
-        self.matrix = with_points(fixed, self._points, border, comm)
-        self._place = self._points.place(first)
-        self.solver = solver.prepare(self.matrix)
-        self.factorised: Array | None = None
-        self.own_factors, self.settled, self.always_exact = False, True, True
+        self._comm: MPI.Comm = matrix.comm.tompi4py()
+        self.matrix, self._points, self._borders = matrix, points, borders
+        self._place = points.place(first)
+        self.solver = solver.prepare(matrix)
+        self.encloses = enclosed
+        self._factorised: Array | None = None
 
-    def solve(self, right: Array, balance: Array, E: Array, C: Array, D: Array) -> Array:
-        """Unknowns of this process, those of free translations at the end of the last one.
+    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Factors need no place to begin at."""
 
-        Args:
-            right: of this process' equations.
-            balance: right-hand sides of the free translations.
-            E: (m, dim, dim), combines a point's forces.
-            C: (m, dim, dim), combines its motion.
-            D: (m, dim, dim), combines the free translations of its surface.
+    def release(self) -> None:
+        """Factors go with the last reference."""
 
-        Raises:
-            SingularSystem: if there is no unique solution.
-        """
-        combinations = np.stack([E, C, D], axis=1)
+    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+        """As `ContactTangent` says. More than final is by factors of the very matrix."""
+        combinations = np.stack([law.E, law.C, law.D], axis=1)
         values = sum(
             np.einsum("eab,eb->ea", combinations[self._points.point, k], part)
             for k, part in enumerate(self._points.parts)
@@ -464,18 +439,20 @@ class Tangent:
         self.matrix.assemble()
         known = self.matrix.createVecRight()
         known.setArray(np.append(right, balance[: self._borders]))
-        return np.asarray(self._solution(known, combinations).array_r)
+        if accuracy == "more":
+            self._factorised = None
+        solution = self._corrected(known, combinations)
+        if solution is not None:
+            return Solved(np.asarray(solution.array_r), exact=False, final=True)
+        solution = self.solver.solve(known)
+        self._factorised = combinations
+        return Solved(np.asarray(solution.array_r), exact=True, final=True)
 
-    def _solution(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec:
+    def _corrected(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec | None:
         """A few rows that differ from the last factorisation's are cheaper to correct."""
-        if self.factorised is not None:  # no process differs in this
-            size = np.abs(self.factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
-            change = np.abs(combinations - self.factorised) > _SAME * size
-            rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
-            solution = self.solver.solve_changed(right, rows)
-            if solution is not None:
-                self.own_factors = False
-                return solution
-        solution = self.solver.solve(right)
-        self.factorised, self.own_factors = combinations, True
-        return solution
+        if self._factorised is None:  # no process differs in this
+            return None
+        size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
+        change = np.abs(combinations - self._factorised) > _SAME * size
+        rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
+        return self.solver.solve_changed(right, rows)

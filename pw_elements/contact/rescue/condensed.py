@@ -52,6 +52,7 @@ from pw_elements.contact.iteration import (
     Increment,
     Iterate,
     Kinematics,
+    LinearisedLaw,
     Policy,
     equations,
     newton,
@@ -141,11 +142,12 @@ class Condensation:
         system, dim = self._system, moved.shape[1]
         none = np.zeros((len(moved), dim, dim))
         held = system.scale[:, None, None] * np.eye(dim)
-        constraint = system.scale[:, None] * moved
-        return system.solve(load, none, held, none, constraint, np.zeros(0))[0]
+        law = LinearisedLaw(none, held, none, system.scale[:, None] * moved)
+        return system.solve(load, law, np.zeros(0)).reduced
 
     def _forces(self, load: PETSc.Vec, moved: Array) -> Array:
-        force, _ = self._system.forces(self.displaced(load, moved), load)
+        residual = self._system.stiffness * self.displaced(load, moved) - load
+        force, _ = self._system.forces(residual)
         return gathered(self._interface, force)
 
 
@@ -216,7 +218,9 @@ class CondensedIncrement:
 
         slope = np.zeros((points * dim, moved.slope.shape[-1]))
         slope[np.ix_(self._places, np.arange(self.unknowns))] = condensation.stiffness
-        rest = np.where(self._stated, condensation.at_rest(increment.load, increment.supported), 0)
+        rest = np.where(
+            self._stated, condensation.at_rest(increment.equilibrium.load, increment.supported), 0
+        )
         self._nodal = Affine(slope.reshape(points, dim, -1), rest)
         self.force = _sum(_through(self.frame, self._nodal), _through(turning, since))
         normal = self.frame[:, None, 0]
@@ -574,7 +578,9 @@ def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> It
     Newton's method may leave it for ever by round-off of curved surfaces.
     """
     translations, moved, force = problem.split(z)
-    reduced = problem.condensation.displaced(increment.load, moved - increment.supported)
+    reduced = problem.condensation.displaced(
+        increment.equilibrium.load, moved - increment.supported
+    )
     there = increment.kinematics(translations, moved, force)
     now = increment.seen(reduced, translations, there)
     violation = increment.violation(now)

@@ -246,7 +246,7 @@ def no_equilibrium(
         rigid: motions of the body's pieces and of free surfaces.
     """
     basis, works = rigid.virtual()
-    work, size = rigid.power(increment.load, increment.totals)
+    work, size = rigid.power(increment.equilibrium.load, increment.totals)
     points = gathered(increment, place, works)
     error: NoEquilibrium | None = None
     comm = increment.system.comm
@@ -331,7 +331,7 @@ def refusal(
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
         enclosed = ""
-        if increment.system.encloses():
+        if increment.system.tangent.encloses():
             enclosed = f" {_ENCLOSED}."
         failure = NotFound(
             f"{failure}. {doubt}.{enclosed}{near} Smaller increments, pressing before pushing, or "

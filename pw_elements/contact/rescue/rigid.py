@@ -16,7 +16,7 @@ from dolfinx import fem
 
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
-from pw_elements.contact.iteration import ActiveSet, ContactSystem, equations
+from pw_elements.contact.iteration import ContactSystem, LeftFree, null_space, triangle
 from pw_elements.contact.model import Free
 from pw_elements.solvers import collect_garbage, connected_pieces
 
@@ -27,12 +27,9 @@ _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
 NOTHING = 1e-6
 
-# Stiffness of a motion, over what it would be for an arbitrary one: as good as none below, and
-# no more than round-off where something is to be proved by it
-_FREE_STIFFNESS = 1e-8
+# Stiffness of a motion, over what it would be for an arbitrary one, that is no more than round-off:
+# something is to be proved by it
 _ZERO_STIFFNESS = 1e-11
-# Rows that are factorised at once, to save memory
-_ROWS_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
@@ -243,35 +240,20 @@ class RigidMotions:
 
     Attributes:
         modes: all of them, supported or not.
+        left_free: what an active set leaves of them.
     """
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
         self.modes = RigidModes(space, system.free, system.interface.pairs)
         motion, self._column = system.interface.motion, free_columns(system.reduction.right)
-        self._relative = self._at_points(motion * mode for mode in self._full())
-        self._held = self._hold_of_supports(transposed=False)
+        relative = self._at_points(motion * mode for mode in self._full())
+        held = self._hold_of_supports(transposed=False)
+        self.left_free = LeftFree(relative, held, system.comm, self._names)
         collect_garbage(motion, system.stiffness)
 
-    def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
-        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
-        B = equations(active, np.ones(len(active.status)))[1]
-        return self.free(np.einsum("nab,nbj->naj", B, frame))
-
-    def free(self, constraints: Array) -> list[str]:
-        """Names of the motions against which neither stiffness nor constraints act.
-
-        Args:
-            constraints: (m, dim, dim), rows that act on the motion of each contact point
-                relative to its surface, of unit size.
-        """
-        m, dim, motions = self._relative.shape
-        rows = np.einsum("nab,nbm->nam", constraints, self._relative).reshape(m * dim, motions)
-        held = np.pad(self._held, ((0, 0), (0, motions - self._held.shape[1])))
-        free = _null_space(np.vstack([held, _triangle(rows, self._system.comm)]), _FREE_STIFFNESS)
-        if not len(free):
-            return []
-        return self.modes.names(self.modes.simplest(free).motions)
+    def _names(self, motions: Array) -> list[str]:
+        return self.modes.names(self.modes.simplest(motions).motions)
 
     def virtual(self) -> tuple[Basis, Array]:
         """Motions in which no forces but loads and contact's do work, whatever the strains.
@@ -285,7 +267,7 @@ class RigidMotions:
         basis = []
         for k in range(pieces):
             mine = self.modes.of_piece(k)
-            free = _null_space(held[:, mine], _ZERO_STIFFNESS)
+            free = null_space(held[:, mine], _ZERO_STIFFNESS)
             basis.append(np.zeros((len(free), motions)))
             basis[-1][:, mine] = free
         surfaces = np.eye(motions)[held.shape[1] :]
@@ -348,7 +330,7 @@ class RigidMotions:
         return relative
 
     def _hold_of_supports(self, transposed: bool) -> Array:
-        """Displacements of pieces' modes at supports and the forces they cause, by `_triangle`.
+        """Displacements of pieces' modes at supports and the forces they cause, by `triangle`.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of
@@ -366,24 +348,4 @@ class RigidMotions:
             forces[:, k] = image.array_r / largest
         held, field = self._column == -1, system.interface.field
         prescribed = [field.spread(mode)[held] for mode in self.modes.displacements()]
-        return _triangle(np.stack(prescribed, axis=1), system.comm, forces)
-
-
-def _null_space(rows: Array, tolerance: float) -> Array:
-    """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
-    n = rows.shape[1]
-    _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
-    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
-
-
-def _triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
-    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes, and of more of them.
-
-    A Gram matrix would square what is small, and lose it.
-    """
-    own: Array = np.zeros((0, rows.shape[1]))
-    for each in (rows, *more):
-        for first in range(0, len(each), _ROWS_AT_ONCE):
-            part = np.vstack([own, each[first : first + _ROWS_AT_ONCE]])
-            own = np.asarray(np.linalg.qr(part, mode="r"))
-    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
+        return triangle(np.stack(prescribed, axis=1), system.comm, forces)

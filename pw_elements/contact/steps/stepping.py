@@ -41,6 +41,7 @@ from pw_elements.contact.iteration import (
     Increment,
     Iterate,
     Kinematics,
+    LinearEquilibrium,
     Policy,
     Reference,
     contact_state,
@@ -268,11 +269,19 @@ class Reporter:
         violation: of the last solution, as in `Progress`.
     """
 
-    def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
-        self._comm, self._increment, self._callback = comm, increment, callback
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        increment: int,
+        callback: Callback | None,
+        more: Callable[[str], None] | None,
+    ) -> None:
+        self._comm, self._increment, self._callback, self._more = comm, increment, callback, more
         logged = comm.rank == 0 and log.isEnabledFor(logging.DEBUG)
         self.violation = 0.0
-        self.wanted: bool = comm.allreduce(callback is not None or logged, MPI.LOR)
+        self.wanted: bool = comm.allreduce(bool(callback or logged or more), MPI.LOR)
+        if more:
+            more("iteration 1")
 
     def iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
         """Tells of an iteration."""
@@ -282,6 +291,8 @@ class Reporter:
             logging.DEBUG, f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
         )
         self._call(now)
+        if self._more:
+            self._more(f"iteration {iteration + 1}")
 
     def ended(self, state: ContactState, seconds: float) -> None:
         """Tells of the end of the increment, which took some seconds."""
@@ -364,8 +375,9 @@ class Stepping:
         """The state at the end of one increment, as `ContactProblem.step` gives it."""
         begun = perf_counter()
         end = Target.of(load, moved, self.interface)
-        reporter = Reporter(self.interface.comm, state.increment, self._callback)
-        with doing(self.interface.comm, f"contact increment {state.increment}"):
+        comm, what = self.interface.comm, f"contact increment {state.increment}"
+        with doing(comm, what) as more:
+            reporter = Reporter(comm, state.increment, self._callback, more)
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
@@ -422,9 +434,8 @@ class Stepping:
         interface, prescribed = self.interface, target.translations
         system, rigid = self._bound(target.free)
         past = Reference.of(state, interface)
-        increment = Increment(
-            system, self._K, target.load, prescribed, target.totals, past, target.stated
-        )
+        equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
+        increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
         policy = partial(Policy.of, rigid.left_free, interface)
         translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
         system.start(lambda: first_unknowns(state, guess, self._whole), translations)
@@ -458,7 +469,7 @@ class Stepping:
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         if self._system is not None:
-            self._system[0].release()
+            self._system[0].tangent.release()
             self._system = None
 
     def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
