@@ -294,7 +294,7 @@ def _check(
     symmetrised: bool,
     solver: Solver,
 ) -> None:
-    check_problem({_STIFFNESS: K, **dict([other])}, reduction=reduction, solver=solver)
+    check_problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
     with collective(processes(reduction)):
         whole("count", count, 1)
         flag("symmetrised", symmetrised)
@@ -462,7 +462,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
             that is not symmetric, or a mass that is not diagonal and positive.
         NoModes: if the highest frequency is not found.
     """
-    check_problem({"the stiffness": K, "the mass": M}, reduction=reduction)
+    check_problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
     refuse_unsymmetric(K)
     inverse = diagonal_mass(M)
     inverse.reciprocal()

@@ -62,7 +62,7 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
         TypeError, ValueError: for arguments that do not fit together or are not finite, or
             a solver that does not serve the reduction.
     """
-    check_problem({"the stiffness": K}, None, {"the load": f}, reduction, solver=solver)
+    check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
     taken = chosen(solver, reduction.supports)
     return by_chosen(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
 

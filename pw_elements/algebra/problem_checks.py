@@ -5,7 +5,7 @@ form (see `Assembled`), so that what comes from different meshes or weight funct
 apart; those that were made by hand know none and are judged by their sizes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -22,7 +22,7 @@ def check_problem(
     matrices: Mapping[str, PETSc.Mat],
     vectors: Mapping[str, PETSc.Vec] | None = None,
     loads: Mapping[str, PETSc.Vec] | None = None,
-    reduction: Any = None,  # noqa: ANN401
+    reductions: Sequence[Any] = (),
     space: fem.FunctionSpace | None = None,
     solver: object = None,
 ) -> None:
@@ -32,7 +32,7 @@ def check_problem(
         matrices: by their names in messages; the first one is the stiffness.
         vectors: by their names.
         loads: vectors which have to be made with the weight functions of the first matrix.
-        reduction: supports, a `Reduction`; None where there is none.
+        reductions: supports, one `Reduction` or none.
         space: trial space; None where it is not given.
         solver: of linear systems; None for the default.
 
@@ -45,21 +45,22 @@ def check_problem(
     loads = loads or {}
     every = {**(vectors or {}), **loads}
     stiffness, K = next(iter(matrices.items()))
-    with collective(arguments.processes(*every.values(), *matrices.values(), reduction, space)):
+    with collective(arguments.processes(*every.values(), *matrices.values(), *reductions, space)):
         for name, matrix in matrices.items():
             arguments.matrix(name, matrix)
         for name, vector in every.items():
             arguments.petsc_vector(name, vector)
         if space is not None:
             arguments.space(space)
-        if reduction is not None:
+        for reduction in reductions:
             check_reduction(reduction)
         check_solver(solver)
         things = {**matrices, **every}
-        if reduction is not None:
-            things["the reduction"] = reduction.offset
+        spaces = {"the space": space}
+        for reduction in reductions:
+            things["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
         _check_sizes(things, space)
-        _check_meshes(things, space, None if reduction is None else reduction.space)
+        _check_meshes(things, spaces)
         for name, load in loads.items():
             check_load(name, load, stiffness, K)
     for name, matrix in matrices.items():
@@ -69,8 +70,9 @@ def check_problem(
     for name, vector in every.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
-    if reduction is not None and not is_finite(reduction.offset):
-        raise ValueError("a prescribed value is not finite")
+    for reduction in reductions:
+        if not is_finite(reduction.offset):
+            raise ValueError("a prescribed value is not finite")
 
 
 def _check_sizes(
@@ -91,15 +93,11 @@ def _check_sizes(
 
 
 def _check_meshes(
-    things: Mapping[str, PETSc.Mat | PETSc.Vec],
-    space: fem.FunctionSpace | None,
-    reduced: fem.FunctionSpace | None,
+    things: Mapping[str, PETSc.Mat | PETSc.Vec], spaces: Mapping[str, fem.FunctionSpace | None]
 ) -> None:
     """Raises ValueError if the meshes of two things are known and differ."""
     known: dict[str, object] = {name: Assembled.of(thing).mesh for name, thing in things.items()}
-    for name, of in (("the space", space), ("the reduction", reduced)):
-        if of is not None:
-            known[name] = of.mesh._cpp_object
+    known |= {name: space.mesh._cpp_object for name, space in spaces.items() if space is not None}
     known = {name: mesh for name, mesh in known.items() if mesh is not None}
     for name, mesh in known.items():
         first = next(iter(known))

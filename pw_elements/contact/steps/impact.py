@@ -312,7 +312,7 @@ def solve_impact(
     if displacement is not None:
         start["the displacement"] = displacement
     constant = {} if load is None or callable(load) else {"the load": load}
-    check_problem({"the stiffness": K, "the mass": M}, start, constant, reduction, space)
+    check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
     comm = space.mesh.comm
     with collective(comm):
         positive("duration", duration)

@@ -61,7 +61,7 @@ def checked_problem(
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
         stated = _each(pairs, ContactPair, "a contact pair")
-    check_problem({_STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
+    check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
         surface = pair.surface
