@@ -9,7 +9,7 @@ from dolfinx import fem
 
 from pw_elements import PetrovGalerkinProblem, draw, prescribe, test_space
 from pw_elements.meshes import triangles
-from pw_elements.recovery import forces_along
+from pw_elements import forces_along
 
 cells = 12  # over the height
 mu, lame, depth = 1.0, 4.0, 0.35  # MPa, and of the height, which is 1

@@ -17,60 +17,59 @@ if find_spec("dolfinx") is None:
         "fenics-dolfinx or the container dolfinx/dolfinx, or start through ./run, which fetches it"
     )
 
-from pw_elements._compat import renamed
-from pw_elements.algebra import SingularSystem, reactions, solve, symmetric_part
-from pw_elements.assembly import assemble_matrix, assemble_scalar, assemble_vector
-from pw_elements.eigen import BucklingModes, NoModes, VibrationModes, buckling, vibration_modes
-from pw_elements.elements import (
-    composite_element,
-    macro_element,
-    one_cut_element,
-    quadratic_element,
-    serendipity_element,
+from pw_elements.algebra import (
+    NoModes,
+    PetrovGalerkinProblem,
+    Reduction,
+    buckling,
+    critical_step,
+    reactions,
+    solve,
+    vibration_modes,
 )
-from pw_elements.fluxes import NodalFlux, nodal_flux
-from pw_elements.iterative import Iterative
-from pw_elements.linear_solver import Direct, LinearSolver, SolverNotConverged, SolverReport
-from pw_elements.mechanics import (
+from pw_elements.elasticity import (
     Body,
     Material,
-    StressState,
+    Sibling,
+    SurfaceNodes,
     boundary_measure,
+    force_transfer,
+    forces_along,
     lumped_mass,
-    nodal_load,
+    nodal_flux,
     prescribe,
 )
-from pw_elements.mesh_checks import DegenerateMesh
 from pw_elements.pictures import draw
-from pw_elements.problems import PetrovGalerkinProblem
-from pw_elements.quadrature import cell_measure
-from pw_elements.reduction import Reduction
-from pw_elements.sibling import Sibling
-from pw_elements.snes import NotConverged
-from pw_elements.spaces import NumberingError, Spaces, as_function, split, test_space
-from pw_elements.stability import critical_step
+from pw_elements.solvers import (
+    Direct,
+    Iterative,
+    NotConverged,
+    SingularSystem,
+)
+from pw_elements.spaces import (
+    Spaces,
+    as_function,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    cell_measure,
+    split,
+    test_space,
+)
 
 __all__ = [
     "Body",
-    "BucklingModes",
-    "DegenerateMesh",
     "Direct",
     "Iterative",
-    "LinearSolver",
     "Material",
     "NoModes",
-    "NodalFlux",
     "NotConverged",
-    "NumberingError",
     "PetrovGalerkinProblem",
     "Reduction",
     "Sibling",
     "SingularSystem",
-    "SolverNotConverged",
-    "SolverReport",
     "Spaces",
-    "StressState",
-    "VibrationModes",
+    "SurfaceNodes",
     "as_function",
     "assemble_matrix",
     "assemble_scalar",
@@ -78,30 +77,16 @@ __all__ = [
     "boundary_measure",
     "buckling",
     "cell_measure",
-    "composite_element",
     "critical_step",
     "draw",
+    "force_transfer",
+    "forces_along",
     "lumped_mass",
-    "macro_element",
     "nodal_flux",
-    "nodal_load",
-    "one_cut_element",
     "prescribe",
-    "quadratic_element",
     "reactions",
-    "serendipity_element",
     "solve",
     "split",
-    "symmetric_part",
     "test_space",
     "vibration_modes",
 ]
-
-__getattr__ = renamed(
-    __name__,
-    {
-        "State": ("StressState", StressState),
-        "frequencies": ("vibration_modes", vibration_modes),
-        "support": ("prescribe", prescribe),
-    },
-)

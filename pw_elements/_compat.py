@@ -1,7 +1,4 @@
-"""What DOLFINx 0.9 and its successors name differently, and what this library once did."""
-
-import warnings
-from collections.abc import Callable, Mapping
+"""What DOLFINx 0.9 and its successors name differently."""
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +10,7 @@ try:
 except ImportError:  # before DOLFINx 0.10
     from dolfinx.io.gmshio import model_to_mesh
 
-__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh", "renamed"]
+__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh"]
 
 
 def cell_nodes(mesh: Mesh) -> npt.NDArray[np.int32]:
@@ -26,21 +23,3 @@ def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
     """Points (n, dim) of the reference cell at which functions of the space are interpolated."""
     points = space.element.interpolation_points
     return points() if callable(points) else points
-
-
-def renamed(module: str, names: Mapping[str, tuple[str, object]]) -> Callable[[str], object]:
-    """A module's `__getattr__` that hands out renamed things by their old names, with a warning.
-
-    Args:
-        module: its name.
-        names: old name to new name and thing.
-    """
-
-    def __getattr__(name: str) -> object:
-        if name not in names:
-            raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        new, thing = names[name]
-        warnings.warn(f"{module}.{name} is now called {new}", DeprecationWarning, stacklevel=2)
-        return thing
-
-    return __getattr__

@@ -20,9 +20,9 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from pw_elements import arguments
-from pw_elements.collective import agree, answer, collective
-from pw_elements.values import field, vector
+from pw_elements.checks import agree, answer, arguments, collective, field, vector
+
+__all__ = ["curved", "from_gmsh", "mapped", "on_lines", "quadrilaterals", "triangles"]
 
 Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
@@ -37,7 +37,7 @@ def triangles(
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle of triangles.
+    """Meshes a rectangle with triangles.
 
     Args:
         comm: communicator.
@@ -60,7 +60,7 @@ def quadrilaterals(
     upper: tuple[float, float],
     divisions: tuple[int, int],
 ) -> Mesh:
-    """Rectangle of quadrilaterals.
+    """Meshes a rectangle with quadrilaterals.
 
     Args:
         comm: communicator.
@@ -83,7 +83,7 @@ def on_lines(
     cell: str,
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle whose mesh lines are given.
+    """Meshes a rectangle along given lines.
 
     Args:
         comm: communicator.

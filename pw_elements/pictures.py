@@ -21,12 +21,10 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
-from pw_elements import arguments
 from pw_elements._compat import interpolation_points
-from pw_elements.collective import agree, collective
-from pw_elements.parts import exterior_facets
-from pw_elements.recovery import facets_in_cells
-from pw_elements.values import number, vector
+from pw_elements.checks import agree, arguments, collective, number, vector
+from pw_elements.elasticity import facets_in_cells
+from pw_elements.spaces import exterior_facets
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +49,8 @@ _GREY = (0.78, 0.82, 0.86)
 # Of the unit normal's component towards the eye; below it nothing is seen of a face
 _EDGE_ON = 1e-9
 # From where light comes, to the right of the eye and above it; what is in the shade of it
-_LIGHT, _SHADE = np.array([0.35, 0.5, 0.79]), 0.55
+_LIGHT = np.array([0.35, 0.5, 0.79])
+_SHADE = 0.55
 
 
 class _Faces(NamedTuple):

@@ -15,7 +15,7 @@ is wiped out when it is done. For silence say so:
 import logging
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
@@ -32,18 +32,27 @@ _since = 0.0
 
 
 @contextmanager
-def doing(comm: MPI.Comm, what: str) -> Iterator[None]:
-    """Says on a terminal what is being done in a block, below what is said around it."""
+def doing(comm: MPI.Comm, what: str) -> Iterator[Callable[[str], None] | None]:
+    """Says on a terminal what is being done in a block, below what is said around it.
+
+    What it yields adds words, in place of those that it added before; None where nothing is said.
+    """
     global _since
     if comm.rank > 0 or not sys.stderr.isatty() or _settled():
-        yield
+        yield None
         return
     if not _doing:
         _since = perf_counter()
+    depth = len(_doing)
     _doing.append(what)
     _show()
+
+    def more(words: str) -> None:
+        _doing[depth] = f"{what}, {words}"
+        _show()
+
     try:
-        yield
+        yield more
     finally:
         _doing.pop()
         _show()

@@ -7,10 +7,10 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import reactions
-from pw_elements.contact import OPEN, STICK, ContactState
-from pw_elements.mechanics import Marker
-from pw_elements.recovery import force_transfer, forces_along
+from pw_elements import force_transfer, forces_along, reactions
+from pw_elements.contact import OPEN, STICK
+from pw_elements.contact.model import ContactState
+from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import Discretisation, mesh_curves
 from study.reading import contact_surface

@@ -12,9 +12,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import Body
-from pw_elements.parts import Part
-from pw_elements.recovery import SurfaceNodes
+from pw_elements import Body, SurfaceNodes
+from pw_elements.spaces import Part
 
 Array = npt.NDArray[np.float64]
 

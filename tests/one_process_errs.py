@@ -19,13 +19,14 @@ from dolfinx import fem
 from pw_elements import (
     PetrovGalerkinProblem,
     Reduction,
+    SurfaceNodes,
     boundary_measure,
+    forces_along,
     lumped_mass,
-    nodal_load,
     prescribe,
     solve,
-    symmetric_part,
 )
+from pw_elements.algebra import symmetric_part
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -34,8 +35,8 @@ from pw_elements.contact import (
     solve_contact,
     solve_impact,
 )
+from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, triangles
-from pw_elements.recovery import SurfaceNodes, forces_along
 from tests.contact_cases import Block, at
 
 COMM = MPI.COMM_WORLD
@@ -74,8 +75,8 @@ def singular(*_):
 def dragged_off(proved=lambda *_: None, search=singular):
     """What process 0 does by itself where the iteration has failed."""
     with (
-        patch("pw_elements.contact.refusals._proved", proved),
-        patch("pw_elements.contact.remedies._search", search),
+        patch("pw_elements.contact.rescue.refusals._proved", proved),
+        patch("pw_elements.contact.rescue.condensed._search", search),
     ):
         return contact(loads=BLOCK.pulled(1e3, 1))
 

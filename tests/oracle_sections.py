@@ -16,8 +16,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pw_elements import StressState, mechanics
 from pw_elements.contact import FlatPunch, Parabola
+from pw_elements.elasticity import StressState, body
 from study.verification import (
     indentation,
     v1_contact_patch,
@@ -57,7 +57,7 @@ RULES = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 
 
 def converged(element):
     """The library's rule for integrands that are no polynomials, of a higher degree."""
-    return patch.object(mechanics, "_RATIONAL_DEGREE", rule(element)[0])
+    return patch.object(body, "_RATIONAL_DEGREE", rule(element)[0])
 
 
 def points(element):

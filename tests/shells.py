@@ -20,8 +20,8 @@ from pw_elements import (
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
-from pw_elements.mechanics import exterior_facets
 from pw_elements.meshes import curved
+from pw_elements.spaces import exterior_facets
 from study.verification.c_mesh_families import meshed
 from tests.contact_cases import at
 from tests.two_bodies import joined

@@ -13,20 +13,20 @@ from pw_elements import (
     Direct,
     Iterative,
     Material,
+    NotConverged,
     Reduction,
-    SolverNotConverged,
     Spaces,
     as_function,
     assemble_matrix,
     assemble_vector,
     buckling,
-    choice,
-    memory,
     prescribe,
     solve,
     vibration_modes,
 )
-from pw_elements.contact import NoEquilibrium, anchors, solve_contact
+from pw_elements.contact import NoEquilibrium, solve_contact
+from pw_elements.contact.iteration import krylov
+from pw_elements.solvers import iterative
 from tests.contact_cases import at
 from tests.contact_iterative import Solid, nearly_sliding
 from tests.test_iterative import box, case, difference
@@ -37,24 +37,24 @@ GAVE_UP = "auto: Iterative gave up, Direct goes on; factors take some"
 @pytest.fixture
 def small(monkeypatch):
     """Bodies of any size are large."""
-    monkeypatch.setattr(choice, "_MANY", 1)
-    monkeypatch.setattr(choice, "_MANY_FOR_MODES", 1)
-    monkeypatch.setattr(anchors, "_ENOUGH", 0)  # GMRES then fails where no node sticks
+    monkeypatch.setattr(iterative, "_MANY", 1)
+    monkeypatch.setattr(iterative, "_MANY_FOR_MODES", 1)
+    monkeypatch.setattr(krylov, "_ENOUGH", 0)  # GMRES then fails where no node sticks
 
 
 @pytest.fixture
 def impatient(monkeypatch):
     """And iterations are few."""
-    monkeypatch.setattr(choice, "_MANY", 1)
-    monkeypatch.setattr(choice, "_MANY_FOR_MODES", 1)
-    monkeypatch.setattr(choice, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
+    monkeypatch.setattr(iterative, "_MANY", 1)
+    monkeypatch.setattr(iterative, "_MANY_FOR_MODES", 1)
+    monkeypatch.setattr(iterative, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
 
 
 @pytest.mark.usefixtures("small")
 def test_contact_goes_on_with_factors(caplog):
     arguments = nearly_sliding(Solid(n=2))
     known = solve_contact(*arguments, solver=Direct())
-    with pytest.raises(SolverNotConverged, match=r"use Direct\(\)") as failed:
+    with pytest.raises(NotConverged, match=r"use Direct\(\)") as failed:
         solve_contact(*arguments, solver=Iterative())
     assert "auto" not in str(failed.value)
     told = []
@@ -75,8 +75,8 @@ def test_contact_goes_on_with_factors(caplog):
 @pytest.mark.usefixtures("small")
 def test_without_memory_for_factors_the_error_stays(monkeypatch):
     arguments = nearly_sliding(Solid(n=2))
-    monkeypatch.setattr(memory, "free", lambda _: 1e6)
-    with pytest.raises(SolverNotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
+    monkeypatch.setattr(iterative, "free_memory", lambda _: 1e6)
+    with pytest.raises(NotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
         solve_contact(*arguments)
 
 
@@ -134,7 +134,9 @@ def test_buckling_by_factors():
 
 def test_memory():
     """MUMPS took 6.2 GB for 212 355 unknowns; no more is left than the machine has."""
-    assert memory.of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
+    assert iterative.memory_of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
     assert (
-        0 < memory.free(MPI.COMM_WORLD) < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        0
+        < iterative.free_memory(MPI.COMM_WORLD)
+        < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     )

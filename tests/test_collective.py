@@ -13,7 +13,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements.collective import _digest, answer, collective
+from pw_elements.checks import answer, collective
+from pw_elements.checks.guard import _digest
 from pw_elements.contact import Motion, Parabola, Plane, Sphere
 
 PROJECT = Path(__file__).parents[1]

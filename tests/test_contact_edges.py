@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from pw_elements import Reduction, prescribe
-from pw_elements.contact import ContactProblem
-from pw_elements.contact.edges import Edges
-from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact
+from pw_elements.contact import OPEN, SLIP, STICK, ContactProblem
+from pw_elements.contact.iteration import ActiveSet, Contact
+from pw_elements.contact.iteration.policy import Edges
+from pw_elements.contact.model import Cone, Coulomb
 from tests.contact_cases import at
 from tests.two_bodies import Stack
 
@@ -22,10 +23,17 @@ def receded(x, closed, pressure, shear=None, friction=0.0, stuck=True):
         force[:, 1] = np.where(closed, shear, 0.0)
     frame = np.tile(np.eye(dim), (n, 1, 1))
     gap = np.where(closed, 0.0, 1.0)  # open points stay so
-    known = Contact(frame, gap, np.zeros((n, dim - 1)), force, np.full(n, friction), np.ones(n))
+    known = Contact(
+        frame,
+        gap,
+        np.zeros((n, dim - 1)),
+        force,
+        Cone([Coulomb(0.0)], [np.full(n, friction)]),
+        np.ones(n),
+    )
     held = np.where((friction > 0) & stuck, STICK, SLIP)
     status = np.where(closed, held, OPEN).astype(np.int8)
-    old = ActiveSet(status, np.zeros((n, dim - 1)), np.zeros(n))
+    old = ActiveSet(status, np.zeros((n, dim - 1)), *np.zeros((3, n)))
     edges = Edges(x, np.zeros(n, dtype=np.int32), [0], MPI.COMM_SELF)
     law = known.active_set(old)
     return law, edges.deeper(law, old, known)

@@ -8,14 +8,13 @@ from pw_elements.contact import (
     STICK,
     ContactProblem,
     FreeBody,
-    MatchingNodes,
     NotFound,
     Plane,
     solve_contact,
 )
-from pw_elements.contact.anchors import _apart
-from pw_elements.contact.system import ContactSystem
-from pw_elements.contact.unassembled import NodePoints
+from pw_elements.contact.iteration import ContactSystem, LinearisedLaw
+from pw_elements.contact.iteration.krylov import NodePoints, _apart
+from pw_elements.contact.model import MatchingNodes
 from tests.contact_iterative import CASES, STACKED, Solid, held_by_contact, nearly_sliding
 from tests.two_bodies import Stack
 
@@ -81,7 +80,8 @@ def test_the_shell_is_the_assembled_tangent(bodies):
     E, C, D = rng.normal(size=(3, m, dim, dim))
     load = assembled.reduction.load(K, K.createVecLeft())
     tangent = assembled.tangent
-    tangent.solve(load.array_r, np.zeros(2), E, C, D)
+    law = LinearisedLaw(E, C, D, np.zeros((m, dim)))
+    tangent.solve(load.array_r, np.zeros(2), law, "final")
     kept = supports.supports.free
     given = rng.normal(size=int(kept.sum()) + 2)
     x, y = tangent.matrix.createVecs()
@@ -89,7 +89,7 @@ def test_the_shell_is_the_assembled_tangent(bodies):
     tangent.matrix.mult(x, y)
 
     operator = krylov.tangent._operator
-    krylov.tangent._context.state(E, C, D)
+    krylov.tangent._context.state(law)
     full, image = operator.createVecs()
     whole = np.append(kept, [True, True])
     values = np.zeros(len(whole))

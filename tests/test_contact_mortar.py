@@ -28,7 +28,6 @@ from pw_elements.contact import (
     ContactProblem,
     DeformableSurface,
     FreeBody,
-    MatchingNodes,
     Motion,
     NoEquilibrium,
     Plane,
@@ -36,10 +35,10 @@ from pw_elements.contact import (
     solve_contact,
     write,
 )
-from pw_elements.contact.segments import segments
-from pw_elements.contact.trace import gathered_trace
-from pw_elements.hybrid import SubSpace
-from pw_elements.mechanics import exterior_facets
+from pw_elements.contact.interface import gathered_trace
+from pw_elements.contact.interface.geometry import segments
+from pw_elements.contact.model import MatchingNodes
+from pw_elements.spaces import SubSpace, exterior_facets
 from tests.contact_cases import at
 from tests.two_bodies import Stack, joined
 

@@ -7,9 +7,11 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements.contact import NotFound
-from pw_elements.contact.globalisation import Cycles, LastHold, Policy, counted, mixed, same
-from pw_elements.contact.law import OPEN, SLIP, STICK, ActiveSet, Contact, sticking, turned
+from pw_elements.contact import OPEN, SLIP, STICK, NotFound
+from pw_elements.contact.iteration import ActiveSet, Contact, Policy
+from pw_elements.contact.iteration.law import mixed, sticking, turned
+from pw_elements.contact.iteration.policy import Cycles, LastHold, counted, same
+from pw_elements.contact.model import Cone, Coulomb
 
 SELF = MPI.COMM_SELF
 N = 4
@@ -21,7 +23,7 @@ def active(*status, direction=0.0):
     return ActiveSet(
         np.array(status, dtype=np.int8),
         np.where(slipping, direction, 0.0)[:, None] * np.ones((n, 1)),
-        np.zeros(n),
+        *np.zeros((3, n)),
     )
 
 
@@ -32,7 +34,9 @@ def contact(force, gap=None, slip=None, friction=0.3):
     frame = np.tile(np.array([[0.0, 1.0], [1.0, 0.0]]), (n, 1, 1))
     gap = np.zeros(n) if gap is None else np.asarray(gap, dtype=float)
     slip = np.zeros(n) if slip is None else np.asarray(slip, dtype=float)
-    return Contact(frame, gap, slip[:, None], force, np.full(n, friction), np.ones(n))
+    return Contact(
+        frame, gap, slip[:, None], force, Cone([Coulomb(0.0)], [np.full(n, friction)]), np.ones(n)
+    )
 
 
 PULLED = contact([[-1.0, 0.0], [-2.0, 0.0], [-3.0, 0.0], [-4.0, 0.0]])
@@ -85,10 +89,10 @@ def test_the_slowest_of_those_that_slip_the_other_way_sticks_next():
     sliding = ActiveSet(
         np.array([SLIP, SLIP, SLIP, STICK], dtype=np.int8),
         np.array([[1.0], [1.0], [-1.0], [0.0]]),
-        np.zeros(N),
+        *np.zeros((3, N)),
     )
     gone = ActiveSet(
-        np.full(N, SLIP, dtype=np.int8), np.array([[1.0], [1.0], [-1.0], [-1.0]]), np.zeros(N)
+        np.full(N, SLIP, dtype=np.int8), np.array([[1.0], [1.0], [-1.0], [-1.0]]), *np.zeros((3, N))
     )
     # forces of the surface: against slip, and on the last point more than friction can give
     state = contact(
@@ -134,7 +138,7 @@ def test_nothing_is_asked_where_nothing_lets_go():
     policy = hold(lambda _: 1 / 0)
     closing = active(STICK, SLIP, STICK, STICK, direction=1.0)
     assert policy.kept(closing, active(OPEN, OPEN, SLIP, STICK, direction=1.0), PULLED) is closing
-    in_space = ActiveSet(closing.status, np.repeat(closing.direction, 2, axis=1), closing.turning)
+    in_space = replace(closing, direction=np.repeat(closing.direction, 2, axis=1))
     frame = np.tile(np.eye(3), (N, 1, 1))
     with pytest.raises(ZeroDivisionError):  # where slip turns, what it leaves free turns, too
         LastHold(lambda *_: 1 / 0, np.zeros(N, dtype=np.int32), 1, SELF).kept(
@@ -172,7 +176,9 @@ def test_active_sets_in_words_and_frames():
     assert mixed(
         np.array([True, False, False, True]), active(*[OPEN] * N), mixture
     ).status.tolist() == [OPEN, STICK, SLIP, OPEN]
-    rough = sticking(np.array([True, True, False]), np.array([0.3, 0.0, 0.3]), 1)
+    rough = sticking(
+        np.array([True, True, False]), Cone([Coulomb(0.0)], [np.array([0.3, 0.0, 0.3])]), 1
+    )
     assert rough.status.tolist() == [STICK, SLIP, OPEN]
     there = np.array([[[0.0, 1.0], [1.0, 0.0]]])
     back = np.array([[[0.0, 1.0], [-1.0, 0.0]]])

@@ -29,7 +29,7 @@ from pw_elements.contact import (
     DeformableSurface,
     solve_contact,
 )
-from pw_elements.mechanics import exterior_facets
+from pw_elements.spaces import exterior_facets
 from study.verification.c_mesh_families import meshed
 from tests.contact_cases import at
 from tests.shells import BETWEEN, INNER, NU, OUTER, Shells

@@ -33,8 +33,8 @@ from pw_elements.contact import (
     plot,
     solve_contact,
 )
-from pw_elements.contact.trace import gathered_trace
-from pw_elements.mechanics import exterior_facets
+from pw_elements.contact.interface import gathered_trace
+from pw_elements.spaces import exterior_facets
 from tests.contact_cases import at
 from tests.test_contact_mortar import PLANE, PRESSURE, moved_top, pressed, weights_beyond
 from tests.two_bodies import Stack, joined

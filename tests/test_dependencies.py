@@ -3,15 +3,36 @@
 The oracle of the tests imports none of them.
 """
 
+import ast
+import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from study.core.sources import closure, imported
+from study.core.sources import closure, imported, source
 
 ROOT = Path(__file__).parents[1]
+LIBRARY = ROOT / "pw_elements"
+WINGS = [  # of the library, from the lowest to the highest
+    "_compat",
+    "progress",
+    "checks",
+    "spaces",
+    "solvers",
+    "algebra",
+    "elasticity",
+    "meshes",
+    "pictures",
+    "contact.model",
+    "contact.interface",
+    "contact.iteration",
+    "contact.rescue",
+    "contact.output",
+    "contact.steps",
+]
 SOLVER = {
     "dolfinx",
     "basix",
@@ -58,13 +79,99 @@ def test_package_imports_nothing_from_above(package, forbidden):
     }
 
 
-def test_modules_of_contact_fit_on_a_few_pages():
-    lines = {
-        path.name: len(path.read_text().splitlines())
-        for path in (ROOT / "pw_elements" / "contact").glob("*.py")
-    }
-    assert len(lines) > 40
-    assert {name: n for name, n in lines.items() if n > 300} == {}
+def rooms(folder):
+    """Modules and folders in a folder, less its face."""
+    return [
+        path
+        for path in folder.iterdir()
+        if (path / "__init__.py").exists() or (path.suffix == ".py" and path.stem != "__init__")
+    ]
+
+
+def test_a_folder_of_the_library_has_at_most_eight_rooms():
+    folders = [path.parent for path in LIBRARY.rglob("__init__.py")]
+    counts = {folder.relative_to(LIBRARY): len(rooms(folder)) for folder in folders}
+    assert counts.pop(Path(".")) <= 12
+    assert {folder: n for folder, n in counts.items() if n > 8} == {}
+    assert len(counts) > 8
+
+
+@pytest.mark.parametrize("package", ["pw_elements", "study"])
+def test_a_module_is_at_most_700_lines(package):
+    paths = list((ROOT / package).rglob("*.py"))
+    lines = {path.relative_to(ROOT): len(path.read_text().splitlines()) for path in paths}
+    assert lines
+    assert {name: n for name, n in lines.items() if n > 700} == {}
+
+
+def wing(module):
+    """The wing of the library that a module belongs to, contact being one of six folders."""
+    parts = module.split(".")[1:]
+    depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
+    return ".".join(parts[:depth])
+
+
+def test_docstrings_say_something():
+    """None begins with words that lean on what is not there, or has fewer than four."""
+    riddles, seen = [], 0
+    for path in LIBRARY.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                words = (ast.get_docstring(node) or "").partition("\n\n")[0].split()
+                seen += bool(words)
+                leans = " ".join(words).startswith(("Of ", "Those ", "What it ", "One's "))
+                if words and (leans or len(words) < 4):
+                    riddles.append(f"{path.name}, {getattr(node, 'name', 'module')}: {words}")
+    assert riddles == []
+    assert seen > 500
+
+
+PUBLIC = ("pw_elements", "pw_elements.contact", "pw_elements.meshes")
+
+
+def test_the_library_has_at_most_62_public_names():
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert 30 < len(names) <= 62
+
+
+def test_every_public_name_has_a_user():
+    """In the study, an example or a guide; the reference's list of names is none."""
+    users = [ROOT / "README.md", *(ROOT / "examples").glob("*.py"), *(ROOT / "docs").rglob("*.md")]
+    users += [p for p in (ROOT / "study").rglob("*.py") if p.name != "reference.py"]
+    words = {word for path in users for word in re.findall(r"\w+", path.read_text())}
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert names - words == set()
+
+
+def library_imports():
+    """Module and what it takes from where, of each import of the library by itself."""
+    for name in modules("pw_elements"):
+        tree = ast.parse(source(name).read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("pw_elements"):
+                yield name, node.module, [alias.name for alias in node.names]
+
+
+def test_wings_import_downwards_and_through_faces_only():
+    wrong, seen = [], 0
+    for name, module, _ in library_imports():
+        here, there = wing(name), wing(module)
+        if here == there or name in ("pw_elements", "pw_elements.contact"):
+            continue
+        seen += 1
+        if WINGS.index(there) >= WINGS.index(here):
+            wrong.append(f"{name} imports upwards: {module}")
+        if module != f"pw_elements.{there}":
+            wrong.append(f"{name} passes by the face of {there}: {module}")
+    assert wrong == []
+    assert seen > 100
+
+
+def test_nothing_of_the_iteration_imports_checks():
+    names = [name for name in modules("pw_elements") if ".contact.iteration." in name]
+    assert len(names) > 4
+    for name in names:
+        assert not {other for other in imported(name) if other.startswith("pw_elements.checks")}
 
 
 def test_oracle_shares_no_code_with_what_it_judges():

@@ -23,7 +23,7 @@ def test_the_example_of_the_readme_runs():
 
 
 def test_the_example_of_the_algebra_runs():
-    code = "\n".join(re.findall(r"^    (.*)$", pw_elements.algebra.__doc__, re.MULTILINE))
+    code = "\n".join(re.findall(r"^    (.*)$", pw_elements.algebra.linear.__doc__, re.MULTILINE))
     square = mesh.create_unit_square(MPI.COMM_SELF, 8, 8)
     square.topology.create_connectivity(1, 2)
     names = {**vars(pw_elements), "ufl": ufl, "fem": fem, "mesh": square}

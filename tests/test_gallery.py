@@ -87,6 +87,14 @@ def test_plate_with_hole(example):
     assert carried == pytest.approx(-found["pull"] * found["half_width"] * found["thickness"])
 
 
+def test_falling_friction(example):
+    """A uniform stress, in which the law alone says how large the friction is."""
+    found = example("falling_friction")
+    exact = found["mu"] / (1 + found["pressures"] / found["p_0"])
+    for ratio in found["found"].values():
+        assert ratio == pytest.approx(exact, rel=1e-8)
+
+
 def test_poisson(example):
     """A side's heat, and that only the new element's is even."""
     found = example("poisson")

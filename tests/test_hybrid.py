@@ -26,7 +26,7 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
-    nodal_load,
+    force_transfer,
     prescribe,
     reactions,
     solve,
@@ -34,9 +34,10 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
-from pw_elements.hybrid import SubSpace, mixed_element
+from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import mapped, triangles
-from pw_elements.recovery import force_transfer
+from pw_elements.spaces import SubSpace
+from pw_elements.spaces.hybrid import mixed_element
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
 

@@ -31,7 +31,7 @@ from pw_elements import (
     split,
     vibration_modes,
 )
-from pw_elements.choice import chosen
+from pw_elements.solvers import chosen
 from tests.contact_cases import at
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

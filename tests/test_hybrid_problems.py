@@ -9,8 +9,8 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle, meshtags
 
 from pw_elements import PetrovGalerkinProblem, Spaces, prescribe
-from pw_elements.hybrid import SubSpace
 from pw_elements.meshes import curved, triangles
+from pw_elements.spaces import SubSpace
 
 COMM = MPI.COMM_SELF
 MAKERS = {"new": Spaces.hybrid, "standard": Spaces.taylor_hood}

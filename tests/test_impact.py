@@ -15,7 +15,6 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     critical_step,
@@ -27,13 +26,14 @@ from pw_elements.contact import (
     ContactFields,
     ContactPair,
     ContactProblem,
-    MatchingNodes,
     Plane,
     solve_contact,
     solve_impact,
     write,
 )
-from pw_elements.contact.impulses import nodal_contact
+from pw_elements.contact.model import Cone, Coulomb, MatchingNodes
+from pw_elements.contact.steps.impact import nodal_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
 from study.matrices import dense
 from study.verification import v12_impact
@@ -177,7 +177,8 @@ def test_law_holds_at_random_points():
     motion, shift = rng.normal(size=(2, n, 3))
     gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
     gap[:50] = np.inf
-    found = nodal_contact(motion, gap, normal, shift, np.zeros((n, 3), bool), mass, mu, step)
+    cone = Cone([Coulomb(0.0)], [mu])
+    found = nodal_contact(motion, gap, normal, shift, np.zeros((n, 3), bool), mass, cone, step)
     after = motion + step**2 * found.force / mass[:, None]
     reached = gap + np.sum(normal * after, axis=1)
     slip = after - shift - np.sum(normal * (after - shift), axis=1)[:, None] * normal

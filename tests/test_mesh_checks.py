@@ -18,9 +18,8 @@ from dolfinx.mesh import create_unit_square
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pw_elements import Body, DegenerateMesh, Material, Spaces, mesh_checks
-from pw_elements.contact import errors
-from pw_elements.mesh_checks import check_mesh
+from pw_elements import Body, Material, Spaces, contact
+from pw_elements.checks import DegenerateMesh, check_mesh, meshes
 from pw_elements.meshes import curved
 from tests.degenerate_meshes import BAD, GOOD, built
 from tests.random_meshes import SEEDS, Grid, grids, structured
@@ -38,7 +37,7 @@ def refused(mesh):
 
 
 def test_the_error_is_found_where_it_used_to_be():
-    assert errors.DegenerateMesh is DegenerateMesh
+    assert contact.DegenerateMesh is DegenerateMesh
     assert issubclass(DegenerateMesh, ValueError)
 
 
@@ -165,8 +164,8 @@ def test_all_processes_say_the_same(processes):
 
 def test_a_mesh_is_looked_at_once_until_it_moves_and_is_not_kept(monkeypatch):
     looked = []
-    real = mesh_checks._Cells
-    monkeypatch.setattr(mesh_checks, "_Cells", lambda mesh: looked.append(1) or real(mesh))
+    real = meshes._Cells
+    monkeypatch.setattr(meshes, "_Cells", lambda mesh: looked.append(1) or real(mesh))
     mesh = create_unit_square(MPI.COMM_SELF, 3, 3)
     spaces = Spaces.petrov_galerkin(mesh)
     for _ in range(3):
@@ -188,8 +187,8 @@ def test_a_mesh_is_looked_at_once_until_it_moves_and_is_not_kept(monkeypatch):
 def test_one_body_is_as_large_as_its_boundary_says():
     """Area vectors that cancel inside make the volume the boundary's integral of x.n / dim."""
     mesh = structured("triangle", [LINES] * 2, 3, 0.5).mesh()
-    cells = mesh_checks._Cells(mesh)
+    cells = meshes._Cells(mesh)
     cells.check()
-    surface = mesh_checks._Surface(cells)
+    surface = meshes._Surface(cells)
     volume = np.sum(surface.area * surface.corner.mean(axis=1)) / 2
     assert volume == pytest.approx(1.0, rel=1e-14)

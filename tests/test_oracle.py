@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 import pytest
 
-from pw_elements import mechanics
+from pw_elements.elasticity import body
 from tests import oracle_sections as sections
 from tests.oracle.problem import STATIC, assert_agrees, assert_differs
 from tests.paper.test_s7_5 import stepped_column
@@ -64,7 +64,7 @@ LEFT_BY_DEGREE_8 = {
 @pytest.mark.parametrize("element", T6)
 def test_what_the_rule_of_degree_8_leaves_on_the_axis(element):
     """Section 7.5 by the study's own rule; some of its triangles touch the axis in one point."""
-    assert mechanics._RATIONAL_DEGREE == 8
+    assert body._RATIONAL_DEGREE == 8
     with patch.object(sections, "RULES", dict.fromkeys(sections.RULES, (8, 16))):
         differences = stepped_column(element).differences(element.startswith("pw"))
     for name, left in LEFT_BY_DEGREE_8[element].items():

@@ -13,6 +13,7 @@ from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_
 from dolfinx.nls.petsc import NewtonSolver
 
 from pw_elements import (
+    Direct,
     Iterative,
     NotConverged,
     PetrovGalerkinProblem,
@@ -27,7 +28,6 @@ from pw_elements import (
     solve,
     test_space,
 )
-from pw_elements.linear_solver import Direct
 from pw_elements.meshes import mapped
 from study.verification.t_identity import distorted
 

@@ -18,11 +18,11 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    macro_element,
+    force_transfer,
     reactions,
     solve,
 )
-from pw_elements.recovery import force_transfer
+from pw_elements.spaces import macro_element
 from tests.properties import METHODS, Elastic, assert_small, dense, rigid_modes, terms
 from tests.random_meshes import (
     BODIES,

@@ -13,12 +13,12 @@ from pw_elements import (
     Material,
     Sibling,
     Spaces,
-    StressState,
     assemble_vector,
     boundary_measure,
+    force_transfer,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from pw_elements.recovery import force_transfer
 from study.reading import compared, contact_surface
 
 

@@ -9,14 +9,16 @@ from pw_elements import (
     Body,
     Material,
     Spaces,
-    StressState,
+    SurfaceNodes,
     as_function,
     assemble_vector,
     boundary_measure,
+    force_transfer,
+    forces_along,
 )
-from pw_elements.mechanics import exterior_facets
+from pw_elements.elasticity import StressState, by_position
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.recovery import SurfaceNodes, by_position, force_transfer, forces_along
+from pw_elements.spaces import exterior_facets
 from tests.contact_cases import Block, at
 
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity

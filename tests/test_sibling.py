@@ -13,10 +13,10 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    force_transfer,
     lumped_mass,
     prescribe,
     solve,
@@ -32,8 +32,8 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
-from pw_elements.contact.nodal import nodal_interface
-from pw_elements.recovery import force_transfer
+from pw_elements.contact.interface import nodal_interface
+from pw_elements.elasticity import StressState
 from study.matrices import dense
 from tests.contact_cases import at
 

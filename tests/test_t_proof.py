@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from pw_elements import Spaces
+from pw_elements import Spaces, force_transfer
 from pw_elements.meshes import triangles
-from pw_elements.recovery import force_transfer
 
 X, Y, Z = sp.symbols("x y z")
 SIDES = {

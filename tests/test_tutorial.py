@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pw_elements import SurfaceNodes
 from pw_elements.contact import OPEN, SLIP, STICK
-from pw_elements.recovery import SurfaceNodes
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "your-own-problem.md"

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import ContactFields
-from pw_elements.contact.mortar import Overlap
-from pw_elements.contact.trace import gathered_trace
+from pw_elements.contact.interface import Overlap, gathered_trace
 from study.verification import mortar_ways, v11_two_bodies
 from tests.two_bodies import Stack
 

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 
 from pw_elements import Material, solve
-from pw_elements.matrices import unblocked
+from pw_elements.solvers import unblocked
 from study.verification import v10_partial_slip as v10
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force

@@ -16,8 +16,7 @@ from dolfinx.mesh import (
 from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
-from pw_elements.hybrid import SubSpace
-from pw_elements.mechanics import exterior_facets
+from pw_elements.spaces import SubSpace, exterior_facets
 
 
 def joined(lower, upper, comm=MPI.COMM_SELF):

@@ -22,76 +22,51 @@ A body that is thrown at a floor, by explicit dynamics:
     write("thrown.bp", history.frames, body, history.frame_times)
 """
 
-from pw_elements._compat import renamed
-from pw_elements.contact.errors import (
-    ClosedBranch,
+from pw_elements.contact.iteration import OPEN, SLIP, STICK
+from pw_elements.contact.model import (
     ContactFailed,
-    DegenerateMesh,
+    ContactPair,
+    Coulomb,
+    DeformableSurface,
+    FlatPunch,
     FreeBody,
-    MissingForce,
+    Motion,
     NoEquilibrium,
-    NoSolution,
     NotFound,
     NotUnique,
-    RigidVelocity,
-    SurfacePassed,
-)
-from pw_elements.contact.explicit import solve_impact
-from pw_elements.contact.fields import ContactFields
-from pw_elements.contact.history import solve_contact
-from pw_elements.contact.impact_history import Energies, ImpactHistory, PairHistory
-from pw_elements.contact.law import OPEN, SLIP, STICK
-from pw_elements.contact.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
-from pw_elements.contact.pictures import draw_surface, plot
-from pw_elements.contact.polyline import Polyline
-from pw_elements.contact.problem import ContactProblem
-from pw_elements.contact.progress import Progress
-from pw_elements.contact.series import write
-from pw_elements.contact.state import ContactState, PairState, Residuals, Smallness
-from pw_elements.contact.surfaces import (
-    FlatPunch,
     Parabola,
     Plane,
     SignedDistance,
     Sphere,
-    Surface,
+    SurfacePassed,
+)
+from pw_elements.contact.output import ContactFields, draw_surface, plot, write
+from pw_elements.contact.steps import (
+    ContactProblem,
+    solve_contact,
+    solve_impact,
 )
 
 __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
-    "ClosedBranch",
     "ContactFailed",
     "ContactFields",
     "ContactPair",
     "ContactProblem",
-    "ContactState",
+    "Coulomb",
     "DeformableSurface",
-    "DegenerateMesh",
-    "Energies",
     "FlatPunch",
     "FreeBody",
-    "ImpactHistory",
-    "MatchingNodes",
-    "MissingForce",
     "Motion",
     "NoEquilibrium",
-    "NoSolution",
     "NotFound",
     "NotUnique",
-    "PairHistory",
-    "PairState",
     "Parabola",
     "Plane",
-    "Polyline",
-    "Progress",
-    "Residuals",
-    "RigidVelocity",
     "SignedDistance",
-    "Smallness",
     "Sphere",
-    "Surface",
     "SurfacePassed",
     "draw_surface",
     "plot",
@@ -99,5 +74,3 @@ __all__ = [
     "solve_impact",
     "write",
 ]
-
-__getattr__ = renamed(__name__, {"ContactNotConverged": ("NotFound", NotFound)})

@@ -11,20 +11,20 @@ import scipy.sparse as sp
 import ufl
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, assemble_vector, prescribe, reactions, solve
-from pw_elements.contact import (
-    OPEN,
-    SLIP,
-    STICK,
-    ContactPair,
-    PairState,
-    Plane,
-    solve_contact,
+from pw_elements import (
+    Direct,
+    Material,
+    assemble_vector,
+    boundary_measure,
+    forces_along,
+    prescribe,
+    reactions,
+    solve,
 )
-from pw_elements.linear_solver import Direct
-from pw_elements.mechanics import boundary_measure
+from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.contact.model import PairState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
-from pw_elements.recovery import forces_along
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise

@@ -55,10 +55,10 @@ class Item:
         return self.figure or self.module
 
 
-_MECHANICS = "pw_elements/mechanics.py"
-_ELEMENTS = "pw_elements/elements.py"
-_SPACES = "pw_elements/spaces.py"
-_EIGEN = "pw_elements/eigen.py"
+_MECHANICS = "pw_elements/elasticity/body.py"
+_ELEMENTS = "pw_elements/spaces/elements.py"
+_SPACES = "pw_elements/spaces/spaces.py"
+_EIGEN = "pw_elements/algebra/eigen.py"
 _WEIGHTS = "study/paper/s3_weight_functions.py"
 _COMPUTED = {
     "3": _WEIGHTS,
@@ -151,7 +151,7 @@ _ROOT = Path(__file__).parents[2]
 _TESTED = {
     "2": ("paper/test_s4", "test_mechanics", "test_eigen"),
     "I": ("paper/test_s1",),
-    "T": ("test_recovery", "test_properties_elements"),
+    "T": ("test_t_proof", "test_recovery", "test_properties_elements"),
     "C": ("test_convergence",),
     **dict.fromkeys(("V1", "V2", "V3"), ("test_verification_static", "test_oracle")),
     **dict.fromkeys(("V4", "V5", "V6", "V7"), ("test_verification_friction", "test_oracle")),

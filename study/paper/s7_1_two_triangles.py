@@ -5,9 +5,9 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, prescribe, reactions, solve
+from pw_elements import Material, forces_along, prescribe, reactions, solve
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, quadrilaterals, triangles
-from pw_elements.recovery import forces_along
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise, mesh_curves

@@ -18,7 +18,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -29,8 +28,9 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
-from pw_elements.mechanics import Marker
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved
+from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
 from study.peers.calculix import Peer, peer_of, tracked_digest

@@ -23,6 +23,7 @@ ORDER = (
     "sphere_on_block",
     "gears",
     "press_fit",
+    "falling_friction",
     "tuning_fork",
     "bar_impact",
     "rubber_punch",

@@ -28,17 +28,16 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
+    SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
 )
 from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
-from pw_elements.contact.mortar import Overlap
-from pw_elements.contact.state import ContactState
-from pw_elements.contact.trace import Trace, gathered_trace
-from pw_elements.parts import Part
-from pw_elements.recovery import SurfaceNodes
+from pw_elements.contact.interface import Overlap, Trace, gathered_trace
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
+from pw_elements.spaces import Part
 from study.reading import contact_surface
 
 Array = npt.NDArray[np.float64]

@@ -21,15 +21,16 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
+    SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    force_transfer,
     reactions,
 )
-from pw_elements.contact import ContactState
-from pw_elements.mechanics import Marker, Vector
-from pw_elements.recovery import SurfaceNodes, by_position, force_transfer
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState, Vector, by_position
+from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces
 from study.reading import compared, contact_surface

@@ -21,19 +21,18 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    nodal_load,
+    force_transfer,
     prescribe,
     reactions,
     solve,
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved, mapped, triangles
-from pw_elements.recovery import force_transfer
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import spaces

@@ -14,12 +14,13 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 from scipy.spatial import cKDTree
 
-from pw_elements import Spaces, StressState, assemble_matrix, prescribe
-from pw_elements.contact import STICK, ContactState, Motion
-from pw_elements.contact.trace import Trace, gathered_trace, sizes
+from pw_elements import Spaces, SurfaceNodes, assemble_matrix, prescribe
+from pw_elements.contact import STICK, Motion
+from pw_elements.contact.interface import Trace, gathered_trace, sizes
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, on_lines
-from pw_elements.parts import exterior_facets
-from pw_elements.recovery import SurfaceNodes
+from pw_elements.spaces import exterior_facets
 from study.core.cases import Case
 from study.core.store import Result
 from study.peers.calculix import peer_of, tracked_digest

@@ -26,16 +26,16 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
+    critical_step,
+    force_transfer,
     lumped_mass,
     prescribe,
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
-from pw_elements.recovery import by_position, force_transfer
-from pw_elements.stability import critical_step
+from pw_elements.elasticity import StressState, by_position
 from study.core.cases import Case
 from study.core.store import Result
 from study.reading import compared, contact_surface

@@ -18,9 +18,8 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 from scipy.spatial.transform import Rotation
 
-from pw_elements import PetrovGalerkinProblem, prescribe
+from pw_elements import PetrovGalerkinProblem, forces_along, prescribe
 from pw_elements.meshes import triangles
-from pw_elements.recovery import forces_along
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import spaces

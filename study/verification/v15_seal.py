@@ -17,7 +17,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from pw_elements import PetrovGalerkinProblem, assemble_scalar, assemble_vector
-from pw_elements.hybrid import SubSpace
+from pw_elements.spaces import SubSpace
 from study.core.store import Result
 from study.discretisation import mesh_curves, spaces
 from study.units import dimensionless

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from pw_elements import Body, Material, Reduction, Spaces, as_function, assemble_matrix
 from pw_elements import assemble_vector, boundary_measure, draw, prescribe, reactions, solve
 from pw_elements.meshes import from_gmsh
-from pw_elements.recovery import forces_along
+from pw_elements import forces_along
 
 gmsh.initialize(interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)

@@ -4,7 +4,7 @@ import basix
 import numpy as np
 import pytest
 
-from pw_elements import macro_element
+from pw_elements.spaces.elements import macro_element
 from tests.oracle.elements import table
 from tests.paper.statements import judged
 

@@ -1,0 +1,523 @@
+"""Natural frequencies and buckling factors of unsymmetric pairs, by SLEPc.
+
+Harmonic motion, Eq. (13), makes Eq. (14) of vibration; Eq. (24) is that of buckling.
+
+Central differences need a symmetric stiffness, a diagonal mass, and a step that is stable. They
+multiply the part of a motion that belongs to an eigenvalue w of M^-1 K by factors rho with
+rho^2 - (2 - dt^2 w) rho + 1 = 0, whose product is one: unless w is real and dt^2 w <= 4, one of
+them is larger than one, and that part grows.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
+
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.algebra.linear import explained, factorise, symmetric_part
+from pw_elements.algebra.problem_checks import check_problem, check_weights, refuse_negative
+from pw_elements.algebra.reduction import Reduction
+from pw_elements.checks import collective, flag, number, processes, whole
+from pw_elements.progress import doing
+from pw_elements.solvers import (
+    Direct,
+    Iterative,
+    LinearSolver,
+    NotConverged,
+    PreparedSolver,
+    Solver,
+    SolverReport,
+    Supports,
+    by_chosen,
+    chosen,
+    is_matrix_free,
+    unblocked,
+)
+from pw_elements.spaces import Assembled, is_hybrid
+
+log = logging.getLogger("pw_elements.eigen")
+
+_STIFFNESS = "the stiffness"
+_MASS = "the mass"
+_INITIAL_STRESS = "the initial stress"
+_EIGENVALUE_TOLERANCE = 1e-12
+_MAX_ITERATIONS = 500
+# Eigenvalues that have to converge beyond those asked for: further copies of a multiple one come
+# from round-off alone, and late. A free body has six rigid modes.
+_SPARE_EIGENVALUES = 6
+# The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
+# each copy of a multiple rigid mode outgrows the elastic ones within a few steps
+_SHIFT = 1e-2
+# A slender body's lowest mode is far slower: where it is below this part of the shift, copies may
+# be missed, and the shift is taken to its size
+_SLENDER = 1e-3
+# Eigenvalues below this, over that of a mode as short as an element, are zeros with round-off.
+# Those of free bars, slender ones too, lie below 1e-16; a clamped one 500 times as long as high,
+# of elements as long as high, has 7e-13
+_RIGID_EIGENVALUE = 2e-15
+# |x.A y - y.A x| over |A y| |x|, of random x and y, that makes a symmetric matrix
+_SYMMETRIC = 1e-14
+# Residual of a mode that an iterative solver may leave
+_MODE_RESIDUAL = 1e-8
+# Values mu of buckling below this belong to motions without any initial stress
+_UNSTRESSED = 1e-10
+
+_UNSTABLE = (
+    "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
+    "the symmetrised element is no stable one; refine the mesh"
+)
+_TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: use a smaller one"
+
+# Largest |K - K^T| over |K| of a symmetric matrix, by its assembly's round-off
+_ASYMMETRY_OF_ROUND_OFF = 1e-10
+# Relative residual of the largest eigenvalue; its error is of the size of the square
+_POWER_TOLERANCE = 1e-8
+_POWER_STEPS = 1000
+
+
+class NoModes(RuntimeError):
+    """An eigenvalue problem has fewer modes than requested, or some did not converge."""
+
+
+@dataclass(frozen=True)
+class BucklingModes:
+    """Buckling factors, smallest positive first.
+
+    Args:
+        factors: (n,), multiples of the prestress' load.
+        shapes: n full vectors, in the trial space's numbering, largest entry 1.
+        residuals: (n,), |K d + factor K_sigma d| / |K d|.
+        imaginary: largest |Im| / |Re| of them: 0 where the unsymmetric pair stays real.
+        report: what solved the linear systems.
+    """
+
+    factors: npt.NDArray[np.float64]
+    shapes: list[PETSc.Vec]
+    residuals: npt.NDArray[np.float64]
+    imaginary: float
+    report: SolverReport
+
+
+@dataclass(frozen=True)
+class VibrationModes:
+    """Natural vibrations, slowest first.
+
+    Args:
+        eigenvalues: (n,), squares of the angular frequencies; round-off in rigid modes.
+        shapes: n full vectors, in the trial space's numbering, largest entry 1.
+        residuals: (n,), |K d - eigenvalue M d| / |(K - shift M) d|.
+        imaginary: largest |Im| / |Re| of the elastic ones: 0 where the unsymmetric pair stays
+            real; double eigenvalues may become a complex pair, whose two shapes are the real and
+            the imaginary part of one.
+        rigid: how many of them are rigid motions: the first ones, unless a symmetrised pair has
+            negative eigenvalues.
+        report: what solved the linear systems.
+    """
+
+    eigenvalues: npt.NDArray[np.float64]
+    shapes: list[PETSc.Vec]
+    residuals: npt.NDArray[np.float64]
+    imaginary: float
+    rigid: int
+    report: SolverReport
+
+
+def vibration_modes(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    reduction: Reduction,
+    count: int = 1,
+    symmetrised: bool = False,
+    shift: float | None = None,
+    solver: Solver = None,
+) -> VibrationModes:
+    """Smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
+
+    Args:
+        K: stiffness, (n, n), free.
+        M: mass, (n, n), free.
+        reduction: supports; see `Reduction.guyan` where nodes are condensed.
+        count: how many eigenvalues, those of rigid motions among them.
+        symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
+            solver does with an unsymmetric element.
+        shift: a number below the wanted eigenvalues, at which the pair is inverted; the closer it
+            is to them, the faster. By default a small negative one.
+        solver: of the systems with K - shift M; `Direct()`, by LDL^T where they are symmetric,
+            `Iterative()`, or "auto" as in `solve`, from 200 000 unknowns on. A symmetrised pair
+            needs factors.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not fit together or are not finite; for
+            matrices whose diagonals add up to less than zero, and numbers out of range.
+        SingularSystem: if the shift is an eigenvalue.
+        NotConverged: if an iterative solver does not reach its tolerance.
+        NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
+            of a symmetrised pair, if one lies below the shift.
+    """
+    _check(K, (_MASS, M), reduction, count, symmetrised, solver)
+    refuse_negative(_MASS, M, reduction.space)
+    if shift is not None:
+        shift = number("shift", shift)
+    taken = _chosen(solver, reduction, symmetrised)
+    every = partial(_vibrations, unblocked(K), unblocked(M), reduction, count, symmetrised, shift)
+    return by_chosen(taken, solver, reduction.supports, every)
+
+
+def _vibrations(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    reduction: Reduction,
+    count: int,
+    symmetrised: bool,
+    shift: float | None,
+    solver: LinearSolver,
+) -> VibrationModes:
+    A, B, reduced_by, supports = _pair(M, K, reduction.equilibrated(K), solver)
+    if symmetrised:
+        A, B = symmetric_part(A), symmetric_part(B)
+    mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
+    if not (0 < mass < np.inf and 0 < stiffness < np.inf):
+        raise NoModes("the mass or stiffness matrix is zero or not finite")
+    short = stiffness / mass  # eigenvalue of a mode as short as an element
+    given = shift is not None
+    if shift is None:
+        shift = -_SHIFT * short / B.getSize()[0]
+    # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
+    Assembled().mark(B)  # the next call would lose what it knows, and never free mesh and all
+    B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    A.scale(short)
+    if supports is not None:
+        reduced_by = reduction.masked().equilibrated(B)  # by which the solver scales pressures
+    indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
+    mu, reduced, residuals, report = _largest(
+        A, B, count, symmetrised, indefinite, solver, reduced_by, supports, loose=True
+    )
+    if mu.real.min() <= 0:
+        raise NoModes(
+            f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
+        )
+    values = shift + short / mu
+    rigid = np.abs(values) < _RIGID_EIGENVALUE * short
+    elastic = values[~rigid]
+    lowest = elastic.real.min(initial=np.inf)
+    if not given and 0 < lowest < -_SLENDER * shift:
+        again = _vibrations(K, M, reduction, count, symmetrised, -lowest, solver)
+        return replace(again, report=again.report.after(report))
+    return VibrationModes(
+        values.real,
+        [_shape(reduced_by, mode) for mode in reduced],
+        residuals,
+        float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0)),
+        int(rigid.sum()),
+        report,
+    )
+
+
+def buckling(
+    K: PETSc.Mat,
+    K_sigma: PETSc.Mat,
+    reduction: Reduction,
+    count: int = 1,
+    symmetrised: bool = False,
+    solver: Solver = None,
+) -> BucklingModes:
+    """Smallest positive factors of (K + factor K_sigma) d = 0.
+
+    Args:
+        K: stiffness, (n, n), free.
+        K_sigma: initial stress matrix of the load to be multiplied, (n, n), free.
+        reduction: supports; prescribed values do not move in a mode.
+        count: how many factors.
+        symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
+            solver does with an unsymmetric element.
+        solver: of the systems with K, as in `vibration_modes`.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not fit together or are not finite; for
+            a stiffness whose diagonal adds up to less than zero, and numbers out of range.
+        SingularSystem: if the supports leave the body a rigid motion.
+        NotConverged: if an iterative solver does not reach its tolerance.
+        NoModes: if fewer than `count` positive factors exist, or some did not converge.
+    """
+    _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
+    check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
+    taken = _chosen(solver, reduction, symmetrised)
+    every = partial(_buckles, unblocked(K), K_sigma, reduction, count, symmetrised)
+    return by_chosen(taken, solver, reduction.supports, every)
+
+
+def _buckles(
+    K: PETSc.Mat,
+    K_sigma: PETSc.Mat,
+    reduction: Reduction,
+    count: int,
+    symmetrised: bool,
+    solver: LinearSolver,
+) -> BucklingModes:
+    A, B, reduced_by, supports = _pair(K_sigma, K, reduction.equilibrated(K), solver)
+    if symmetrised:
+        A, B = symmetric_part(A), symmetric_part(B)
+    size = A.norm(PETSc.NormType.FROBENIUS)
+    if not 0 < size < np.inf:
+        raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
+    # K_sigma d = mu K d with mu = -scale/factor: the largest positive -mu is the smallest
+    # positive factor, and the scale brings mu to order one whatever the units of the load
+    scale = B.norm(PETSc.NormType.FROBENIUS) / size
+    A.scale(-scale)
+    mu, reduced, residuals, report = _largest(
+        A, B, count, symmetrised, _UNSTABLE, solver, reduced_by, supports, loose=False
+    )
+    if mu.real.min() <= _UNSTRESSED:
+        raise NoModes(
+            f"only {np.sum(mu.real > _UNSTRESSED)} of {count} factors are positive: "
+            "the load pulls where it should press"
+        )
+    return BucklingModes(
+        scale / mu.real,
+        [_shape(reduced_by, mode) for mode in reduced],
+        residuals,
+        float(np.max(np.abs(mu.imag) / mu.real)),
+        report,
+    )
+
+
+def _check(
+    K: PETSc.Mat,
+    other: tuple[str, PETSc.Mat],
+    reduction: Reduction,
+    count: int,
+    symmetrised: bool,
+    solver: Solver,
+) -> None:
+    check_problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
+    with collective(processes(reduction)):
+        whole("count", count, 1)
+        flag("symmetrised", symmetrised)
+    refuse_negative(_STIFFNESS, K, reduction.space)
+
+
+def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSolver:
+    why = "a symmetrised pair needs its pivots counted" if symmetrised else ""
+    hybrid = reduction.space is not None and is_hybrid(reduction.space)
+    if hybrid and symmetrised:
+        raise ValueError("a pair of hybrid spaces has no symmetrised twin: it is never definite")
+    return chosen(solver, reduction.supports, why, modes=True)
+
+
+def _pair(
+    A: PETSc.Mat, B: PETSc.Mat, reduction: Reduction, solver: LinearSolver
+) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Supports | None]:
+    """The reduced pair; or, for a matrix-free solver, A masked, B as a free copy, and supports."""
+    if not is_matrix_free(solver):
+        return reduction.matrix(A), reduction.matrix(B), reduction, None
+    masked = reduction.masked()
+    return masked.matrix(A), B.copy(), masked, masked.supports
+
+
+def _largest(
+    A: PETSc.Mat,
+    B: PETSc.Mat,
+    count: int,
+    symmetric: bool,
+    indefinite: str,
+    solver: LinearSolver,
+    reduction: Reduction,
+    supports: Supports | None,
+    loose: bool,
+) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
+    """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
+
+    The two d of a complex pair are the real and the imaginary part of one. A `loose` pair is
+    regular though rigid motions be free.
+
+    Raises:
+        ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
+        SingularSystem: if B is singular.
+        NotConverged: if an iterative solver fails.
+        NoModes: if not all values converged, or B, which is to be symmetric, is not positive
+            definite; `indefinite` says what that means.
+    """
+    if count > A.getSize()[0]:
+        raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
+    inverse: PreparedSolver
+    if supports is not None and isinstance(solver, Iterative):
+        inverse = krylov = solver.prepare(B, symmetric, supports)
+        if loose:
+            krylov.multigrid.ready()
+        else:
+            with explained():
+                krylov.set_up()
+        B = krylov.operator
+    else:
+        ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
+        inverse = factorise(B, ldl, solver, reduction)
+    if symmetric:
+        _refuse_indefinite(inverse, indefinite)
+    eigensolver = SLEPc.EPS().create(A.comm)
+    eigensolver.setOperators(A, B)
+    kind = SLEPc.EPS.ProblemType
+    eigensolver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
+    eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
+    eigensolver.setDimensions(nev=min(count + _SPARE_EIGENVALUES, A.getSize()[0]))
+    eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
+    begun, comm = perf_counter(), A.comm.tompi4py()
+    eigensolver.getST().setKSP(inverse.ksp)
+    what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
+    try:
+        with doing(comm, what):
+            eigensolver.solve()
+    except PETSc.Error as error:
+        raise NoModes(f"the eigenvalue solver broke down: {error}") from error
+    if comm.rank == 0:
+        steps = eigensolver.getIterationNumber()
+        seconds = perf_counter() - begun
+        log.info("%s: %d iterations, %s, %.2f s", what, steps, inverse.report.method, seconds)
+    if eigensolver.getConverged() < count:
+        raise NoModes(
+            f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
+            f"in {eigensolver.getIterationNumber()} iterations"
+        )
+    values, residuals, modes = np.empty(count, dtype=complex), np.empty(count), []
+    for i in range(count):
+        real, imaginary = B.createVecRight(), B.createVecRight()
+        values[i] = eigensolver.getEigenpair(i, real, imaginary)
+        residuals[i] = _residual(A, B, values[i], real, imaginary)
+        modes.append(imaginary if values[i].imag < 0 else real)
+    eigensolver.destroy()
+    if supports is not None and not residuals.max() <= _MODE_RESIDUAL:
+        raise NotConverged(
+            f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
+            "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
+        )
+    return values, modes, residuals, inverse.report
+
+
+def _by_mumps(solver: LinearSolver) -> bool:
+    package = "pc_factor_mat_solver_type"
+    return isinstance(solver, Direct) and package not in {n.lstrip("-") for n in solver.options}
+
+
+def _is_symmetric(matrix: PETSc.Mat) -> bool:
+    """Whether x.A y is y.A x for random x and y."""
+    x, y, A_x, A_y = (matrix.createVecRight() for _ in range(4))
+    first, last = x.getOwnershipRange()
+    random = np.random.default_rng(first)
+    for vector, image in ((x, A_x), (y, A_y)):
+        vector.setArray(random.normal(size=last - first))
+        matrix.mult(vector, image)
+    return bool(abs(x.dot(A_y) - y.dot(A_x)) <= _SYMMETRIC * A_y.norm() * x.norm())
+
+
+def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:
+    if inverse.negative_pivots is None:
+        raise ValueError(
+            f"{inverse.report.method} does not count negative pivots, without which a symmetrised "
+            "pair is not known to be positive definite: use Direct() with MUMPS"
+        )
+    if inverse.negative_pivots > 0:
+        raise NoModes(otherwise)
+
+
+def _residual(
+    A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
+) -> float:
+    """The relative residual |A d - mu B d| / |mu B d| of d = real + i imaginary."""
+    images = [matrix.createVecLeft() for matrix in (A, A, B, B)]
+    A_real, A_imaginary, B_real, B_imaginary = images
+    for matrix, part, image in zip((A, A, B, B), (real, imaginary) * 2, images, strict=True):
+        matrix.mult(part, image)
+    A_real.maxpy([-mu.real, mu.imag], [B_real, B_imaginary])
+    A_imaginary.maxpy([-mu.real, -mu.imag], [B_imaginary, B_real])
+    difference, size = (
+        np.hypot(*(part.norm() for part in parts))
+        for parts in ((A_real, A_imaginary), (B_real, B_imaginary))
+    )
+    return float(difference / (abs(mu) * size))
+
+
+def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
+    """Full vector of a mode, its entry of largest absolute value 1."""
+    mode = reduction.offset.duplicate()
+    reduction.right.mult(reduced, mode)  # prescribed values do not move in a mode
+    low, high = mode.min()[1], mode.max()[1]
+    mode.scale(1 / (high if abs(high) >= abs(low) else low))
+    return mode
+
+
+def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
+    """Largest stable time step of central differences: 2 over the highest frequency.
+
+    Args:
+        K: stiffness (n, n), symmetric, free.
+        M: mass (n, n), diagonal and positive.
+        reduction: supports.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not fit together or are not finite, a stiffness
+            that is not symmetric, or a mass that is not diagonal and positive.
+        NoModes: if the highest frequency is not found.
+    """
+    check_problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
+    refuse_unsymmetric(K)
+    inverse = diagonal_mass(M)
+    inverse.reciprocal()
+    inverse.sqrtabs()
+    scaled = K.copy()
+    scaled.diagonalScale(inverse, inverse)
+    # rows of supports go: what they leave is M^-1/2 K M^-1/2 of the free unknowns
+    scaled = reduction.right.transposeMatMult(scaled.matMult(reduction.right))
+    eigensolver = SLEPc.EPS().create(scaled.comm)
+    eigensolver.setOperators(scaled)
+    eigensolver.setProblemType(SLEPc.EPS.ProblemType.HEP)
+    eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
+    eigensolver.setTolerances(_POWER_TOLERANCE, _POWER_STEPS)
+    eigensolver.solve()
+    if eigensolver.getConverged() < 1:
+        raise NoModes("the highest frequency, and with it the critical step, was not found")
+    largest = eigensolver.getEigenvalue(0).real
+    eigensolver.destroy()
+    if not 0 < largest < np.inf:
+        raise NoModes(f"the largest eigenvalue of mass and stiffness is {largest:.6g}")
+    return float(2 / np.sqrt(largest))
+
+
+def refuse_unsymmetric(K: PETSc.Mat) -> None:
+    """Raises ValueError for a stiffness that differs from its transpose."""
+    difference = K.transpose(PETSc.Mat())
+    difference.axpy(-1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    share = difference.norm(PETSc.NormType.FROBENIUS) / K.norm(PETSc.NormType.FROBENIUS)
+    if not share <= _ASYMMETRY_OF_ROUND_OFF:
+        raise ValueError(
+            f"the stiffness is not symmetric, it differs from its transpose by {share:.1e}: some "
+            "of its upper eigenvalues are complex, and undamped motions would grow whatever the "
+            "time step; use the symmetric sibling, Sibling.of(space).matrix(K_standard), whose "
+            "nodal forces are even, too"
+        )
+
+
+def diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
+    """Masses (n,) of a diagonal matrix.
+
+    Raises:
+        ValueError: if it is not diagonal, or they are not positive.
+    """
+    mass = M.getDiagonal()
+    first, last = M.getOwnershipRange()
+    indptr, column, value = M.getValuesCSR()
+    row = np.repeat(np.arange(first, last), np.diff(indptr))
+    with collective(M.comm.tompi4py()):
+        if np.any(value[row != column] != 0):
+            raise ValueError(
+                "the mass is not diagonal, as explicit dynamics needs it: lumped_mass makes one"
+            )
+        if not np.all(mass.array_r > 0):
+            raise ValueError(
+                "a mass is not positive: standard elements' row sums are not; take those of the "
+                "symmetric sibling, Sibling.matrix(M), or of piecewise-linear weights"
+            )
+    return mass

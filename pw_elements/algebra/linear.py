@@ -1,0 +1,220 @@
+"""Free assembly, the reduction L^T K R, and solves that refuse a singular system.
+
+DOLFINx sets no Dirichlet conditions on a matrix whose test and trial spaces differ. Here the
+matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u = 0 around:
+
+    V = fem.functionspace(mesh, ("Lagrange", 2))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
+    K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+    f = assemble_vector(v * ufl.dx)
+    rim = fem.locate_dofs_topological(V, 1, exterior_facet_indices(mesh.topology))
+    a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
+"""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.algebra.problem_checks import check_problem
+from pw_elements.algebra.reduction import Reduction
+from pw_elements.checks import arguments, collective
+from pw_elements.progress import doing
+from pw_elements.solvers import (
+    Direct,
+    FreePressure,
+    LinearSolver,
+    PreparedSolver,
+    SingularSystem,
+    Solver,
+    by_chosen,
+    chosen,
+    collect_garbage,
+    is_matrix_free,
+    unbalanced,
+)
+from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
+
+# Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
+_RESIDUAL = 1e-10
+
+
+def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
+    """Displacements a (n,) of K a = f under a reduction.
+
+    The vector's attribute "report", `a.getAttr("report")`, is the `SolverReport`.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free.
+        f: load (n,).
+        reduction: supports, condensation.
+        solver: `Direct()`, `Iterative()` or "auto", the default, which takes the latter in three
+            dimensions from 15 000 unknowns on. If "auto" sees `Iterative()` fail, it takes
+            `Direct()` instead, given enough memory, and logs that it does.
+
+    Raises:
+        SingularSystem: if the reduced system has no unique solution.
+        NotConverged: if an iterative solver does not reach its tolerance.
+        TypeError, ValueError: for arguments that do not fit together or are not finite, or
+            a solver that does not serve the reduction.
+    """
+    check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
+    taken = chosen(solver, reduction.supports)
+    return by_chosen(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
+
+
+def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
+    matrix: PETSc.Mat | None = None
+    prepared: PreparedSolver
+    if is_matrix_free(solver):
+        reduction = reduction.masked().equilibrated(K).under(K, f)
+        prepared = solver.prepare(K, supports=reduction.supports)
+    else:
+        reduction = reduction.equilibrated(K).under(K, f)
+        matrix = reduction.matrix(K)
+        prepared = solver.prepare(matrix)
+    load = reduction.load(K, f)
+    try:
+        with explained(matrix, reduction), _told(prepared, K):
+            solution, report = prepared.solve(load), prepared.report
+        if matrix is not None:
+            _check_residual(matrix, solution, load)
+    finally:
+        prepared.release()
+        del prepared
+        collect_garbage(K)
+    full = reduction.expand(solution)
+    full.setAttr("report", report)
+    return full
+
+
+def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
+    """Nodal forces r = K a - f (n,) that supports exert on the body.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free.
+        a: displacement (n,).
+        f: load (n,).
+
+    Raises:
+        TypeError, ValueError: for arguments that do not fit together or are not finite.
+    """
+    check_problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
+    return unbalanced(K, a, f)
+
+
+def free_pressure(
+    matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
+) -> bool:
+    """Whether a constant pressure of a hybrid space acts on no displacement.
+
+    Args:
+        matrix: the stiffness under the reduction.
+        reduction: of hybrid or other spaces.
+        beside: this process' own local numbers of reduced equations that do not count.
+    """
+    if reduction.space is None or not is_hybrid(reduction.space):
+        return False
+    pressure = SubSpace.pressure(reduction.space)
+    constant = reduction.offset.duplicate()
+    constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
+    unknown, effect = matrix.createVecRight(), matrix.createVecLeft()
+    reduction.right.multTranspose(constant, unknown)
+    unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
+    matrix.mult(unknown, effect)
+    if beside is not None:
+        effect.array[beside] = 0.0
+    largest = PETSc.NormType.INFINITY
+    size = matrix.norm(largest) * unknown.norm(largest)
+    return bool(size > 0 and effect.norm(largest) <= NOTHING * size)
+
+
+def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
+    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix.
+
+    Args:
+        matrix: A, (n, n); it is not changed.
+
+    Raises:
+        TypeError, ValueError: if it is not a square matrix.
+    """
+    with collective(arguments.processes(matrix)):
+        arguments.matrix("the matrix", matrix)
+    part = matrix.copy()
+    part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    part.scale(0.5)
+    return Assembled(Assembled.of(matrix).form).mark(part)
+
+
+def factorise(
+    matrix: PETSc.Mat,
+    symmetric: bool = False,
+    solver: LinearSolver | None = None,
+    reduction: Reduction | None = None,
+) -> PreparedSolver:
+    """A solver that is ready for a regular matrix (n, n): MUMPS' factors unless another is given.
+
+    Args:
+        matrix: to be factorised.
+        symmetric: whether LDL^T will do.
+        solver: another one.
+        reduction: by which the matrix was made, that of hybrid spaces say, for better words.
+
+    Raises:
+        SingularSystem: if a known solution does not come back, or a pivot is zero.
+    """
+    prepared = (solver or Direct()).prepare(matrix, symmetric)
+    try:
+        with explained(matrix, reduction), _told(prepared, matrix):
+            prepared.set_up()
+    except SingularSystem:
+        prepared.release()
+        raise
+    return prepared
+
+
+@contextmanager
+def explained(
+    matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
+) -> Iterator[None]:
+    """Adds to a `SingularSystem` of a block what is the likely cause.
+
+    Args:
+        matrix: of the system, if it is assembled.
+        reduction: by which it was made.
+    """
+    try:
+        yield
+    except FreePressure:
+        raise
+    except SingularSystem as error:
+        if matrix is not None and reduction is not None and free_pressure(matrix, reduction):
+            raise FreePressure from None
+        raise SingularSystem(
+            f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
+            "body is far too slender; add Dirichlet conditions"
+        ) from None
+
+
+def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
+    """Says on a terminal what is solved by what."""
+    what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
+    return doing(matrix.comm.tompi4py(), what)
+
+
+def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:
+    residual = load.duplicate()
+    matrix.mult(solution, residual)
+    residual.axpy(-1.0, load)
+    scale = matrix.norm(PETSc.NormType.INFINITY) * solution.norm(PETSc.NormType.INFINITY)
+    scale += load.norm(PETSc.NormType.INFINITY)
+    if scale > 0 and not residual.norm(PETSc.NormType.INFINITY) <= _RESIDUAL * scale:
+        raise SingularSystem(
+            f"the direct solver left the relative residual "
+            f"{residual.norm(PETSc.NormType.INFINITY) / scale:.1e}: the matrix is too badly "
+            "conditioned; check supports and units"
+        )

@@ -1,0 +1,438 @@
+"""Supports and static condensation: the reduction L^T K R of a free system.
+
+Inner nodes that are condensed have a stiffness of their own each; Dirichlet conditions have to
+agree on what they prescribe.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.algebra.problem_checks import check_problem
+from pw_elements.checks import arguments, collective, listed
+from pw_elements.solvers import (
+    NO_SUPPORTS,
+    Masked,
+    Projection,
+    SingularSystem,
+    Supports,
+    python_matrix,
+    selection,
+    unbalanced,
+    unblocked,
+)
+from pw_elements.spaces import (
+    Assembled,
+    Spaces,
+    equilibration,
+    fields_of,
+    is_hybrid,
+    is_split,
+    numbered,
+    positions,
+    tied,
+)
+
+# Largest difference of values that are prescribed as the same, over the largest of them
+_SAME_VALUE = 1e-9
+
+# Entries of a matrix below this, over its largest, are zeros
+_ZERO_ENTRY = 1e-13
+
+
+def prescribed(
+    space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
+) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
+    """Which owned degrees of freedom are free, and the prescribed values (zero where free).
+
+    Raises:
+        TypeError: for anything but a space and conditions.
+        ValueError: if a prescribed value is not finite, two of them contradict each other, or a
+            condition is another space's.
+    """
+    arguments.space(space)
+    each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    owned, comm = index_map.size_local * block, space.mesh.comm
+    values = np.zeros(owned + index_map.num_ghosts * block)
+    free = np.ones(owned, dtype=bool)
+    difference = np.zeros(owned)
+    with collective(comm):
+        arguments.of_type("the list of conditions", each, Sequence, "`prescribe` makes its items")
+        for condition in each:
+            _check_condition(condition, space)
+            own = np.zeros(len(values))
+            condition.set(own)
+            dofs = condition.dof_indices()[0]  # the number of owned ones is wrong in DOLFINx 0.9
+            dofs = dofs[dofs < owned]
+            again = dofs[~free[dofs]]
+            difference[again] = np.maximum(difference[again], np.abs(own - values)[again])
+            free[dofs] = False
+            values[dofs] = own[dofs]
+        if not np.isfinite(values[:owned]).all():
+            raise ValueError("a prescribed value is not a finite number")
+    size = np.zeros(owned)
+    for field in fields_of(space):
+        largest = np.abs(values[field.owned]).max(initial=0.0)
+        size[field.owned] = comm.allreduce(largest, MPI.MAX)
+    twice = np.flatnonzero(difference > _SAME_VALUE * size)
+    if comm.allreduce(len(twice), MPI.SUM):
+        x = positions(space)[twice, : space.mesh.geometry.dim]
+        places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
+        raise ValueError(
+            f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
+            "can have one value"
+        )
+    offset = PETSc.Vec().createMPI((owned, index_map.size_global * block), comm=comm)
+    offset.setArray(values[:owned])
+    return free, offset
+
+
+def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a condition on another mesh, or on a space with other nodes; local."""
+    arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
+    theirs = condition.function_space
+    other, own = theirs.dofmap.index_map, space.dofmap.index_map
+    same_nodes = (other.size_global, other.size_local) == (own.size_global, own.size_local)
+    if theirs.mesh is not space.mesh._cpp_object or not same_nodes:
+        raise ValueError(
+            "a Dirichlet condition was made on another space: its degrees of freedom would be "
+            "taken for others here; make it on the trial space"
+        )
+
+
+def check_any(chosen: npt.NDArray[np.bool_], space: fem.FunctionSpace, otherwise: str) -> None:
+    """Raises ValueError if no degree of freedom of any process is chosen."""
+    if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
+        raise ValueError(otherwise)
+
+
+def condensed(
+    K: PETSc.Mat,
+    space: fem.FunctionSpace,
+    nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
+    conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
+) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Vec, PETSc.Mat]:
+    """L, R, a_0 and Q of `Reduction.condensation`, which says what it takes and raises."""
+    check_problem({"the stiffness": K}, space=space)
+    if is_hybrid(space):
+        raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
+    K = unblocked(K)
+    free, offset = prescribed(space, conditions)
+    block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
+    comm = space.mesh.comm
+    inner = np.zeros(len(free), dtype=bool)
+    with collective(comm):
+        known = index_map.size_local + index_map.num_ghosts
+        chosen = numbered(comm, "the nodes to be condensed", nodes, known)
+        inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
+        if np.any(inner & ~free):
+            raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
+    check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
+    Q = _inner_flexibility(K, inner, block)
+    kept = selection(free & ~inner, offset)
+    right, left = kept.copy(), kept.copy()
+    different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+    right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
+    left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
+    return left, right, offset, Q
+
+
+def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -> PETSc.Mat:
+    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros.
+
+    Raises:
+        ValueError: if K couples inner nodes.
+        SingularSystem: if a block is singular.
+    """
+    comm: MPI.Comm = K.comm.tompi4py()
+    chosen = selection(inner, K.createVecLeft())
+    K_ii = chosen.transposeMatMult(K.matMult(chosen))
+    first, last = K_ii.getOwnershipRange()
+    indptr, column, value = K_ii.getValuesCSR()
+    row = np.repeat(np.arange(first, last), np.diff(indptr))
+    own = row // block == column // block
+    blocks = np.zeros(((last - first) // block, block, block))
+    blocks[(row[own] - first) // block, row[own] % block, column[own] % block] = value[own]
+    size = comm.allreduce(np.abs(blocks).max(initial=0.0), MPI.MAX)
+    with collective(comm):
+        if not np.isfinite(value).all():
+            raise ValueError("the stiffness of a node that is to be condensed is not finite")
+        if np.abs(value[~own]).max(initial=0.0) > _ZERO_ENTRY * size:
+            raise ValueError(
+                "the stiffness couples nodes that are to be condensed: no two of them may share a "
+                "cell"
+            )
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
+            raise SingularSystem("a node that is to be condensed has no stiffness")
+    inverse = np.linalg.inv(blocks)
+
+    width = np.where(inner, block, 0)
+    indptr = np.concatenate(([0], np.cumsum(width))).astype(PETSc.IntType)
+    dofs = np.flatnonzero(inner).reshape(-1, block) + K.getOwnershipRange()[0]
+    indices = np.repeat(dofs, block, axis=0).ravel().astype(PETSc.IntType)
+    return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """K_r = L^T K R, f_r = L^T (f - K a_0), a = R a_r + a_0.
+
+    Static condensation is a reduction, too. With kept (e) and inner (i) unknowns, and K
+    unsymmetric,
+
+        L^T = [I, -K_ei K_ii^-1],   R = [I; -K_ii^-1 K_ie],   a_i = K_ii^-1 (f_i - K_ie a_e).
+
+    The displacements that a load causes at inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], are
+    added to the offset: `under` makes the reduction for one load. Reduced loads do not need this,
+    since L^T K Q = 0. Guyan's reduction applies `matrix` to the mass matrix as well: see `guyan`.
+
+    Args:
+        left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
+        right: R, (n, n_r); kept unknowns have rows of the identity.
+        offset: a_0, (n,): prescribed values.
+        inner: Q, (n, n), of a condensation.
+        space: trial space whose degrees of freedom are reduced, if it is known.
+        supports: the arguments of `dirichlet`, which an iterative solver needs; None otherwise.
+
+    Raises:
+        TypeError: for anything but matrices and vectors.
+        ValueError: for sizes that do not match.
+    """
+
+    left: PETSc.Mat
+    right: PETSc.Mat
+    offset: PETSc.Vec
+    inner: PETSc.Mat | None = None
+    space: fem.FunctionSpace | None = None
+    supports: Supports | None = None
+
+    def __post_init__(self) -> None:
+        with collective(arguments.processes(self.offset, self.space)):
+            for name, matrix in (("left", self.left), ("right", self.right)):
+                arguments.of_type(f"the {name} matrix", matrix, PETSc.Mat, "give a PETSc matrix")
+            arguments.petsc_vector("the offset", self.offset)
+            sizes = self.right.getSizes()
+            if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
+                raise ValueError(
+                    "left and right matrix of a reduction have one shape (n, n_r), its offset (n,)"
+                )
+
+    @classmethod
+    def dirichlet(
+        cls,
+        space: fem.FunctionSpace | Spaces,
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
+    ) -> "Reduction":
+        """Eliminates the prescribed degrees of freedom.
+
+        Args:
+            space: trial space; or a `Spaces` pair, which also ties a split pressure within each
+                part of a body, see `Spaces.hybrid`.
+            conditions: Dirichlet conditions on it; a single one need not be in a list.
+
+        Raises:
+            TypeError: for anything but a space and conditions.
+            ValueError: if they leave nothing free or contradict each other, a prescribed value is
+                not finite, or a condition was made on another space.
+        """
+        parts = None
+        if isinstance(space, Spaces):
+            space, parts = space.trial, space.parts
+        free, offset = prescribed(space, conditions)
+        check_any(free, space, "the Dirichlet conditions leave no degree of freedom free")
+        if is_split(space):
+            kept = tied(space, parts, free)
+            return cls(kept, kept, offset, space=space)
+        kept = selection(free, offset)
+        return cls(kept, kept, offset, space=space, supports=Supports(space, free))
+
+    @classmethod
+    def condensation(
+        cls,
+        K: PETSc.Mat,
+        space: fem.FunctionSpace,
+        nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
+    ) -> "Reduction":
+        """Condenses inner nodes statically, and eliminates prescribed degrees of freedom.
+
+        Args:
+            K: stiffness (n, n), free; it may be unsymmetric.
+            space: trial space.
+            nodes: local numbers of the inner nodes, or a mask of these (ghosts are skipped),
+                no two of which share a cell: K_ii is inverted node by node.
+            conditions: Dirichlet conditions on the other nodes; a single one need not be in a list.
+
+        Raises:
+            TypeError: for anything but a matrix, a space and conditions.
+            ValueError: if K is not of the space or not finite, couples inner nodes, a node is
+                none of the space's, a condition holds on one or was made on another space,
+                conditions contradict each other, nothing is left free, or a prescribed value is
+                not finite.
+            SingularSystem: if an inner node has no stiffness.
+        """
+        left, right, offset, inner = condensed(K, space, nodes, conditions)
+        return cls(left, right, offset, inner, space)
+
+    def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
+        """Makes the reduction for a load f (n,) that acts on inner nodes, too.
+
+        Args:
+            K: stiffness (n, n).
+            f: load (n,).
+
+        Raises:
+            TypeError, ValueError: if K and f do not match the reduction.
+        """
+        self._check_system(K, f)
+        if self.inner is None:
+            return self
+        rest = unbalanced(K, self.offset, f)
+        rest.scale(-1.0)
+        offset = self.offset.duplicate()
+        self.inner.multAdd(rest, self.offset, offset)
+        return replace(self, offset=offset)
+
+    def scaled(self, share: float) -> "Reduction":
+        """Makes the reduction with a share of the prescribed values.
+
+        Args:
+            share: factor of the prescribed values.
+        """
+        if share == 1:
+            return self
+        offset = self.offset.copy()
+        offset.scale(share)
+        return replace(self, offset=offset)
+
+    def masked(self) -> "Reduction":
+        """Makes the reduction that keeps all unknowns and sets prescribed ones to zero.
+
+        Raises:
+            ValueError: if this reduction does more than prescribe values.
+        """
+        if self.supports is None:
+            raise ValueError(NO_SUPPORTS)
+        comm = self.offset.comm.tompi4py()
+        if comm.allreduce(bool(self.supports.free.all()), MPI.LAND):
+            return self
+        kept = selection(self.supports.free, self.offset, renumbered=False)
+        return replace(self, left=kept, right=kept)
+
+    def supported(self, K: PETSc.Mat) -> PETSc.Mat:
+        """The matrix of `masked` supports without assembling it: ones where values are prescribed.
+
+        Args:
+            K: stiffness (n, n).
+
+        Raises:
+            ValueError: as `masked` says.
+        """
+        if self.supports is None:
+            raise ValueError(NO_SUPPORTS)
+        space = self.supports.space
+        projection = Projection(self.supports.free, space.dofmap.index_map_bs)
+        scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
+        return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
+
+    def equilibrated(self, K: PETSc.Mat) -> "Reduction":
+        """Makes the reduction with pressures of hybrid spaces scaled to a displacement's size.
+
+        In consistent units displacement and pressure may be 15 orders of magnitude apart, and
+        factorisations and Krylov methods would lose one of them. `expand` returns the same values.
+
+        Args:
+            K: stiffness (n, n).
+        """
+        scale = None if self.space is None else equilibration(self.space, K)
+        if scale is None:
+            return self
+        right = self.right.copy()
+        right.diagonalScale(scale)
+        left = right
+        if self.left != self.right:
+            left = self.left.copy()
+            left.diagonalScale(scale)
+        return replace(self, left=left, right=right)
+
+    def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
+        """Makes this condensation one for mass matrices, where two left matrices L are in use.
+
+        Args:
+            left: "transposed" is this L, from the transposed problem; "same" takes R for L, the
+                recipe of symmetric codes. L^T K R is the same, since K R vanishes in the inner
+                rows; L^T M R is not.
+
+        Raises:
+            ValueError: for an unknown name.
+        """
+        if left not in ("transposed", "same"):
+            raise ValueError(f'left matrix {left!r}: the names are "transposed" and "same"')
+        return self if left == "transposed" else replace(self, left=self.right)
+
+    def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
+        """Reduces a matrix to L^T K R.
+
+        Args:
+            K: matrix (n, n).
+
+        Raises:
+            TypeError, ValueError: if K is not a matrix that matches the reduction.
+        """
+        self._check_system(K)
+        reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
+        return Assembled(Assembled.of(K).form).mark(reduced)
+
+    def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
+        """Reduces a load to L^T (f - K a_0).
+
+        Args:
+            K: stiffness (n, n).
+            f: load (n,).
+
+        Raises:
+            TypeError, ValueError: if K and f do not match the reduction.
+        """
+        self._check_system(K, f)
+        remainder = K.createVecLeft()
+        K.mult(self.offset, remainder)
+        remainder.aypx(-1.0, f)
+        reduced = self.left.createVecRight()
+        self.left.multTranspose(remainder, reduced)
+        return reduced
+
+    def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """R a_r + a_0.
+
+        Args:
+            reduced: vector (n_r,), a_r.
+
+        Raises:
+            TypeError, ValueError: if it is not a vector (n_r,).
+        """
+        # local, since it is asked in every iteration: a vector has one size on all processes
+        arguments.petsc_vector("the reduced vector", reduced)
+        expected = self.right.getSizes()[1]
+        arguments.same_sizes(
+            "the reduced vector", reduced.getSizes(), "the reduced system", expected
+        )
+        full = self.offset.duplicate()
+        self.right.multAdd(reduced, self.offset, full)
+        return full
+
+    def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
+        sizes = self.offset.getSizes()
+        with collective(self.offset.comm.tompi4py()):
+            arguments.matrix("the matrix", K)
+            arguments.same_sizes("the matrix", K.getSizes()[0], "the reduction", sizes)
+            for f in loads:
+                arguments.petsc_vector("the load", f)
+                arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)

@@ -1,0 +1,18 @@
+"""Checks of what a user gives, on all processes at once: asked at the faces, never in a loop."""
+
+from pw_elements.checks.arguments import (
+    described,
+    extents,
+    field,
+    flag,
+    is_number,
+    matrix,
+    number,
+    of_type,
+    positive,
+    processes,
+    vector,
+    whole,
+)
+from pw_elements.checks.guard import agree, answer, collective
+from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed

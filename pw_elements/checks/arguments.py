@@ -1,0 +1,251 @@
+"""Objects as users give them: meshes, spaces, matrices, coefficients of the right kind.
+
+What is of the wrong type is a TypeError; each error names the thing and says what to give. Numbers
+are real, finite and in range, of whatever type they are.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from basix import ElementFamily
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from ufl.core.expr import Expr
+
+from pw_elements.checks.guard import collective
+
+Array = npt.NDArray[np.float64]
+
+_MADE = "it was destroyed, or never set up"
+
+
+def is_number(value: Any) -> bool:  # noqa: ANN401
+    """Whether a value is one real number, a 0-d array being one, too: no truth value, no text."""
+    if isinstance(value, bool):
+        return False
+    plain = isinstance(value, int | float | np.number | np.ndarray)
+    return plain and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+
+
+def number(name: str, value: Any) -> float:  # noqa: ANN401
+    """A number that is finite.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if not (is_number(value) and np.isfinite(value)):
+        raise ValueError(f"{name} = {value!r}: has to be a finite number")
+    return float(value)
+
+
+def positive(name: str, value: Any) -> float:  # noqa: ANN401
+    """A finite number above zero.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if not number(name, value) > 0:
+        raise ValueError(f"{name} = {value!r}: has to be positive")
+    return float(value)
+
+
+def whole(name: str, value: Any, least: int) -> int:  # noqa: ANN401
+    """A whole number of an integer type, `least` at least.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if not (is_number(value) and np.asarray(value).dtype.kind in "iu" and value >= least):
+        raise ValueError(f"{name} = {value!r}: has to be a whole number, {least} at least")
+    return int(value)
+
+
+def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
+    """Finite numbers (length,), or as many as there are.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    try:
+        each = list(values)
+    except TypeError:
+        each = []
+    finite = all(is_number(one) and np.isfinite(one) for one in each)
+    if not (each and finite and len(each) == (length or len(each))):
+        count = f"{length} finite" if length else "finite"
+        raise ValueError(f"{name} {values!r}: it needs {count} components")
+    return np.array(each, dtype=float)
+
+
+def field(whose: str, values: Any, shape: tuple[int, ...], layout: str) -> Array:  # noqa: ANN401
+    """Checks the values that a user's function gives at points; NaN and infinity pass.
+
+    Args:
+        whose: the function, by name.
+        values: what it gave.
+        shape: what it has to have, the number of points first.
+        layout: of its points and of what it gives, in words.
+
+    Raises:
+        ValueError: for another shape, or what are no real numbers.
+    """
+    given = np.asarray(values)
+    if given.shape != shape or given.dtype.kind not in "iuf":
+        raise ValueError(
+            f"{whose} gave {given.dtype} of the shape {given.shape} for {shape[0]} points: {layout}"
+        )
+    return given.astype(float)
+
+
+def of_type(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
+    """Raises TypeError unless the value is of a kind; `remedy` says what to give instead."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} is {described(value)}: {remedy}")
+
+
+def communicator(value: object) -> None:
+    """Raises TypeError unless it is mpi4py's."""
+    of_type("comm", value, MPI.Comm, "it has to be a communicator, such as MPI.COMM_WORLD")
+
+
+def mesh(value: object) -> None:
+    """Raises TypeError unless it is a mesh."""
+    of_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
+
+
+def space(value: object, name: str = "the space") -> None:
+    """Raises TypeError unless it is a function space."""
+    of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
+
+
+def flag(name: str, value: object) -> None:
+    """Raises TypeError unless it is True or False."""
+    of_type(name, value, (bool, np.bool_), "it has to be True or False")
+
+
+def extents(name: str, value: object) -> tuple[int, ...]:
+    """A value shape: () for a scalar, (d,) for a vector."""
+    of_type(name, value, Sequence, "it has to be () or (components,)")
+    assert isinstance(value, Sequence)
+    return tuple(whole(f"an extent of {name}", extent, 1) for extent in value)
+
+
+def matrix(name: str, value: object) -> None:
+    """Raises unless it is a square matrix, set up and assembled; local."""
+    of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
+    assert isinstance(value, PETSc.Mat)
+    if value.handle == 0 or value.getType() is None:
+        raise ValueError(f"{name} is an empty matrix: {_MADE}")
+    rows, columns = value.getSize()
+    if rows != columns:
+        raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
+    if not value.isAssembled():
+        raise ValueError(f"{name} is not assembled: call its assemble()")
+
+
+def petsc_vector(name: str, value: object) -> None:
+    """Raises unless it is a vector that is set up; local."""
+    of_type(name, value, PETSc.Vec, "assemble_vector(form) makes a PETSc vector")
+    assert isinstance(value, PETSc.Vec)
+    if value.handle == 0 or value.getType() is None:
+        raise ValueError(f"{name} is an empty vector: {_MADE}")
+
+
+def coefficient(
+    name: str,
+    value: object,
+    holds: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]],
+    what: str,
+    comm: MPI.Comm = MPI.COMM_SELF,
+) -> float | Expr:
+    """A number as a float, or a scalar UFL expression, in range as far as its values are known.
+
+    Known are numbers, the value of a `fem.Constant`, and nodal values of a Lagrange `fem.Function`.
+
+    Args:
+        name: in messages.
+        value: of any type.
+        holds: which of some values (m,) are in range.
+        what: the range in words, "has to be positive" say.
+        comm: of the processes on which it is to be refused at once; a function's are known.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    with collective(processes(comm, value)):
+        if not isinstance(value, Expr):
+            value = number(name, value)
+        elif value.ufl_shape != ():
+            raise ValueError(f"{name} has the shape {value.ufl_shape}: it has to be a scalar")
+        values = known_values(value)
+        wrong = ~(np.isfinite(values) & holds(values))
+        if wrong.any():
+            raise ValueError(f"{name} = {values[wrong][0]}: {what}")
+    return value
+
+
+def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
+    """Values of a coefficient as far as they are known, on this process."""
+    if isinstance(value, fem.Function):
+        lagrange = value.function_space.element.basix_element.family is ElementFamily.P
+        return value.x.array if lagrange else np.empty(0)
+    if isinstance(value, fem.Constant):
+        return np.atleast_1d(value.value)
+    return np.empty(0) if isinstance(value, Expr) else np.array([value])
+
+
+def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.float64]:
+    """Finite numbers (size,), or a UFL expression of this shape."""
+    if not isinstance(value, Expr):
+        return vector(name, value, size)
+    if value.ufl_shape != (size,):
+        raise ValueError(f"{name} has the shape {value.ufl_shape}: it needs {size} components")
+    if isinstance(value, fem.Constant):
+        vector(name, value.value, size)
+    return value
+
+
+def same_sizes(
+    name: str, sizes: tuple[int, int], whose: str, other: fem.FunctionSpace | tuple[int, int]
+) -> None:
+    """Raises ValueError unless sizes, own and global, are those of another thing; local."""
+    if isinstance(other, fem.FunctionSpace):
+        index_map, block = other.dofmap.index_map, other.dofmap.index_map_bs
+        other = (index_map.size_local * block, index_map.size_global * block)
+    if sizes[1] != other[1]:
+        raise ValueError(
+            f"{name} has {sizes[1]} degrees of freedom, {whose} has {other[1]}: all of them "
+            "have to come from one space, none left out"
+        )
+    if sizes[0] != other[0]:
+        raise ValueError(f"{name} is distributed over the processes otherwise than {whose}")
+
+
+def processes(*things: object) -> MPI.Comm:
+    """Communicator of the last of some things (spaces, reductions, matrices ...) that has one."""
+    found = MPI.COMM_SELF
+    for thing in things:
+        if isinstance(thing, MPI.Intracomm):
+            found = thing
+        if isinstance(thing, fem.Function):
+            found = thing.function_space.mesh.comm
+        if isinstance(thing, fem.FunctionSpace):
+            found = thing.mesh.comm
+        known = getattr(thing, "offset", thing)
+        if isinstance(known, PETSc.Mat | PETSc.Vec) and known.handle:
+            found = known.comm.tompi4py()
+    return found
+
+
+def described(value: object) -> str:
+    """A value in short: a plain one itself, anything else by its type."""
+    if value is None or isinstance(value, str | bytes | bool | int | float | complex):
+        return repr(value)
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    return f"of the type {type(value).__name__}"

@@ -1,0 +1,358 @@
+"""Checks of the mesh wherever a body is made: what its cells and its boundary can tell.
+
+Errors are cells without volume or partly inside out (curved ones and non-convex quadrilaterals,
+too), neighbours on the same side of a facet (folds), duplicate cells, facets with more than two
+cells, parts that overlap, and hanging nodes. Coinciding facets that face each other are a crack
+or two bodies that touch: both are legitimate, so that they are logged only, by the logger
+`pw_elements`, a crack as a warning.
+
+The outward area vectors of both cells of an inner facet have to cancel; the cells' volumes then
+add up to the boundary's integral of x·n / dim, which need not be computed.
+
+What cannot be told: an overlap that covers no centre of a cell at the boundary (bodies in contact
+whose round sides are made of straight ones overlap a little), bodies meant to be joined that
+merely touch, a crack that was not meant, hanging nodes on curved facets, and whether cells follow
+the shape that was meant.
+"""
+
+import logging
+from collections import defaultdict
+from weakref import WeakKeyDictionary
+from zlib import crc32
+
+from mpi4py import MPI
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from dolfinx import geometry, la
+from dolfinx.mesh import Mesh
+from scipy.spatial import cKDTree
+
+from pw_elements._compat import cell_nodes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+# Smallest Jacobian determinant over the dim-th power of a cell's size
+_FLAT_DETERMINANT = 1e-10
+# Sum of both area vectors of a facet within, over their sizes: 0 but for round-off, or else 1
+_CANCELS = 1e-6
+# Distance of places that are the same, over the size of a facet
+_NEAR = 1e-6
+# Cells whose Jacobians are in memory at the same time
+_CELLS_AT_ONCE = 20_000
+# Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
+_TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
+
+logger = logging.getLogger("pw_elements")
+_checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
+
+
+class DegenerateMesh(ValueError):
+    """Cells that are flat or inverted, or cells and boundaries that do not make a body.
+
+    These are folds, duplicate or overlapping cells, facets with more than two cells, and hanging
+    nodes.
+    """
+
+
+def listed(points: Array, most: int = 6) -> str:
+    """Positions (m, dim) as words, in order of their coordinates, round-off left out."""
+    points = np.round(points, 12) + 0.0
+    points = points[np.lexsort(np.round(points, 9).T[::-1])]
+    words = ["(" + ", ".join(f"{c:.4g}" for c in point) + ")" for point in points[:most]]
+    more = f" and {len(points) - most} more" if len(points) > most else ""
+    return ", ".join(words) + more
+
+
+def check_mesh(mesh: Mesh) -> None:
+    """Looks for cells and boundaries that do not make a body, as explained above.
+
+    A mesh that passed is not looked at again until its nodes move.
+
+    Raises:
+        DegenerateMesh: on all processes, with the midpoints of such cells or facets.
+    """
+    now = crc32(np.ascontiguousarray(mesh.geometry.x))
+    if not mesh.comm.allreduce(_checked.get(mesh) != now, MPI.LOR):
+        return
+    if mesh.topology.dim != mesh.geometry.dim:
+        raise DegenerateMesh("the mesh is a surface or line in space, not a body")
+    if not np.isfinite(mesh.comm.allreduce(np.abs(mesh.geometry.x).sum())):
+        raise DegenerateMesh("a node of the mesh has coordinates that are not finite")
+    cells = _Cells(mesh)
+    cells.check()
+    if mesh.topology.dim > 1:
+        surface = _Surface(cells)
+        surface.check_hanging()
+        surface.check_overlap()
+        surface.log_contacts()
+    _checked[mesh] = now
+
+
+class _Cells:
+    """Cells of this process (without ghosts) and the area vectors of their facets.
+
+    Attributes:
+        vertices: (cells, corners), local numbers of geometry nodes.
+        middle: (cells, dim).
+        facets: (facets of a cell, cells), local numbers.
+        area: (dim, facets of a cell, cells), outward, at facets' midpoints; a triangle's is twice
+            as long as it is large.
+        exterior: (facets of a cell, cells), whether no other cell has the facet.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        topology, dim = mesh.topology, mesh.topology.dim
+        self.mesh, self.dim = mesh, dim
+        self.element = mesh.ufl_domain().ufl_coordinate_element().basix_element
+        nodes = cell_nodes(mesh)[: topology.index_map(dim).size_local]
+        corner = [dofs[0] for dofs in self.element.entity_dofs[0]]
+        self.vertices = nodes[:, corner].astype(np.int64)
+        self._x = np.ascontiguousarray(mesh.geometry.x[:, :dim].T)[:, nodes.T]
+        self.middle = self._x[:, corner].mean(axis=1).T
+
+    def check(self) -> None:
+        """Raises DegenerateMesh for flat, inverted, folded and duplicate cells."""
+        kind, dim, cells = self.element.cell_type, self.dim, len(self.middle)
+        corners = basix.geometry(kind)
+        sides = np.array([corners[c].mean(axis=0) for c in basix.topology(kind)[dim - 1]])
+        straight = self.element.degree == 1 and len(corners) == dim + 1
+        inner = np.vstack([self.element.points, basix.make_quadrature(kind, 4)[0]])
+        points = sides[:1] if straight else np.vstack([sides, inner])
+        slopes = self.element.tabulate(1, points)[1:, :, :, 0]
+        at_sides = np.empty((dim, dim, 1 if straight else len(sides), cells))
+        flat, turned = np.zeros((2, cells), dtype=bool)
+        for first in range(0, cells, _CELLS_AT_ONCE):
+            some = slice(first, first + _CELLS_AT_ONCE)
+            jacobian = np.einsum("jpn,inc->ijpc", slopes, self._x[:, :, some], optimize=True)
+            cofactor = _cofactors(jacobian)
+            determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
+            size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
+            flat[some] = np.abs(determinant).min(axis=0) <= _FLAT_DETERMINANT * size**dim
+            turned[some] = determinant.min(axis=0) * determinant.max(axis=0) < 0
+            at_sides[..., some] = cofactor[:, :, : at_sides.shape[2]] * np.sign(determinant[0])
+        self._refuse(flat, "have no volume")
+        self._refuse(turned, "are turned inside out in a part of them")
+        if dim > 1:
+            self._check_facets(np.broadcast_to(at_sides, (dim, dim, len(sides), cells)))
+
+    def _check_facets(self, cofactor: Array) -> None:
+        """Looks for folds and more than two cells at a facet, cells of other processes too."""
+        topology, dim = self.mesh.topology, self.dim
+        topology.create_connectivity(dim, dim - 1)
+        sides = cofactor.shape[2]
+        self.facets = topology.connectivity(dim, dim - 1).array.reshape(-1, sides)
+        self.facets = self.facets[: len(self.middle)].T
+        kind = self.element.cell_type
+        normal, tangents = basix.cell.facet_outward_normals(kind), basix.cell.facet_jacobians(kind)
+        sizes = np.sqrt(np.linalg.det(np.swapaxes(tangents, 1, 2) @ tangents))
+        self.area = np.einsum("ijpc,pj->ipc", cofactor, normal * sizes[:, None])
+
+        size = np.sqrt(sum(a**2 for a in self.area))
+        index_map = topology.index_map(dim - 1)
+        sums = la.vector(index_map, dim + 2)
+        total = sums.array.reshape(-1, dim + 2)
+        for k, values in enumerate((*self.area, size, np.ones_like(size))):
+            total[:, k] = np.bincount(self.facets.ravel(), values.ravel(), len(total))
+        sums.scatter_reverse(la.InsertMode.add)
+        sums.scatter_forward()
+        cells = total[:, -1]
+        self.exterior = (cells == 1)[self.facets]
+        rest = np.sqrt(sum(total[:, k] ** 2 for k in range(dim)))
+        same_side = (cells == 2) & (rest > _CANCELS * total[:, dim])
+        crowded = (same_side | (cells > 2))[self.facets].any(axis=0)
+        if self.mesh.comm.allreduce(bool(crowded.any()), MPI.LOR):
+            self._refuse_duplicates(crowded)
+            self._refuse((cells > 2)[self.facets].any(axis=0), "share a facet with two others")
+            self._refuse(crowded, "lie on the same side of a facet as their neighbour")
+
+    def _refuse_duplicates(self, suspects: Flags) -> None:
+        numbers = self.mesh.geometry.index_map().local_to_global(
+            self.vertices[suspects].ravel().astype(np.int32)
+        )
+        numbers = np.sort(numbers.reshape(-1, self.vertices.shape[1]), axis=1)
+        every = np.concatenate(self.mesh.comm.allgather(numbers))
+        unique, times = np.unique(every, axis=0, return_counts=True)
+        several = {tuple(row) for row in unique[times > 1]}
+        wrong = np.zeros(len(suspects), dtype=bool)
+        wrong[suspects] = [tuple(row) in several for row in numbers]
+        self._refuse(wrong, "have the same vertices as another cell")
+
+    def _refuse(self, wrong: Flags, what: str) -> None:
+        comm = self.mesh.comm
+        if comm.allreduce(bool(wrong.any()), MPI.LOR):
+            places = np.concatenate(comm.allgather(self.middle[wrong]))
+            raise DegenerateMesh(f"cells around {listed(np.unique(places, axis=0))} {what}")
+
+    def pieces(self) -> Indices:
+        """A number (cells,) of the connected piece that each cell belongs to."""
+        index_map, comm = self.mesh.geometry.index_map(), self.mesh.comm
+        nodes = index_map.size_local + index_map.num_ghosts
+        cell = np.repeat(np.arange(len(self.vertices)), self.vertices.shape[1]) + nodes
+        found = _components(nodes + len(self.vertices), self.vertices.ravel(), cell)
+        found += sum(comm.allgather(int(found.max(initial=-1)) + 1)[: comm.rank])
+        owner = la.vector(index_map, 1)
+        owner.array[:] = found[:nodes]
+        owner.scatter_forward()
+        links = np.unique(np.stack([found[:nodes], owner.array.astype(np.int64)]), axis=1)
+        own, other = np.concatenate(comm.allgather(links), axis=1)
+        return _components(int(max(own.max(), other.max())) + 1, own, other)[found[nodes:]]
+
+
+class _Surface:
+    """All exterior facets (m of k corners), on every process.
+
+    Attributes:
+        corner: (m, k, dim), positions.
+        vertex: (m, k), global numbers.
+        area: (m, dim), outward.
+    """
+
+    def __init__(self, cells: _Cells) -> None:
+        self._cells, mesh = cells, cells.mesh
+        side, self._cell = np.nonzero(cells.exterior)
+        of_side = np.array(basix.topology(cells.element.cell_type)[cells.dim - 1])
+        local = np.take_along_axis(cells.vertices[self._cell], of_side[side], axis=1)
+        numbers = (
+            mesh.geometry.index_map()
+            .local_to_global(local.ravel().astype(np.int32))
+            .reshape(local.shape)
+        )
+        self.corner = self._gathered(mesh.geometry.x[local, : cells.dim])
+        self.vertex = self._gathered(numbers)
+        self.area = self._gathered(cells.area[:, side, self._cell].T)
+        self._middle = self.corner.mean(axis=1)
+        self._radius = np.linalg.norm(self.corner - self._middle[:, None], axis=2).max(axis=1)
+
+    def _gathered(self, values: npt.NDArray) -> npt.NDArray:
+        return np.concatenate(self._cells.mesh.comm.allgather(values))
+
+    def check_hanging(self) -> None:
+        """Raises DegenerateMesh if smaller facets lie on a larger one and share its vertices.
+
+        Non-matching bodies in contact have no common vertices. Curved facets are not looked at.
+        """
+        vertex, first = np.unique(self.vertex, return_index=True)
+        x = self.corner.reshape(-1, self.corner.shape[2])[first]
+        facet, near = _near(cKDTree(x), self._middle, self._radius * (1 + _NEAR))
+        inside = self._contains(facet, x[near])
+        corner = (self.vertex[facet] == vertex[near][:, None]).any(axis=1)
+        suspects = np.unique(facet[inside & ~corner])
+        if not len(suspects):
+            return
+        at = defaultdict(set)  # facets at each vertex
+        for f, vertices in enumerate(self.vertex.tolist()):
+            for v in vertices:
+                at[v].add(f)
+        torn = []
+        for f in suspects:
+            on = set(vertex[near[inside & (facet == f)]].tolist())
+            own = set(self.vertex[f].tolist())
+            around = set().union(*(at[v] for v in on)) - {f}
+            beside = [g for g in around if on.issuperset(self.vertex[g].tolist())]
+            shared = set(self.vertex[beside].ravel().tolist())
+            if own < shared:
+                torn.append(f)
+        if torn:
+            raise DegenerateMesh(
+                f"facets around {listed(self._middle[torn])} have hanging nodes: smaller facets of "
+                "their neighbours lie on them, and the mesh is torn apart there"
+            )
+
+    def _contains(self, facet: Indices, x: Array) -> Flags:
+        """Whether facets (n,) have points x (n, dim) on them, their rims included."""
+        middle, near = self._middle[facet], _NEAR * self._radius[facet]
+        normal = self.area[facet] / np.linalg.norm(self.area[facet], axis=1)[:, None]
+        inside = np.abs(np.sum((x - middle) * normal, axis=1)) < near
+        around = self.corner[facet]
+        if self.corner.shape[1] == 4:
+            around = around[:, [0, 1, 3, 2]]
+        if self.corner.shape[2] == 3:
+            for start, end in zip(
+                np.swapaxes(around, 0, 1), np.swapaxes(np.roll(around, -1, 1), 0, 1), strict=True
+            ):
+                across = np.cross(normal, end - start)
+                across *= np.sign(np.sum((middle - start) * across, axis=1))[:, None]
+                inside &= np.sum((x - start) * across, axis=1) > -near * self._radius[facet]
+        return inside
+
+    def check_overlap(self) -> None:
+        """Raises DegenerateMesh if centres of cells at the boundary lie in other cells, too.
+
+        A ray from each centre upwards leaves the body once oftener than it enters it.
+        """
+        cells, mesh = self._cells, self._cells.mesh
+        turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
+        centre = cells.middle[np.unique(self._cell)]
+        x, corner, up = centre @ turn, self.corner @ turn, (self.area @ turn)[:, -1]
+        if corner.shape[1] == 4:
+            corner, up = np.concatenate([corner[:, :3], corner[:, 1:]]), np.tile(up, 2)
+        shadow, under = corner[:, :, :-1], x[:, :-1]  # seen along the ray
+        middle = shadow.mean(axis=1)
+        radius = np.linalg.norm(shadow - middle[:, None], axis=2).max(axis=1)
+        facet, point = _near(cKDTree(under), middle, radius)
+        spans = np.linalg.inv(np.swapaxes(shadow[:, 1:] - shadow[:, :1], 1, 2))
+        share = np.einsum("nij,nj->ni", spans[facet], under[point] - shadow[facet, 0])
+        rise = (corner[:, 1:, -1] - corner[:, :1, -1])[facet]
+        height = corner[facet, 0, -1] + np.sum(share * rise, axis=1)
+        hit = (share >= 0).all(axis=1) & (share.sum(axis=1) < 1) & (height > x[point, -1])
+        times = np.bincount(point[hit], np.sign(up[facet[hit]]), len(x))
+        suspects = self._gathered(centre[times > 1.5])
+        if not len(suspects):
+            return
+        points = np.zeros((len(suspects), 3))
+        points[:, : cells.dim] = suspects
+        own = np.arange(len(cells.middle), dtype=np.int32)
+        tree = geometry.bb_tree(mesh, cells.dim, entities=own)
+        found = geometry.compute_collisions_points(tree, points)
+        found = geometry.compute_colliding_cells(mesh, found, points)
+        number = np.diff(found.offsets)
+        mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
+        if np.any(number > 1):
+            places = np.unique(suspects[number > 1], axis=0)
+            raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
+
+    def log_contacts(self) -> None:
+        """Logs facets that coincide, of two bodies that touch or a crack."""
+        pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
+        if not len(pairs):
+            return
+        piece = self._gathered(self._cells.pieces()[self._cell])[pairs]
+        crack = piece[:, 0] == piece[:, 1]
+        if self._cells.mesh.comm.rank == 0:
+            for which, level, what in (
+                (crack, logging.WARNING, "a crack in one piece of the mesh"),
+                (~crack, logging.INFO, "two pieces of the mesh that touch"),
+            ):
+                if which.any():
+                    places = listed(self._middle[pairs[which, 0]])
+                    logger.log(level, "facets coincide, but share no nodes: %s at %s", what, places)
+
+
+def _cofactors(jacobian: Array) -> Array:
+    """Cofactors (dim, dim, ...) of matrices (dim, dim, ...)."""
+    dim = len(jacobian)
+    if dim == 1:
+        return np.ones_like(jacobian)
+    if dim == 2:
+        (a, b), (c, d) = jacobian
+        return np.array([[d, -c], [-b, a]])
+    a, b, c = jacobian
+    return np.array([np.cross(*rows, axis=0) for rows in ((b, c), (c, a), (a, b))])
+
+
+def _components(count: int, a: Indices, b: Indices) -> Indices:
+    """Numbers (count,) of the connected components of a graph with edges from a to b."""
+    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
+    return sp.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _near(tree: cKDTree, middle: Array, radius: Array) -> tuple[Indices, Indices]:
+    """Pairs of a ball (middle and radius) and a point of the tree in it."""
+    found = tree.query_ball_point(middle, radius)
+    ball = np.repeat(np.arange(len(middle)), [len(points) for points in found])
+    return ball, np.array([p for points in found for p in points], dtype=np.int64)

@@ -1,0 +1,363 @@
+"""Parts of the boundary as mortar interfaces see them, gathered from all processes.
+
+Sub-facets of two surfaces face each other in segments of lines or polygons of planes. A sub-facet
+is an interval, a triangle or a quadrilateral, given by its corners and seen as flat. The master's
+are projected on the slave's, along a direction of the latter; overlaps are cut into simplices, in
+coordinates along the slave's edges, so that a rule for a simplex integrates polynomials on both
+surfaces exactly. Corners of quadrilaterals are in the order of the tensor product; their weights
+are bilinear in places that are no polynomials of coordinates, unless they are parallelograms.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
+from scipy.spatial import cKDTree
+
+from pw_elements.elasticity import facet_nodes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
+# and a quadrilateral's own
+_PARTS = {
+    3: ((0, 2), (2, 1)),
+    6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
+    9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
+}
+_EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
+# Places of a quadrilateral's nodes
+_PLACES = np.array(
+    [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
+)
+_NINE = 9
+
+# Overlaps of less than this part of the slave's sub-facet are none
+_NOTHING = 1e-12
+# Sub-facets whose normals have a larger cosine stand across each other, or look the same way
+_FACING = -1e-2
+# Corners of a sub-facet of a surface, by their number, one after the other along its rim
+_RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+# Steps of Newton's method, which ends earlier where they change no place in a cell by more
+_STEPS, _STILL = 25, 1e-14
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A part of the boundary, gathered from all processes: facets (f) with k nodes each.
+
+    Args:
+        node: (f, k), global numbers, vertices first, then the middles of edges.
+        x: (f, k, dim).
+        outward: (f, dim), unit normals of the facets, seen as flat.
+    """
+
+    node: Indices
+    x: Array
+    outward: Array
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space that the surface lies in."""
+        return int(self.x.shape[2])
+
+    @cached_property
+    def _local(self) -> Indices:
+        """Nodes (parts, k) of the sub-facets of a facet."""
+        return np.array(_PARTS[self.node.shape[1]])
+
+    @cached_property
+    def parts(self) -> tuple[Indices, Array, Array]:
+        """Nodes (s, k) of the sub-facets, their corners (s, k, dim), and normals (s, dim)."""
+        parts, k = self._local.shape
+        corners = self.x[:, self._local].reshape(-1, k, self.dim)
+        outward = np.repeat(self.outward, parts, axis=0)
+        normal = across(corners)
+        normal *= np.sign(np.sum(normal * outward, axis=1))[:, None]
+        return self.node[:, self._local].reshape(-1, k), corners, normal
+
+    def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
+        """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
+        facet, which = np.divmod(part, len(self._local))
+        if self.node.shape[1] == _NINE:
+            at = np.einsum("qa,qab->qb", place, _PLACES[self._local][which])[:, None]
+            ends = np.where(_PLACES == 0, (1 - at) * (1 - 2 * at), at * (2 * at - 1))
+            values = np.where(_PLACES == 0.5, 4 * at * (1 - at), ends)
+            return self.node[facet], values.prod(axis=2)
+        corner = np.eye(self.dim)
+        edges = np.array(_EDGES[self.node.shape[1]])
+        corner = np.concatenate([corner, corner[edges].mean(axis=1)])[self._local]
+        L = np.einsum("qa,qab->qb", place, corner[which])
+        middle = 4 * L[:, edges[:, 0]] * L[:, edges[:, 1]]
+        return self.node[facet], np.concatenate([L * (2 * L - 1), middle], axis=1)
+
+    def positions(self, part: Indices, values: Array) -> Array:
+        """Positions (q, dim) by quadratic functions (q, k)."""
+        return np.einsum("qk,qkd->qd", values, self.x[part // len(self._local)])
+
+    @cached_property
+    def nodes(self) -> Indices:
+        """Numbers (n,) of the nodes, sorted."""
+        return np.unique(self.node)
+
+    @cached_property
+    def averaged(self) -> Array:
+        """Unit normals (n, dim) of the nodes, means over the sub-facets around by their sizes."""
+        nodes, corners, normal = self.parts
+        of = np.searchsorted(self.nodes, nodes)
+        sums = np.zeros((len(self.nodes), self.dim))
+        np.add.at(sums, of, (normal * sizes(corners)[:, None])[:, None, :])
+        return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
+
+    def normals(self, nodes: Indices) -> Array:
+        """Averaged normals (..., dim) of nodes (...)."""
+        return self.averaged[np.searchsorted(self.nodes, nodes)]
+
+    def positions_of_nodes(self) -> Array:
+        """Positions (n, dim) of the nodes."""
+        _, first = np.unique(self.node, return_index=True)
+        return self.x.reshape(-1, self.dim)[first]
+
+
+def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> Trace:
+    """Exterior facets (local numbers) of all processes."""
+    mesh = space.mesh
+    dim = mesh.topology.dim
+    nodes = facet_nodes(space, facets)
+    behind = mesh.topology.connectivity(dim - 1, dim)
+    cells = space.dofmap.list[behind.array[behind.offsets[facets]]]
+    x = space.tabulate_dof_coordinates()[:, :dim]
+    inside = x[cells].mean(axis=1)
+    number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+    flat = across(x[nodes[:, :dim]])
+    flat *= np.sign(np.sum(flat * (x[nodes[:, 0]] - inside), axis=1))[:, None]
+    parts = zip(*mesh.comm.allgather((number, x[nodes], flat)), strict=True)
+    return Trace(*(np.concatenate(part) for part in parts))
+
+
+def facets_of(space: fem.FunctionSpace, node: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Exterior facets of owned cells all of whose nodes are among the owned ones (m,) of a pair."""
+    chosen = la.vector(space.dofmap.index_map, 1)
+    chosen.array[:] = 0.0
+    chosen.array[node] = 1.0
+    chosen.scatter_forward()
+    topology = space.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    facets = exterior_facet_indices(topology)
+    kept = chosen.array[facet_nodes(space, facets)].all(axis=1)
+    return np.asarray(facets[kept], dtype=np.int32)
+
+
+def across(corners: Array) -> Array:
+    """Unit normals (n, dim) of intervals, triangles or quadrilaterals, of either sign."""
+    edges = _spanning(corners)
+    if corners.shape[2] == 2:
+        normal = np.asarray(edges[:, 0, ::-1] * [1.0, -1.0])
+    else:
+        normal = np.asarray(np.cross(edges[:, 0], edges[:, 1]))
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+
+def sizes(corners: Array) -> Array:
+    """Lengths or areas (n,), of quadrilaterals those of their projection along the normal."""
+    edges = _spanning(corners)
+    if corners.shape[2] == 2:
+        return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
+    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
+
+
+def _spanning(corners: Array) -> Array:
+    """Edges from the first corner, or a quadrilateral's diagonals."""
+    if corners.shape[1] == 4:
+        return np.asarray(corners[:, [3, 2]] - corners[:, :2])
+    return np.asarray(corners[:, 1:] - corners[:, :1])
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges.
+
+    Args:
+        slave: (q,), number of the slave's sub-facet.
+        master: (q,), of the master's.
+        corners: (q, d + 1, d).
+        on_slave: (q, k, d), corners of the slave's sub-facet.
+        on_master: (q, k, d), of the master's, projected.
+    """
+
+    slave: Indices
+    master: Indices
+    corners: Array
+    on_slave: Array
+    on_master: Array
+
+    @property
+    def size(self) -> Array:
+        """Lengths or areas (q,) in these coordinates."""
+        return _simplex(self.corners)
+
+    @property
+    def share(self) -> Array:
+        """Sizes (q,) over that of the slave's sub-facet."""
+        whole = sum(_simplex(self.on_slave[:, part]) for part in _simplices(self.on_slave))
+        return np.asarray(self.size / whole)
+
+    def weights(self, rule: Array) -> tuple[Array, Array]:
+        """Weights (q, g, k) of both sub-facets at barycentric coordinates (g, d + 1)."""
+        places = np.einsum("ga,qad->qgd", rule, self.corners)
+        return weights(self.on_slave, places), weights(self.on_master, places)
+
+
+def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segments:
+    """Overlaps of two surfaces.
+
+    Args:
+        slave: (s, k, dim), corners of its sub-facets.
+        master: (m, k, dim).
+        along: (s, dim), unit directions of projection, out of the slave's body.
+        outward: (m, dim), unit normals out of the master's.
+    """
+    one, other = _candidates(slave, master)
+    facing = np.sum(along[one] * outward[other], axis=1) < _FACING
+    one, other = one[facing], other[facing]
+    basis = _basis(slave, along)[one]
+    on_slave, on_master = (
+        _seen(basis, slave[one, :1], part) for part in (slave[one], master[other])
+    )
+    pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
+    found = Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair])
+    some = found.share > _NOTHING
+    return Segments(*(getattr(found, part)[some] for part in vars(found)))
+
+
+def weights(corners: Array, places: Array) -> Array:
+    """Linear or bilinear functions (q, g, k) of corners (q, k, d), at places (q, g, d)."""
+    k, d = corners.shape[1:]
+    edges = np.swapaxes(corners[:, 1 : d + 1] - corners[:, :1], 1, 2)
+    away = np.swapaxes(places - corners[:, :1], 1, 2)
+    inner = np.swapaxes(np.linalg.solve(edges, away), 1, 2)
+    if k == d + 1:
+        return np.concatenate([1 - inner.sum(axis=2, keepdims=True), inner], axis=2)
+    apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
+    twist = np.linalg.solve(edges, apart[:, :, None])[:, None, :, 0]
+    u, v = inner[..., 0].copy(), inner[..., 1].copy()
+    for _ in range(_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
+        wrong = [at + twist[..., i] * u * v - inner[..., i] for i, at in enumerate((u, v))]
+        a, b = 1 + twist[..., 0] * v, twist[..., 0] * u
+        c, e = twist[..., 1] * v, 1 + twist[..., 1] * u
+        determinant = a * e - b * c
+        step = (
+            (e * wrong[0] - b * wrong[1]) / determinant,
+            (a * wrong[1] - c * wrong[0]) / determinant,
+        )
+        u, v = u - step[0], v - step[1]
+        if np.abs(step).max(initial=0.0) < _STILL:
+            break
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
+
+
+def stretches(corners: Array, weight: Array) -> Array:
+    """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights."""
+    edges = corners[:, 1:3] - corners[:, :1]
+    if corners.shape[1] == 2:
+        return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
+    if corners.shape[1] == 4:
+        other = corners[:, 3:] - corners[:, [2, 1]]
+        across = np.stack([weight[:, 2:].sum(axis=1), weight[:, 1::2].sum(axis=1)], axis=1)
+        edges = edges + across[:, :, None] * (other - edges)
+    if corners.shape[2] == 2:
+        return np.asarray(np.abs(np.linalg.det(edges)))
+    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
+
+
+def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
+    """Pairs whose bounding balls meet, the slave's widened by its distance from the master."""
+    if not len(slave) or not len(master):
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    middles, tree = slave.mean(axis=1), cKDTree(master.mean(axis=1))
+    sizes, largest = (
+        np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        for corners in (slave, master)
+    )
+    reach = sizes + largest.max() + tree.query(middles)[0]
+    found = tree.query_ball_point(middles, reach)
+    one = np.repeat(np.arange(len(slave)), [len(near) for near in found])
+    return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
+
+
+def _basis(slave: Array, along: Array) -> Array:
+    """Columns (s, dim, dim): the first edges of sub-facets, and the direction of projection."""
+    dim = slave.shape[2]
+    edges = np.swapaxes(slave[:, 1:dim] - slave[:, :1], 1, 2)
+    return np.concatenate([edges, along[:, :, None]], axis=2)
+
+
+def _seen(basis: Array, origin: Array, corners: Array) -> Array:
+    """Coordinates (n, k, d) of corners (n, k, dim), projected along the last of the basis."""
+    away = np.swapaxes(corners - origin, 1, 2)
+    return np.swapaxes(np.linalg.solve(basis, away)[:, :-1], 1, 2)
+
+
+def _simplices(corners: Array) -> list[list[int]]:
+    """Corners of the simplices that make up a cell (q, k, d)."""
+    k, d = corners.shape[1:]
+    return [list(range(k))] if k == d + 1 else [[0, 1, 3], [0, 3, 2]]
+
+
+def _simplex(corners: Array) -> Array:
+    """Lengths or areas (q,) of simplices (q, d + 1, d)."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(np.abs(np.linalg.det(edges)) / edges.shape[1], dtype=float)
+
+
+def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001
+    """Pairs (q,) that overlap, and their corners (q, 2, 1)."""
+    low, high = (np.clip(end(master[:, :, 0], axis=1), 0.0, 1.0) for end in (np.min, np.max))
+    pair = np.flatnonzero(high > low)
+    return pair, np.stack([low, high], axis=1)[pair, :, None]
+
+
+def _of_polygons(slave: Array, master: Array) -> tuple[Indices, Array]:
+    """Pairs (q,) that overlap, a triangle each, and their corners (q, 3, 2).
+
+    The master's polygon is cut off at each side of the slave's in turn (Sutherland and Hodgman,
+    https://doi.org/10.1145/360767.360802); what is left is a polygon, cut into a fan.
+    """
+    n, k = master.shape[:2]
+    rim = slave[:, _RIM[k]]
+    polygon: Array = np.zeros((n, 2 * k + 1, 2))
+    polygon[:, :k] = master[:, _RIM[k]]
+    count: Indices = np.full(n, k)
+    for side in range(k):
+        start, end = rim[:, side], rim[:, (side + 1) % k]
+        inwards = np.stack([start[:, 1] - end[:, 1], end[:, 0] - start[:, 0]], axis=1)
+        height = np.einsum("nd,nmd->nm", inwards, polygon - start[:, None])
+        polygon, count = _cut(polygon, count, height)
+    fans = [np.flatnonzero(count > j + 2) for j in range(2 * k - 1)]
+    pair = np.concatenate(fans)
+    cut = [polygon[some][:, [0, j + 1, j + 2]] for j, some in enumerate(fans)]
+    return pair, np.concatenate(cut)
+
+
+def _cut(polygon: Array, count: Indices, height: Array) -> tuple[Array, Indices]:
+    """Polygons (n, most, 2) of `count` (n,) corners, less what has a negative height (n, most)."""
+    n, most, _ = polygon.shape
+    kept, size = np.zeros_like(polygon), np.zeros(n, dtype=np.int64)
+    row = np.arange(n)
+    for k in range(most):
+        there = k < count
+        following = np.where(k + 1 < count, k + 1, 0)
+        start, end = polygon[:, k], polygon[row, following]
+        a, b = height[:, k], height[row, following]
+        inside = there & (a >= 0)
+        kept[row[inside], size[inside]] = start[inside]
+        size += inside
+        crossed = there & ((a >= 0) != (b >= 0))
+        t = (a / np.where(crossed, a - b, 1.0))[:, None]
+        kept[row[crossed], size[crossed]] = (start + t * (end - start))[crossed]
+        size += crossed
+    return kept, size

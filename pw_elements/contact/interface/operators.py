@@ -1,0 +1,334 @@
+"""The interface: contact points, and two operators that couple them to the body.
+
+With a the displacements (n,) of all nodes and r the contact forces at the points,
+
+    motion of the points  = G a,          G (points x dim, n),
+    K a - f               = H r,          H (n, points x dim),
+
+all components global. The motion is relative to what faces a point: nothing is subtracted for
+rigid surfaces, whose translations the law sees apart; the opposite body's displacement where
+nodes match. Nodal interfaces have H = G^T, for the new element too: its nodal equations are
+weighted, its nodal displacements are not.
+
+What of it belongs to a pair is `Points`, which builders make.
+
+A mortar interface joins by another builder of `Points`: G has the weighted gap integrals in its
+rows, H the integrals of the multipliers' duals against the weights of both bodies. What the rest
+relies on is that each component of a point's force has one equation, `Points.equation`, in which
+no other force appears, so that the force can be read from it; and that G's unit times H's is a
+stiffness over K's, by which the law's scale is found. Law, kinematics and loop see points only.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from pw_elements.checks import answer, collective, listed
+from pw_elements.checks import field as checked_field
+from pw_elements.contact.model import Cone, Surface
+from pw_elements.elasticity import by_position
+from pw_elements.spaces import SubSpace
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# What the point faces in place of a node of a body: nothing that moves by itself, or many nodes
+RIGID, DEFORMABLE = -1, -2
+
+# What of a coordinate may be round-off
+ROUND_OFF = 4 * float(np.finfo(float).eps)
+# Largest initial penetration that passes for round-off and faceting, over the body's diagonal
+_PENETRATION = 1e-6
+# Largest normal component of a prescribed displacement, a cosine
+_TANGENTIAL = 1e-8
+# Largest difference of a normal's length from one
+_UNIT = 1e-6
+# Cosine from which on a push counts as outwards
+_OUTWARDS = 0.1
+
+
+@dataclass(frozen=True)
+class Points:
+    """The contact points (m) of one pair that belong to this process.
+
+    Args:
+        position: (m, dim), undeformed.
+        cone: of friction.
+        equation: (m, dim), number of the reduced equation that holds this component of the
+            point's force and of no other; -1 where none does: the law is not stated there. It
+            is owned by this process.
+        motion: (m dim, n), rows of G, for the displacements alone.
+        force: (m dim, n), columns of H, transposed, likewise.
+        beside: (m, dim), mean of the midpoints of the cells around: tells points apart that
+            coincide, such as those of two bodies that touch.
+        outward: (m, dim), direction of the body's outward normal; zero where there is none.
+        node: (m,), global number of the node that the point is, or whose force it has.
+        faced: (m,), global number of the node that it faces; `RIGID` or `DEFORMABLE` where it
+            faces a surface.
+        opposite: (k,), global numbers of the nodes of a deformable surface, of all processes, in
+            the order of `by_position`.
+    """
+
+    position: Array
+    cone: Cone
+    equation: Indices
+    motion: sp.csr_matrix
+    force: sp.csr_matrix
+    beside: Array
+    outward: Array
+    node: Indices
+    faced: Indices
+    opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+
+class NoContactStated(ValueError):
+    """Points of which no contact is stated, where they or their surfaces are."""
+
+
+class Interface:
+    """All contact points of this process (m of them), pair after pair.
+
+    Attributes:
+        comm: of the space.
+        surfaces: one per pair, at its initial place.
+        pair: (m,), number of each point's pair.
+        position, equation, node, faced: as in `Points`.
+        cone: of friction, at all of them.
+        opposite: as in `Points`, per pair.
+        motion: G.
+        force: H.
+        field: the displacements among the unknowns.
+    """
+
+    def __init__(
+        self,
+        points: Sequence[Points],
+        surfaces: Sequence[Surface],
+        field: SubSpace,
+        interfering: Sequence[bool] = (),
+        inverse: PETSc.Mat | None = None,
+    ) -> None:
+        """Puts pairs together, whose points move with displacements among the unknowns (n,).
+
+        Surfaces may cut the body in pairs that are `interfering`. Unknowns are displacements, or
+        coefficients which `inverse`, (n, n), makes of these.
+        """
+        self.field = field
+        self.comm: MPI.Comm = field.space.mesh.comm
+        self.surfaces = list(surfaces)
+        counts = [len(part.position) for part in points]
+        self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
+        self.position = np.concatenate([part.position for part in points])
+        cones = [part.cone for part in points]
+        self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones])
+        self.equation = np.concatenate([part.equation for part in points])
+        self.node = np.concatenate([part.node for part in points])
+        self.faced = np.concatenate([part.faced for part in points])
+        self.opposite = [part.opposite for part in points]
+        self._outward = np.concatenate([part.outward for part in points])
+        self._beside = np.concatenate([part.beside for part in points])
+        self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), field)
+        transposed = _matrix(sp.vstack([part.force for part in points], "csr"), field)
+        self.force = transposed.transpose(PETSc.Mat())
+        self._inverse = inverse
+        self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
+
+    @property
+    def pairs(self) -> int:
+        """Number of contact pairs."""
+        return len(self.surfaces)
+
+    def check(self, diagonal: float) -> None:
+        """Raises ValueError for what states no contact problem.
+
+        No points, friction that is negative or not a number, a prescribed normal displacement,
+        a surface without gap or unit normal at a point, one that cuts the body (of the size
+        `diagonal`) or pushes it outwards.
+        """
+        for k in range(self.pairs):
+            if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
+                raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
+        nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
+        wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
+        self.refuse(wrong, "have a friction coefficient that is negative or not finite")
+        self.check_supports(None)
+        cut = ~(self._by_pair("gap", None, ()) >= -_PENETRATION * diagonal) & ~self._interfering
+        rigid = self.faced == RIGID
+        self.refuse(
+            cut & rigid,
+            "lie inside the rigid surface before any motion; a motion has to press it in, or the "
+            "pair is to say interference=True",
+        )
+        self.refuse(
+            cut & ~rigid,
+            "lie inside the body that they face before any motion: move the bodies apart, or the "
+            "pair is to say interference=True",
+        )
+        self._check_sides()
+
+    @cached_property
+    def interference(self) -> Array:
+        """Depth (m,) of the points inside their surface, zero unless that is asked for."""
+        return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None, ())), 0.0)
+
+    def check_supports(self, translations: Array | None) -> None:
+        """Raises ValueError if a point that a surface faces cannot move along its normal."""
+        normal, gap = self.normals(translations), self.gaps(translations)
+        self.refuse(np.isnan(gap), "see a surface whose gap is not a number")
+        faced = np.isfinite(gap)
+        length = np.linalg.norm(normal, axis=1)
+        self.refuse(~(np.abs(length - 1) < _UNIT), "see a surface whose normal is no unit vector")
+        along = np.where(self.equation < 0, normal, 0.0)
+        held = np.abs(along).max(axis=1, initial=0) > _TANGENTIAL
+        self.refuse(
+            held & faced,
+            "have a prescribed normal displacement: they cannot be in contact. Let the pair end "
+            "one facet away from the support",
+        )
+
+    def _check_sides(self) -> None:
+        pushed = np.sum(self.normals(None) * self._outward, axis=1)
+        wrong = pushed > _OUTWARDS * np.linalg.norm(self._outward, axis=1)
+        known = np.any(self._outward != 0, axis=1) & np.isfinite(self.gaps(None))
+        for k in range(self.pairs):
+            mine = known & (self.pair == k)
+            some, right = (
+                self.comm.allreduce(int(np.sum(flags)), MPI.SUM) for flags in (mine, mine & ~wrong)
+            )
+            if some and not right:
+                raise ValueError(
+                    f"the surface of contact pair {k} pushes the body outwards at each of its "
+                    "nodes: its direction is to point from the rigid into the body; reverse it"
+                )
+
+    def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
+        """Raises NoContactStated, with the positions of points, if there are any."""
+        places = self.gathered(self.position[wrong])
+        if len(places):
+            raise NoContactStated(f"contact nodes at {listed(places)} {what}")
+
+    def gathered(self, values: npt.NDArray) -> npt.NDArray:
+        """Rows of all processes, on each of them."""
+        return np.concatenate(self.comm.allgather(values))
+
+    def in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
+        """Values (m, ...) at a pair's points of all processes, sorted by position."""
+        return self.gathered(values[self.pair == pair])[self._order[pair]]
+
+    def local(self, values: Sequence[npt.NDArray]) -> npt.NDArray:
+        """Rows (m, ...) of this process, of values per pair that are sorted as `in_order` does."""
+        rows = []
+        for k, of_pair in enumerate(values):
+            counts = self.comm.allgather(int(np.sum(self.pair == k)))
+            first = sum(counts[: self.comm.rank])
+            place = np.argsort(self._order[k])
+            rows.append(of_pair[place[first : first + counts[self.comm.rank]]])
+        return np.concatenate(rows)
+
+    @cached_property
+    def _order(self) -> list[npt.NDArray[np.intp]]:
+        """Order by position of each pair's points as they are gathered."""
+        return [
+            by_position(
+                self.gathered(self.position[self.pair == k]),
+                self.gathered(self._beside[self.pair == k]),
+            )
+            for k in range(self.pairs)
+        ]
+
+    @cached_property
+    def extent(self) -> float:
+        """Largest extent of the points along an axis."""
+        low, high = np.full(self.position.shape[1], np.inf), np.full(self.position.shape[1], np.inf)
+        if len(self.position):
+            low, high = self.position.min(axis=0), -self.position.max(axis=0)
+        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MIN)
+        return float((-high - low).max())
+
+    def on_opposite(self, pair: int, force: Array) -> Array:
+        """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes."""
+        nodes, dim = self.opposite[pair], force.shape[1]
+        total = np.zeros((len(nodes), dim))
+        if len(nodes):
+            points = self.force.createVecRight()
+            points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
+            nodal = self.field.part(self.force * points).array_r.reshape(-1, dim)
+            own = nodes - self.field.space.dofmap.index_map.local_range[0]
+            mine = (own >= 0) & (own < len(nodal))
+            total[mine] = nodal[own[mine]]
+            self.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
+        return total
+
+    def shifts(self, translations: Array | None) -> Array:
+        """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""
+        if translations is None:
+            return np.zeros_like(self.position)
+        return translations[self.pair]
+
+    def gaps(self, translations: Array | None) -> Array:
+        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it."""
+        gap = self._by_pair("gap", translations, ())
+        return gap if self._inverse is None else self._of_coefficients(gap, translations)
+
+    def normals(self, translations: Array | None) -> Array:
+        """Normals (m, dim) of the translated surfaces at the undeformed body."""
+        dim = self.position.shape[1]
+        return self._by_pair("normal", translations, (dim,))
+
+    def _of_coefficients(self, gap: Array, translations: Array | None) -> Array:
+        """Gaps (m,) which coefficients close where displacements close the given ones.
+
+        A node keeps its own where one of those whose displacements its coefficient is made of
+        faces nothing.
+        """
+        inverse = self._inverse
+        assert inverse is not None
+        normal = self.normals(translations)
+        faced = np.isfinite(gap)
+        first, last = inverse.getOwnershipRange()
+        dim = normal.shape[1]
+        node = self.node - first // dim
+
+        def transformed(values: Array) -> Array:
+            vector = inverse.createVecRight()
+            of_nodes = np.zeros(((last - first) // dim, dim))
+            of_nodes[node] = values
+            vector.setArray(of_nodes.ravel())
+            return np.asarray((inverse * vector).array_r.reshape(-1, dim)[node])
+
+        whole = np.abs(transformed(np.tile(faced[:, None], dim))[:, 0] - 1) < _UNIT
+        away = transformed(np.where(faced, gap, 0.0)[:, None] * normal)
+        return np.where(whole, np.sum(away * normal, axis=1), gap)
+
+    def _by_pair(
+        self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]
+    ) -> Array:
+        x = self.position - self.shifts(translations)
+        values = np.empty((len(x), *shape))
+        layout = f"it takes points as rows (n, dim) and gives {'(n, dim)' if shape else '(n,)'}"
+
+        with collective(self.comm):
+            for k, surface in enumerate(self.surfaces):
+                mine = self.pair == k
+                if mine.any():
+                    whose = f"the {what} of the surface of contact pair {k}"
+                    given = answer(self.comm, whose, getattr(surface, what), x[mine])
+                    values[mine] = checked_field(whose, given, (int(mine.sum()), *shape), layout)
+        return values
+
+
+def _matrix(rows: sp.csr_matrix, field: SubSpace) -> PETSc.Mat:
+    """A matrix with these rows on this process, of displacements, for all unknowns."""
+    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+    sizes = ((rows.shape[0], PETSc.DETERMINE), field.sizes)
+    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=field.space.mesh.comm)
+    return matrix if field.is_all else matrix.matMult(field.selection())

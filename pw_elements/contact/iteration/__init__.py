@@ -1,0 +1,30 @@
+"""The semismooth Newton iteration: law, kinematics, linear systems, active sets."""
+
+from pw_elements.contact.iteration.law import (
+    OPEN,
+    SLIP,
+    STICK,
+    ActiveSet,
+    Contact,
+    Kinematics,
+    LinearisedLaw,
+    equations,
+)
+from pw_elements.contact.iteration.newton import (
+    TOLERANCE,
+    Increment,
+    Iterate,
+    LinearEquilibrium,
+    Reference,
+    newton,
+)
+from pw_elements.contact.iteration.policy import (
+    LeftFree,
+    Policy,
+    first_active_set,
+    first_unknowns,
+    null_space,
+    triangle,
+)
+from pw_elements.contact.iteration.results import contact_state, undeformed
+from pw_elements.contact.iteration.system import ContactSystem

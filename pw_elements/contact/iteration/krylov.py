@@ -1,0 +1,507 @@
+"""The linear system of one active set as E K + C, never assembled, solved as well as it pays.
+
+With y = K a, the rows of the contact points become E r + C G a - D U with r read from y; all
+others stay, but those of opposite nodes, which r acts on, too. The preconditioner is multigrid for
+K in which the directions that an active set holds are taken out, as supports are, or follow the
+opposite nodes: so a body that contact alone holds has a stiffness. Free translations U, of which
+there are few, are eliminated by the Schur complement of the preconditioner. In hybrid bodies held
+are displacements alone, the first block of the triangle, see `SaddlePoint`.
+
+Newton's iteration needs no exact solutions on its way: each reduces the residual, which begins
+at that of the nonlinear equations, to a part of it. The last ones are exact, when the loop asks.
+
+Where hardly any node sticks the preconditioner holds some. Friction may hold a body of which all
+nodes slide: it turns with the slip, and so makes the tangent regular. Multigrid for K knows
+nothing of that: with nothing held along the surface it is singular, and GMRES breaks down. A few
+nodes are therefore held in the preconditioner, not in the equations, which changes it by a matrix
+of low rank and costs about as many iterations.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
+from pw_elements.contact.model import Free
+from pw_elements.solvers import (
+    Krylov,
+    MatrixFree,
+    Multigrid,
+    SaddlePoint,
+    SingularSystem,
+    Supports,
+    Ties,
+    collect_garbage,
+    connected_pieces,
+    destroy,
+    free_motion,
+    python_matrix,
+)
+from pw_elements.spaces import SubSpace
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Sticking nodes of a piece that hold it well enough
+_ENOUGH = 6
+
+# Residual on the way, over the one before
+_FORCING = 0.02
+# Residual at the end, over the largest nodal contact force, and what each further exact solution
+# takes of it
+_EXACT, _MORE = 1e-11, 0.1
+# Forces over the residual from which on they say anything of the solution
+_KNOWN = 1e-3
+# A true residual over the one asked for that shows round-off at work, as does one that stays
+_STALLED = 2.0
+# Singular values of E (0: held, 1: free): no equation of forces, and held for the preconditioner
+_NONE, _HELD = 1e-9, 0.5
+
+
+@dataclass(frozen=True)
+class NodePoints:
+    """The contact points (m of this process), each of which is a node or has the force of one.
+
+    Args:
+        node: (m,), local number.
+        motion: G, (m dim, n).
+        spread: what forces do to the equations of other nodes, (m dim, n); None if nothing.
+        own: (m, dim), local number of each point's own equations, -1 where there is none.
+        flexible: (m, dim), what makes forces of equations.
+        scale: (m,), c of the law.
+        moved: (m, dim), number of the free translation that moves a component, -1 if none does.
+        translations: number of the free translations.
+        round_off: force that may be nothing but round-off of coordinates, at all points together.
+    """
+
+    node: Indices
+    motion: PETSc.Mat
+    spread: PETSc.Mat | None
+    own: Indices
+    flexible: Array
+    scale: Array
+    moved: Indices
+    translations: int
+    round_off: float
+
+    @classmethod
+    def of(
+        cls,
+        interface: Interface,
+        spread: PETSc.Mat | None,
+        own: Indices,
+        flexible: Array,
+        scale: Array,
+        free: Free,
+    ) -> "NodePoints":
+        """Collects the points of an interface."""
+        node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
+        moved = np.full(own.shape, -1, dtype=np.int64)
+        for k, (pair, axis) in enumerate(free):
+            moved[interface.pair == pair, axis] = k
+        lost = ROUND_OFF * np.linalg.norm(scale[:, None] * interface.position)
+        round_off = interface.comm.allreduce(float(lost), MPI.SUM)
+        motion = interface.motion
+        return cls(node, motion, spread, own, flexible, scale, moved, len(free), round_off)
+
+    def of_displacements(self, field: SubSpace) -> "NodePoints":
+        """The same points where displacements are all unknowns; no surface is free there."""
+        number = np.full(field.rows[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
+        number[field.owned.ravel()] = np.arange(field.owned.size)
+        columns = field.selection().transpose(PETSc.Mat())
+        spread = None if self.spread is None else self.spread.matMult(columns)
+        motion = self.motion.matMult(columns)
+        return replace(self, motion=motion, spread=spread, own=number[self.own], translations=0)
+
+    def read(self, equations: Array) -> Array:
+        """Forces (m, dim); 0 where the law is not stated."""
+        return np.where(self.own >= 0, equations[self.own] * self.flexible, 0.0)
+
+
+class Unassembled:
+    """E K + C with its border, for `PETSc.Mat.createPython`.
+
+    Attributes:
+        force: (m, dim), K a at the contact points, of the last product.
+    """
+
+    def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
+        self._K, self._points = K, points
+        self._prescribed: Indices = np.flatnonzero(~free)
+        self._stated = points.own >= 0
+        self._comm: MPI.Comm = K.comm.tompi4py()
+        some = self._comm.allreduce(len(self._prescribed), MPI.SUM) > 0
+        bordered = points.translations > 0
+        self._motion = K.createVecRight() if some or bordered else None
+        self._image = K.createVecLeft() if bordered else None
+        self._moved = points.motion.createVecLeft()
+        self._carried = None if points.spread is None else K.createVecLeft()
+        self.force: Array = np.zeros(points.own.shape)
+
+    def state(self, law: LinearisedLaw) -> None:
+        """Takes over the law of an active set."""
+        self._E, self._C, self._D = law.E, law.C, law.D
+
+    def of_motion(self, x: PETSc.Vec) -> Array:
+        """C G a - D U, (m, dim): what the law says of a motion, without its forces."""
+        return self._of_motion(x, self._unsupported(x))
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x."""
+        points, n = self._points, self._K.getLocalSize()[1]
+        given, motion = x.array_r, self._unsupported(x)
+        law = self._of_motion(x, motion)
+        image = y if self._image is None else self._image
+        self._K.mult(motion, image)
+        self.force = force = points.read(image.array_r)
+        if points.spread is not None:
+            self._moved.array[:] = force.ravel()
+            points.spread.multTranspose(self._moved, self._carried)
+            image.axpy(1.0, self._carried)
+        law += np.einsum("nab,nb->na", self._E, force)
+        totals = np.zeros(0)
+        if points.translations:
+            totals = np.zeros(points.translations)
+            some = points.moved >= 0
+            np.add.at(totals, points.moved[some], force[some])
+            self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
+        result = y.array
+        if image is not y:
+            result[:n] = image.array_r
+            result[n:] = totals[: len(given) - n]
+        result[self._prescribed] = given[self._prescribed]
+        result[points.own[self._stated]] = law[self._stated]
+
+    def _unsupported(self, x: PETSc.Vec) -> PETSc.Vec:
+        """The motion a of x, zero where it is prescribed."""
+        if self._motion is None:
+            return x
+        self._motion.array[:] = x.array_r[: self._K.getLocalSize()[1]]
+        self._motion.array[self._prescribed] = 0.0
+        return self._motion
+
+    def _of_motion(self, x: PETSc.Vec, motion: PETSc.Vec) -> Array:
+        points = self._points
+        points.motion.mult(motion, self._moved)
+        moved = self._moved.array_r.reshape(points.own.shape)
+        law: Array = np.einsum("nab,nb->na", self._C, moved)
+        if points.translations:
+            n, last = self._K.getLocalSize()[1], self._comm.size - 1
+            U = np.append(self._comm.bcast(x.array_r[n:].copy(), last), 0.0)
+            law -= np.einsum("nab,nb->na", self._D, U[points.moved])
+        return law
+
+
+class Tied:
+    """Preconditioner of E K + C from one of bodies that are tied, for a `PETSc.PC` in Python.
+
+    The ties move a node as weighted means of its own side's weights would, were these lumped; what
+    is left of its stated gap is taken out once more.
+    """
+
+    def __init__(self, inner: PETSc.PC, ties: Ties, points: NodePoints) -> None:
+        self._inner, self._ties, self._points = inner, ties, points
+        self._motion, self._nodal = ties.opposite.createVecLeft(), ties.opposite.createVecRight()
+        self._rest = self._nodal.duplicate()
+        self._held: Array = np.zeros((0, 1, 1))
+
+    def hold(self, held: Array) -> None:
+        """Takes over projectors (m, dim, dim)."""
+        self._held = held
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x. Forces that are stated act on the opposite nodes, too."""
+        points, opposite = self._points, self._ties.opposite
+        stated = np.where(points.own >= 0, x.array_r[points.own], 0.0)
+        fixed = np.einsum("nij,nj->ni", self._held, stated)
+        self._motion.array[:] = (stated - fixed).ravel()
+        opposite.multTranspose(self._motion, self._nodal)
+        self._rest.waxpy(-1.0, self._nodal, x)
+        self._inner.apply(self._rest, y)
+        self._ties.follow(y)
+        points.motion.mult(y, self._motion)
+        wrong = fixed / points.scale[:, None] - self._motion.array_r.reshape(fixed.shape)
+        nodal = y.array.reshape(-1, fixed.shape[1])
+        nodal[points.node] += np.einsum("nij,nj->ni", self._held, wrong)
+
+
+class Bordered:
+    """Preconditioner of the bordered system from one without border, for a `PETSc.PC` in Python."""
+
+    def __init__(self, inner: PETSc.PC, sums: list[Array], comm: MPI.Comm, like: PETSc.Vec) -> None:
+        self._inner, self._sums, self._comm = inner, sums, comm
+        self._x, self._y = like.duplicate(), like.duplicate()
+        self._images: list[Array] = []
+        self._schur = np.eye(len(sums))
+
+    def update(self, columns: list[Array]) -> None:
+        """Takes over the columns (n,) of the free translations."""
+        self._images = [self._solved(column) for column in columns]
+        self._schur = -np.array([self._summed(image) for image in self._images]).T
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x."""
+        given, n = x.array_r, self._x.getLocalSize()
+        balance = self._comm.bcast(given[n:].copy(), self._comm.size - 1)
+        result = self._solved(given[:n])
+        U = np.linalg.lstsq(self._schur, balance - self._summed(result))[0]
+        for moved, image in zip(U, self._images, strict=True):
+            result -= moved * image
+        y.array[:n] = result
+        y.array[n:] = U[: len(given) - n]
+
+    def _solved(self, right: Array) -> Array:
+        self._x.array[:] = right
+        self._inner.apply(self._x, self._y)
+        return np.array(self._y.array_r)
+
+    def _summed(self, values: Array) -> Array:
+        totals = np.array([total @ values for total in self._sums])
+        self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
+        return totals
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """As many nodes of each connected piece as there are dimensions, far from each other.
+
+    Args:
+        piece: (m,), number of the piece that each contact node of this process belongs to.
+        chosen: (m,), whether it is an anchor.
+        pieces: their number.
+        comm: of the processes.
+    """
+
+    piece: npt.NDArray[np.integer]
+    chosen: npt.NDArray[np.bool_]
+    pieces: int
+    comm: MPI.Comm
+
+    @classmethod
+    def of(cls, space: fem.FunctionSpace, nodes: Indices) -> "Anchors":
+        """Anchors among local contact nodes (m,)."""
+        comm: MPI.Comm = space.mesh.comm
+        piece, pieces = connected_pieces(space)
+        x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
+        every, where = (np.concatenate(comm.allgather(part)) for part in (x, piece[nodes]))
+        chosen = np.zeros(len(every), dtype=bool)
+        for k in range(pieces):
+            mine = np.flatnonzero(where == k)
+            chosen[mine[_apart(every[mine])]] = True
+        first = sum(comm.allgather(len(nodes))[: comm.rank])
+        return cls(piece[nodes], chosen[first : first + len(nodes)], pieces, comm)
+
+    def held(self, projectors: Array) -> Array:
+        """Projectors (m, dim, dim) onto what is held, with the anchors where few nodes stick."""
+        dim = projectors.shape[1]
+        sticks = np.einsum("naa->n", projectors) > dim - 0.5
+        count = np.bincount(self.piece[sticks], minlength=self.pieces)
+        self.comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
+        loose = self.chosen & (count < _ENOUGH)[self.piece]
+        return np.where(loose[:, None, None], np.eye(dim), projectors)
+
+
+def _apart(x: Array) -> list[int]:
+    """Points of x (n, dim), the first far from their mean, each next one from those before."""
+    if not len(x):
+        return []
+    chosen = [int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))]
+    rest = x - x[chosen[0]]
+    for _ in range(x.shape[1] - 1):
+        far = int(np.argmax(np.linalg.norm(rest, axis=1)))
+        size = np.linalg.norm(rest[far])
+        if size == 0:
+            break
+        chosen.append(far)
+        rest = rest - np.outer(rest @ rest[far], rest[far]) / size**2
+    return chosen
+
+
+class KrylovTangent:
+    """The matrix of any active set and its solver, in place of `Tangent`.
+
+    Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
+    last, on the last process.
+
+    Args:
+        K: stiffness (n, n), free.
+        supports: of the space.
+        points: at nodes.
+        how: options.
+        supported: K under the supports, which goes with this.
+
+    Attributes:
+        solver, precise: as in `ContactTangent`.
+    """
+
+    precise = False
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        supports: Supports,
+        points: NodePoints,
+        how: MatrixFree,
+        supported: PETSc.Mat,
+    ) -> None:
+        self._supported = supported
+        self._points = points
+        self._comm: MPI.Comm = K.comm.tompi4py()
+        self.solver: Krylov = how.prepare(K, supports=supports)
+        levels = self.solver.multigrid
+        saddle = self._saddle = levels if isinstance(levels, SaddlePoint) else None
+        self._multigrid: Multigrid = levels.levels if isinstance(levels, SaddlePoint) else levels
+        stiffness = saddle.scaled if saddle else self._multigrid.blocked
+        self._context = Unassembled(stiffness, supports.free, points)
+        local, whole = K.getSizes()[0]
+        self._unknowns = local
+        last = self._comm.rank == self._comm.size - 1
+        sizes = (local + points.translations * last, whole + points.translations)
+        self._operator = python_matrix((sizes, sizes), self._context, K.comm)
+        inner = self.solver.ksp.getPC()
+        self._tied: Tied | None = None
+        self._border: Bordered | None = None
+        if points.spread is not None:
+            alone = points.of_displacements(saddle.displacements) if saddle else points
+            ties = self._multigrid.tie(points.node, alone.spread)
+            self._tied = Tied(saddle.inner if saddle else inner, ties, alone)
+            tied = PETSc.PC().createPython(self._tied, comm=K.comm)
+            tied.setOperators(self._multigrid.operator)
+            if saddle:
+                saddle.inner = tied
+            else:
+                inner = tied
+        if points.translations:
+            sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
+            self._border = Bordered(inner, sums, self._comm, K.createVecRight())
+        if outer := self._border or (None if saddle else self._tied):
+            self._ksp = self.solver.preconditioned(self._operator, outer)
+        else:
+            self._ksp = self.solver.ksp
+            self._ksp.setOperators(self._operator, levels.operator)
+        # supports that hold all pieces need no help of contact
+        elastic, held = self.solver.elastic
+        loose = free_motion(elastic, held)
+        self._anchors = Anchors.of(held.space, points.node) if loose else None
+        self._solution = self._operator.createVecRight()
+        self._final = self._enclosed = False
+        self._accuracy, self._size = _EXACT, 0.0
+
+    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Begins at unknowns of this process, zero where prescribed."""
+        begin, local = unknowns(), self._solution.array
+        local[: len(begin)] = begin
+        local[len(begin) :] = translations[: len(local) - len(begin)]
+        self._size = self._solution.norm()
+
+    def encloses(self) -> bool:
+        """Whether a constant pressure has been met that acts on nothing."""
+        return self._enclosed
+
+    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+        """As `ContactTangent` says; a constant pressure that acts on nothing is singular."""
+        more = accuracy == "more" and self._final
+        self._accuracy = self._accuracy * _MORE if more else _EXACT
+        self._context.state(law)
+        known, x = self._operator.createVecLeft(), self._solution
+        known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
+        held = self._hold(law.E)
+        if self._saddle and self._saddle.free_pressure(self._operator):
+            self._enclosed = True
+            raise SingularSystem("the pressure is known up to a constant")
+        self._land(known, x, held)
+        if self._ksp is not self.solver.ksp:
+            self.solver.ksp.setUp()
+        if self._border is not None:
+            self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
+        rest, step = known.duplicate(), known.duplicate()
+        left = self._left(known, rest)
+        reduced = _FORCING * left if accuracy == "rough" else 0.0
+        stalled = False
+        while left > (target := self._target(left, reduced)) and not stalled:
+            self._ksp.setTolerances(rtol=0.0, atol=target)
+            self._ksp.solve(rest, step)
+            x.axpy(1.0, step)
+            before, left = left, self._left(known, rest)
+            stalled = left >= min(_STALLED * target, before)
+        force = self._largest()
+        self._size = max(self._size, x.norm())
+        if stalled and left > self.solver.round_off(self._size) + self._points.round_off + target:
+            raise self.solver.not_converged(left / max(known.norm(), force))
+        self._final = bool(left <= _EXACT * force or stalled)
+        collect_garbage(known)
+        return Solved(np.array(x.array_r), exact=stalled, final=self._final)
+
+    def release(self) -> None:
+        """Frees the solver, on all processes."""
+        destroy(self._ksp, self._operator, self._supported)
+        self.solver.release()
+
+    def _target(self, left: float, reduced: float) -> float:
+        """The residual to be reached; on the way `reduced`, if that is small beside the forces.
+
+        It may be large, where an active set moves nodes of a body that does not follow yet.
+        """
+        square = self._comm.allreduce(float(np.sum(self._context.force**2)), MPI.SUM)
+        if square > (_KNOWN * left) ** 2:
+            reduced = min(reduced, _FORCING * square**0.5)
+        return max(reduced, self._accuracy * self._largest())
+
+    def _left(self, known: PETSc.Vec, rest: PETSc.Vec) -> float:
+        """The residual's norm; `rest` becomes what remains of a right-hand side."""
+        self._operator.mult(self._solution, rest)
+        rest.aypx(-1.0, known)
+        return float(rest.norm())
+
+    def _largest(self) -> float:
+        """The largest nodal contact force."""
+        force = float(np.abs(self._context.force).max(initial=0.0))
+        return float(self._comm.allreduce(force, MPI.MAX))
+
+    def _hold(self, E: Array) -> Array:
+        """Tells multigrid what an active set holds; projectors (m, dim, dim) onto what it fixes."""
+        left, size, _ = np.linalg.svd(E)
+        held, fixed = (
+            np.einsum("nak,nk,nbk->nab", left, (size < bound).astype(float), left)
+            for bound in (_HELD, _NONE)
+        )
+        if self._anchors is not None:
+            held = self._anchors.held(held)
+        self._multigrid.hold(self._points.node, held, self._points.scale)
+        if self._tied is not None:
+            self._tied.hold(held)
+        return fixed
+
+    def _land(self, known: PETSc.Vec, x: PETSc.Vec, fixed: Array) -> None:
+        """Moves nodes to where they are held: the iteration then stays there."""
+        points, stated = self._points, self._points.own >= 0
+        wrong = np.where(stated, known.array_r[points.own] - self._context.of_motion(x), 0.0)
+        step = np.einsum("nab,nb->na", fixed, wrong) / points.scale[:, None]
+        local = x.array
+        local[points.own[stated]] += step[stated]
+
+    def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
+        """Row (n,) of the balance of a free translation."""
+        points = self._points
+        ones, row = K.createVecs()
+        some = (points.moved == translation) & (points.own >= 0)
+        local = ones.array
+        local[points.own[some]] = points.flexible[some]
+        K.multTranspose(ones, row)
+        return np.asarray(row.array_r * supports.free)
+
+    def _column(self, translation: int, D: Array) -> Array:
+        """Column (n,) of a free translation."""
+        points = self._points
+        law = -np.einsum("nab,nb->na", D, (points.moved == translation).astype(float))
+        column = np.zeros(self._unknowns)
+        stated = points.own >= 0
+        column[points.own[stated]] = law[stated]
+        return column

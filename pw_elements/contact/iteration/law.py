@@ -1,0 +1,406 @@
+"""The law of one contact node: unilateral contact and friction on nodal forces, and linearised.
+
+With r the force of the surface on the node, n the direction it pushes in, g the gap and v
+the slip of the increment (relative tangential displacement), r_n = n·r, r_t = r - r_n n:
+
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= l(r_n),  r_t |v| = -l(r_n) v,
+
+l being the limit of friction, Coulomb's mu r_n say, is the same as the vanishing of the nodal
+Alart-Curnier function
+
+    F_n = r_n - max(0, p),                     p = r_n - c g,
+    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)),    s = r_t - c v,
+
+for any c > 0; it is of the size of the node's stiffness diagonal, so that both terms are
+forces. Newton's method on F is an active-set iteration: a node is
+
+    open (p <= 0):        r = 0,
+    stick (|s| < l(p)):   g = 0, v = 0,
+    slip (else):          g = 0, (I - M) r_t - l'(p) r_n d + c M v = (l(p) - l'(p) p) d,
+                          d = s/|s|, M = (l(p) / |s|) (I - d d^T).
+
+M turns the direction of slip. In the plane there is one tangent, I - d d^T vanishes, the last line
+is r_t = ± mu r_n by Coulomb's law, and the iteration runs through finitely many sets. A tangent of
+length zero takes no part: that is how a prescribed tangential displacement is left alone.
+
+A node whose slip would turn back sticks for one iteration first: otherwise long slips, which
+c magnifies, let rows of nodes jump from one direction to the other and back.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.model import Cone, projected
+from pw_elements.solvers import PreparedSolver
+
+Array = npt.NDArray[np.float64]
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+# Of a solution: one on the way, one exact enough to be the last, or the last one once more
+Accuracy: TypeAlias = Literal["rough", "final", "more"]
+
+# Step of differences along free translations, over the extent of the contact nodes
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class ActiveSet:
+    """What is assumed of every contact node (n of this process) in one linear solve.
+
+    Args:
+        status: (n,) OPEN, STICK or SLIP.
+        direction: (n, dim - 1), unit tangential force of slipping nodes; zero for others and
+            without friction.
+        turning: (n,), l(p) / |s|; zero for nodes that do not slip.
+        slope: (n,), l'(p), likewise.
+        level: (n,), l(p) - l'(p) p, likewise; nothing by Coulomb's law.
+    """
+
+    status: npt.NDArray[np.int8]
+    direction: Array
+    turning: Array
+    slope: Array
+    level: Array
+
+    @classmethod
+    def of(
+        cls,
+        status: npt.NDArray[np.int8],
+        direction: Array,
+        turning: Array,
+        cone: Cone,
+        pressing: Array,
+    ) -> "ActiveSet":
+        """With the limits of friction linearised at p (n,)."""
+        pressing = np.maximum(0.0, pressing)
+        limit, slope = cone.limit(pressing)
+        slips = np.any(direction != 0, axis=1)
+        level = np.where(slips, limit - slope * pressing, 0.0)
+        return cls(status, direction, turning, np.where(slips, slope, 0.0), level)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Quantities of the contact nodes (n of this process) in their frames.
+
+    Args:
+        frame: (n, dim, dim), rows: normal, tangents (zero where the law is not stated).
+        gap: (n,), infinite where nothing faces the node.
+        slip: (n, dim - 1), of this increment.
+        force: (n, dim), components of the nodal force along the frame.
+        cone: of friction.
+        scale: (n,), c.
+    """
+
+    frame: Array
+    gap: Array
+    slip: Array
+    force: Array
+    cone: Cone
+    scale: Array
+
+    @property
+    def pressing(self) -> Array:
+        """p, (n,); minus infinity for nodes which nothing faces."""
+        return self.force[:, 0] - self.scale * self.gap
+
+    @property
+    def shearing(self) -> Array:
+        """s, (n, dim - 1)."""
+        return self.force[:, 1:] - self.scale[:, None] * self.slip
+
+    @property
+    def limit(self) -> Array:
+        """Limits of friction l(max(0, p)), (n,)."""
+        return self.cone.limit(np.maximum(0.0, self.pressing))[0]
+
+    def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
+        """The linearisation of F here; with regard to the one before, if it is given."""
+        p, s = self.pressing, self.shearing
+        size, radius = np.linalg.norm(s, axis=1), self.limit
+        slipping = (p > 0) & (size >= radius)
+        if before is not None:
+            slipping &= ~(np.sum(s * before.direction, axis=1) < 0)
+        directed = slipping & self.cone.rough
+        status = np.where(p > 0, STICK, OPEN)
+        status[slipping] = SLIP
+        direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None] * s
+        turning = np.where(directed, radius / np.where(directed, size, 1.0), 0.0)
+        return ActiveSet.of(status.astype(np.int8), direction, turning, self.cone, p)
+
+    def violation(self) -> Array:
+        """F, (n, dim), forces: zero at a solution."""
+        p, s = self.pressing, self.shearing
+        normal = self.force[:, :1] - np.maximum(0.0, p)[:, None]
+        return np.hstack([normal, self.force[:, 1:] - projected(s, self.limit)])
+
+
+def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> ActiveSet:
+    """The set in which closed nodes (n,) stick, or slip where there is no friction."""
+    n = len(closed)
+    status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
+    return ActiveSet(status, np.zeros((n, tangents)), *np.zeros((3, n)))
+
+
+def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
+    """The old set where `keep` holds, the new one elsewhere."""
+    return ActiveSet(
+        np.where(keep, old.status, new.status).astype(np.int8),
+        np.where(keep[:, None], old.direction, new.direction),
+        np.where(keep, old.turning, new.turning),
+        np.where(keep, old.slope, new.slope),
+        np.where(keep, old.level, new.level),
+    )
+
+
+def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
+    """Normals and tangents of contact nodes, (n, dim, dim).
+
+    Args:
+        normal: (n, dim) unit vectors.
+        stated: (n, dim), False for components of the displacement that are prescribed. They
+            have to be tangential; the tangents are orthogonal to them.
+    """
+    free = np.eye(normal.shape[1]) * stated[:, None, :]
+    projector = free - normal[:, :, None] * normal[:, None, :]
+    values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
+    tangents = np.swapaxes(vectors * (values > 0.5)[:, None, :], 1, 2)
+    return np.concatenate([normal[:, None, :], tangents[:, 1:]], axis=1)
+
+
+def turned(active: ActiveSet, old: Array, new: Array) -> ActiveSet:
+    """An active set that refers to frames (n, dim, dim), in new ones."""
+    turn = np.einsum("nai,nbi->nab", new[:, 1:], old[:, 1:])
+    direction = np.einsum("nab,nb->na", turn, active.direction)
+    return replace(active, direction=direction)
+
+
+def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
+    """Linear equations A force + B (gap; slip) = b of every node in its frame.
+
+    Returns:
+        A and B, both (n, dim, dim), and b, (n, dim).
+    """
+    n, tangents = active.direction.shape
+    A, B = np.zeros((n, tangents + 1, tangents + 1)), np.zeros((n, tangents + 1, tangents + 1))
+    one = np.eye(tangents + 1)
+    A[active.status == OPEN] = one
+
+    stick = active.status == STICK
+    B[stick] = scale[stick, None, None] * one
+
+    slip = active.status == SLIP
+    d, c = active.direction[slip], scale[slip]
+    across = one[1:, 1:] - d[:, :, None] * d[:, None, :]
+    turn = active.turning[slip, None, None] * across
+    B[slip, 0, 0] = c
+    A[slip, 1:, 0] = -active.slope[slip, None] * d
+    A[slip, 1:, 1:] = one[1:, 1:] - turn
+    B[slip, 1:, 1:] = c[:, None, None] * turn
+    return A, B, np.pad(active.level[:, None] * active.direction, ((0, 0), (1, 0)))
+
+
+@dataclass(frozen=True)
+class LinearisedLaw:
+    """Linear equations E r + C G a - D U = c of the contact points (m) of this process.
+
+    r, G a and U are forces, motions and translations of surfaces in the nodes' coordinates.
+
+    Args:
+        E: (m, dim, dim), combines a point's forces.
+        C: (m, dim, dim), combines its motion.
+        D: (m, dim, dim), combines the translations of its surface.
+        c: (m, dim).
+    """
+
+    E: Array
+    C: Array
+    D: Array
+    c: Array
+
+    def where(self, translations: Array, motion: Array) -> "LinearisedLaw":
+        """The law of what is left free, parts (m, dim) of U and of G a being known."""
+        known = np.einsum("nij,nj->ni", self.D, translations)
+        known -= np.einsum("nij,nj->ni", self.C, motion)
+        return replace(self, c=self.c + known)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What a tangent's solver has found.
+
+    Args:
+        unknowns: of this process, those of free translations at the end of the last one.
+        exact: whether the same system, solved again, would give nothing better.
+        final: whether it is exact enough to be the last of an increment.
+    """
+
+    unknowns: Array
+    exact: bool
+    final: bool
+
+
+class ContactTangent(Protocol):
+    """The matrix of any linearised law and all equations of equilibrium, bound to a solver.
+
+    Attributes:
+        precise: whether all of its solutions are as exact as they can be.
+    """
+
+    precise: bool
+
+    @property
+    def solver(self) -> PreparedSolver:
+        """The solver of the systems, which counts what it does."""
+        ...
+
+    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Begins an increment, at unknowns of this process if these are of any use."""
+        ...
+
+    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+        """Solves for an active set.
+
+        Args:
+            right: of this process' equations.
+            balance: right-hand sides of the free translations.
+            law: at the contact points.
+            accuracy: of the solution.
+
+        Raises:
+            SingularSystem: if there is no unique solution.
+            NotConverged: if an iterative solver fails.
+        """
+        ...
+
+    def encloses(self) -> bool:
+        """Whether a constant pressure in an incompressible body acts on contact points alone."""
+        ...
+
+    def release(self) -> None:
+        """Frees what does not go with the last reference, on all processes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Gap, slip and force components as linear functions of a, U and r.
+
+    a and r are displacements and forces of the contact nodes, U the translations of their
+    surfaces. Where a curved surface is free to move, its normals turn with it. With values of
+    the place of linearisation marked by 0 and sums over the free translations k,
+
+        gap   = gap_0 + n_0·a - sum loss_k (U_k - U_0k),
+        slip  = T_0 (a - U - what they were) + sum turned_slip_k (U_k - U_0k),
+        force = [n_0; T_0] r + sum turned_force_k (U_k - U_0k).
+
+    Args:
+        interface: the contact points (m).
+        translations: U_0, (pairs, dim).
+        past: displacements less translations (n, dim) from which slip counts.
+        frame: normals n_0 and tangents T_0, (n, dim, dim).
+        gap: gap_0 of the undeformed body (n,), infinite where nothing faces a node.
+        loss: (n, dim), of gap per translation; the normal, unless curved and free.
+        turned_slip: (n, dim - 1, dim), by the turning of tangents per translation.
+        turned_force: (n, dim, dim), by the turning of the frame per translation.
+    """
+
+    interface: Interface
+    translations: Array
+    past: Array
+    frame: Array
+    gap: Array
+    loss: Array
+    turned_slip: Array
+    turned_force: Array
+
+    @classmethod
+    def at(
+        cls,
+        interface: Interface,
+        past: Array,
+        translations: Array,
+        free: Array,
+        displacement: Array,
+        force: Array,
+    ) -> "Kinematics":
+        """Linearisation at translations, displacements (n, dim) and forces (n, dim).
+
+        Args:
+            interface: the contact points.
+            past: displacements less translations (n, dim) from which slip counts.
+            translations: (pairs, dim).
+            free: (pairs, dim), tells which translations may change.
+            displacement: of the nodes.
+            force: on the nodes.
+        """
+        step = _STEP * (interface.extent or 1.0)
+        frame = frames(interface.normals(translations), interface.equation >= 0)
+        normal, tangents = frame[:, 0], frame[:, 1:]
+        gap, loss = interface.gaps(translations), normal.copy()
+        turn = np.zeros_like(frame)  # of the normal, (n, component, translation)
+        for axis in np.flatnonzero(free.any(axis=0)):
+            ahead, behind = translations.copy(), translations.copy()
+            ahead[free[:, axis], axis] += step
+            behind[free[:, axis], axis] -= step
+            moved = free[interface.pair, axis]
+            turned = (interface.normals(ahead) - interface.normals(behind)) / (2 * step)
+            with np.errstate(invalid="ignore"):  # infinite gaps
+                change = (interface.gaps(behind) - interface.gaps(ahead)) / (2 * step)
+            smooth = moved & np.isfinite(change)
+            turn[smooth, :, axis] = turned[smooth]
+            loss[smooth, axis] = change[smooth] - np.sum(turned * displacement, axis=1)[smooth]
+        # tangents turn so that they stay normal to it: dt = -(t·dn) n
+        tilt = np.einsum("nta,nak->ntk", tangents, turn)
+        relative = displacement - translations[interface.pair] - past
+        turned_slip = -tilt * np.sum(normal * relative, axis=1)[:, None, None]
+        turned_force = np.concatenate(
+            [
+                np.einsum("na,nak->nk", force, turn)[:, None],
+                -tilt * np.sum(normal * force, axis=1)[:, None, None],
+            ],
+            axis=1,
+        )
+        return cls(interface, translations, past, frame, gap, loss, turned_slip, turned_force)
+
+    def gaps(self, displacement: Array, translations: Array) -> Array:
+        """Gaps (n,) at displacements (n, dim) and translations (pairs, dim)."""
+        approach = np.sum(self.frame[:, 0] * displacement - self.loss * self._from(translations), 1)
+        return self.gap + approach
+
+    def slips(self, displacement: Array, translations: Array) -> Array:
+        """Slip components (n, dim - 1) likewise."""
+        relative = displacement - translations[self.interface.pair] - self.past
+        slips = np.einsum("nab,nb->na", self.frame[:, 1:], relative)
+        return slips + np.einsum("nak,nk->na", self.turned_slip, self._from(translations))
+
+    def forces(self, force: Array, translations: Array) -> Array:
+        """Force components (n, dim) along the frame of nodal forces (n, dim)."""
+        turned = np.einsum("nak,nk->na", self.turned_force, self._from(translations))
+        return np.einsum("nab,nb->na", self.frame, force) + turned
+
+    def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
+        """The law of an active set, in the nodes' coordinates; its factors c are (n,)."""
+        A, B, b = equations(active, scale)
+        slip = self.frame[:, 1:] - self.turned_slip
+        follow = np.concatenate([self.loss[:, None], slip], axis=1)
+        D = np.einsum("nab,nbk->nak", B, follow) - np.einsum("nab,nbk->nak", A, self.turned_force)
+        level = np.einsum("nab,nb->na", self.frame, self.past)
+        level[:, 0] = np.where(np.isfinite(self.gap), -self.gap, 0.0)
+        here = self.translations[self.interface.pair]
+        turned = D - np.einsum("nab,nbk->nak", B[:, :, 1:], self.frame[:, 1:])
+        c = b + np.einsum("nab,nb->na", B, level) - np.einsum("nak,nk->na", turned, here)
+        E, C = A @ self.frame, B @ self.frame
+        to_nodes = np.swapaxes(self.frame, 1, 2)
+        c = np.einsum("nab,nb->na", to_nodes, c)
+        return LinearisedLaw(to_nodes @ E, to_nodes @ C, to_nodes @ D, c)
+
+    def _from(self, translations: Array) -> Array:
+        """Translations (n, dim) of the nodes' surfaces from the place of linearisation."""
+        return (translations - self.translations)[self.interface.pair]

@@ -1,0 +1,336 @@
+"""The active-set (semismooth Newton) iteration of one increment: solve, residual, next set."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.algebra import Reduction
+from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.iteration.law import Accuracy, ActiveSet, Contact, Kinematics, turned
+from pw_elements.contact.iteration.policy import Policy, counted, same
+from pw_elements.contact.iteration.system import ContactSystem
+from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
+from pw_elements.solvers import SingularSystem
+
+Array = npt.NDArray[np.float64]
+
+# Violation of the law over the largest nodal contact force
+TOLERANCE = 1e-9
+# What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
+# it is `ROUND_OFF`, for a gap is a difference of coordinates
+_LOST = 1e-13
+# Relative change of friction beside a singular tangent, and of a solution that goes on there
+_BESIDE, _NEAR = 1e-6, 1e-3
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """A solution of one linear system, seen from the contact points.
+
+    Args:
+        reduced: displacements, reduced.
+        full: all unknowns (n,).
+        translations: of the surfaces, (pairs, dim).
+        displacement: motion of the points, (m, dim).
+        force: of the surfaces on the points, (m, dim).
+        unbalanced: largest force on this process that is no contact force.
+        contact: gaps, slips and forces in the frames.
+        exact: whether the same system, solved again, would give nothing better.
+        final: whether it was solved exactly enough for an end.
+    """
+
+    reduced: PETSc.Vec
+    full: PETSc.Vec
+    translations: Array
+    displacement: Array
+    force: Array
+    unbalanced: float
+    contact: Contact
+    exact: bool
+    final: bool
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where an increment starts: slip counts from here.
+
+    Args:
+        displacement: motion of the points, (m, dim).
+        force: on the points, (m, dim).
+        translations: of the surfaces, (pairs, dim).
+    """
+
+    displacement: Array
+    force: Array
+    translations: Array
+
+    @classmethod
+    def of(cls, state: ContactState, interface: Interface) -> "Reference":
+        """What an increment from a state has to know of it, on this process."""
+        moved = interface.local([pair.displacement for pair in state.pairs])
+        forces = interface.local([pair.force_vector for pair in state.pairs])
+        return cls(moved, forces, state.translations)
+
+
+@dataclass(frozen=True)
+class LinearEquilibrium:
+    """Equilibrium K a = f + H r of a body under small strains, reduced by its supports.
+
+    Args:
+        stiffness: K, reduced: the tangent at any a.
+        load: f, reduced.
+        right: R, (n, n_r), and
+        offset: a_0, (n,), of all unknowns R a_r + a_0.
+    """
+
+    stiffness: PETSc.Mat
+    load: PETSc.Vec
+    right: PETSc.Mat
+    offset: PETSc.Vec
+
+    @classmethod
+    def of(
+        cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, stated: float = 1.0
+    ) -> "LinearEquilibrium":
+        """With a free stiffness (n, n), a load (n,), and a share of what supports prescribe."""
+        reduction: Reduction = system.reduction.scaled(stated).under(K, load)
+        reduced = reduction.load(K, load)
+        return cls(system.stiffness, reduced, reduction.right, reduction.offset)
+
+    def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """K a - f, reduced: where nothing touches it vanishes."""
+        residual = self.load.duplicate()
+        self.stiffness.mult(reduced, residual)
+        residual.axpy(-1.0, self.load)
+        return residual
+
+    def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """All unknowns (n,) of the problem."""
+        full = self.offset.duplicate()
+        self.right.multAdd(reduced, self.offset, full)
+        return full
+
+
+class Increment:
+    """The equations of one increment.
+
+    Args:
+        system: linear systems.
+        equilibrium: at the end.
+        prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
+        totals: forces of the free translations.
+        past: where it starts.
+        stated: share of the displacements that supports and interference prescribe.
+
+    Attributes:
+        precise: whether every solution is to be exact enough to be the last.
+        supported: what supports make of the points' motion, (m, dim).
+        nearest: what came nearest to a solution so far, and its violation of the law, as
+            `violation` gives it.
+    """
+
+    def __init__(
+        self,
+        system: ContactSystem,
+        equilibrium: LinearEquilibrium,
+        prescribed: Array,
+        totals: Array,
+        past: Reference,
+        stated: float = 1.0,
+    ) -> None:
+        self.system, self.past = system, past
+        self.interface: Interface = system.interface
+        self.prescribed, self.totals, self._stated = prescribed, totals, stated
+        self.equilibrium, self.precise = equilibrium, system.tangent.precise
+        self.nearest: tuple[Iterate, float] | None = None
+        self.supported = self.system.motions(equilibrium.offset)
+
+    def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
+        """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
+        free = np.isnan(self.prescribed)
+        past = self.past.displacement - self.past.translations[self.interface.pair]
+        place = Kinematics.at(self.interface, past, translations, free, displacement, force)
+        if self._stated == 1:
+            return place
+        # points inside their surface are pressed out of it little by little
+        return replace(place, gap=place.gap + (1 - self._stated) * self.interface.interference)
+
+    def solve(self, active: ActiveSet, place: Kinematics, more: bool = False) -> Iterate:
+        """Solves for an active set and the kinematics of a place, once `more` if need be.
+
+        Raises:
+            NotUnique: if the tangent is singular at a solution.
+            NotFound: if it is singular elsewhere.
+        """
+        try:
+            return self._solved(active, place, more)
+        except SingularSystem as error:
+            raise self._singular(active, place, error) from error
+
+    def _solved(self, active: ActiveSet, place: Kinematics, more: bool = False) -> Iterate:
+        known = np.nan_to_num(self.prescribed)[self.interface.pair]
+        law = place.law(active, self.system.scale).where(known, self.supported)
+        accuracy: Accuracy = "more" if more else "final" if self.precise else "rough"
+        found = self.system.solve(self.equilibrium.load, law, self.totals, accuracy)
+        moved = self.prescribed.copy()
+        moved[np.isnan(moved)] = found.translations
+        return self.seen(found.reduced, moved, place, found.exact, found.final)
+
+    def _singular(
+        self, active: ActiveSet, place: Kinematics, error: SingularSystem
+    ) -> NotUnique | NotFound:
+        """What a singular tangent shows, all rigid motions being held.
+
+        With a little more or less friction it is regular. If the equations of the set have
+        solutions, they have about the same one then; else one runs away, to either side.
+        """
+        where, beside = counted(active, self.system.comm), []
+        for share in (1 - _BESIDE, 1 + _BESIDE):
+            try:
+                less_or_more = replace(
+                    active, slope=share * active.slope, level=share * active.level
+                )
+                beside.append(self._solved(less_or_more, place))
+            except SingularSystem:
+                break
+        else:
+            less, more = beside
+            apart, wrong = (less.full - more.full).norm(), self.violation(less) * TOLERANCE
+            if apart <= _NEAR * less.full.norm() and wrong <= _NEAR:
+                self.nearest = less, self.violation(less)
+                return NotUnique(
+                    f"{error}: no rigid motion is free, so the friction of the {where} is too "
+                    "large for a unique answer"
+                )
+        return NotFound(
+            f"{error}, though no rigid motion is free: with the friction of the {where} the "
+            "equations have no solution"
+        )
+
+    def seen(
+        self,
+        reduced: PETSc.Vec,
+        translations: Array,
+        place: Kinematics,
+        exact: bool = True,
+        final: bool = True,
+    ) -> Iterate:
+        """Gaps, slips and forces at the contact points; for the rest see `Iterate`."""
+        full = self.equilibrium.expanded(reduced)
+        displacement = self.system.motions(full)
+        force, unbalanced = self.system.forces(self.equilibrium.residual(reduced))
+        contact = Contact(
+            place.frame,
+            place.gaps(displacement, translations),
+            place.slips(displacement, translations),
+            place.forces(force, translations),
+            self.interface.cone,
+            self.system.scale,
+        )
+        return Iterate(
+            reduced, full, translations, displacement, force, unbalanced, contact, exact, final
+        )
+
+    def violation(self, now: Iterate) -> float:
+        """Largest violation of the law over what is allowed.
+
+        Coordinates' round-off is allowed for in gaps, and in all that is said of points which are
+        not pressed by more. It excuses no friction of the others: slips have no coordinates.
+        """
+        comm, contact = self.system.comm, now.contact
+        wrong = np.nan_to_num(np.abs(contact.violation()), nan=np.inf)
+        largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
+        moved, placed = self._lost(now)
+        pressed = contact.force[:, :1] > placed
+        gap = np.where(np.isfinite(contact.gap), contact.gap, 0.0)
+        slope = contact.cone.limit(np.maximum(0.0, contact.pressing))[1]
+        excused = slope * contact.scale * np.abs(gap)  # friction's limit has the gap
+        lost = np.where(pressed, excused[:, None], placed) + np.zeros_like(wrong)
+        lost[:, 0] = placed
+        allowed = TOLERANCE * largest + moved + lost
+        share = np.divide(wrong, allowed, out=np.zeros_like(wrong), where=wrong > 0)
+        return float(comm.allreduce(share.max(initial=0.0), MPI.MAX))
+
+    def round_off(self, now: Iterate) -> float:
+        """Force that may be nothing but round-off."""
+        return sum(self._lost(now))
+
+    def _lost(self, now: Iterate) -> tuple[float, float]:
+        """Forces that may be nothing but round-off: of displacements, and of coordinates."""
+        lengths = _LOST * np.abs(now.displacement), ROUND_OFF * np.abs(self.interface.position)
+        forces = [(self.system.scale[:, None] * part).max(initial=0.0) for part in lengths]
+        moved, placed = np.max(self.system.comm.allgather(forces), axis=0)
+        return float(moved), float(placed)
+
+
+def newton(
+    increment: Increment,
+    active: ActiveSet,
+    place: Kinematics,
+    policy: Policy,
+    most: int,
+    told: Callable[[int, ActiveSet, float], None] | None = None,
+) -> Iterate:
+    """Iterates from an active set and a place of linearisation until all conditions hold.
+
+    Planes make gap and slip linear. For curved surfaces under force control they are linearised
+    anew where the active set has been found, until nothing changes.
+
+    `told`, if it is given, is called with each iteration's number, active set and violation.
+
+    Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
+    with exact ones.
+
+    Raises:
+        NotUnique, NotFound: as `solve_contact` says.
+    """
+    try:
+        return _iterated(increment, active, place, policy, most, told)
+    except ContactFailed:
+        if increment.precise:
+            raise
+        increment.precise = True
+        return _iterated(increment, active, place, policy, most, told)
+
+
+def _iterated(
+    increment: Increment,
+    active: ActiveSet,
+    place: Kinematics,
+    policy: Policy,
+    most: int,
+    told: Callable[[int, ActiveSet, float], None] | None,
+) -> Iterate:
+    system = increment.system
+    policy.restart(active)
+    more = False
+    for iteration in range(1, most + 1):
+        now = increment.solve(active, place, more)
+        violation = increment.violation(now)
+        if told:
+            told(iteration, active, violation)
+        if violation <= 1:
+            if more := not now.final:  # equilibrium may lag behind
+                continue
+            old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
+            now = increment.seen(now.reduced, now.translations, place, now.exact, now.final)
+            violation = increment.violation(now)
+            if violation <= 1:
+                return now
+            active = turned(active, old.frame, place.frame)
+            policy.restart()
+        if increment.nearest is None or violation < increment.nearest[1]:
+            increment.nearest = now, violation
+        wanted = policy.wanted(active, now.contact)
+        # corrected factors leave single gaps open
+        if more := not now.exact and same(wanted, active, system.comm):
+            continue
+        active = policy.taken(wanted, active, now.contact)
+    raise NotFound(
+        f"no active set satisfies the contact conditions after {most} iterations (max_iterations)"
+    )

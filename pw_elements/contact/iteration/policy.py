@@ -1,0 +1,534 @@
+"""Policies that keep the active-set iteration from cycling and from losing its last hold.
+
+Each of them turns the next active set that the law asks for into another one, and each can be
+used and tested alone. `Policy` is both together, as the loop takes them.
+
+The active set and the displacements that an increment starts from are chosen here, too.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.iteration.law import (
+    OPEN,
+    SLIP,
+    STICK,
+    ActiveSet,
+    Contact,
+    Kinematics,
+    equations,
+    mixed,
+    sticking,
+)
+from pw_elements.contact.model import ContactState, FreeBody, NotFound
+from pw_elements.spaces import as_function, fields_of
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# Points around one, with it, by the dimension
+_NEIGHBOURS = {2: 3, 3: 7}
+# Decimals of coordinates that count, over the extent of the points
+_DECIMALS = 9
+# Where the way from a point that pulls to the nearest free one is looked at, the part of it that
+# may be held, and of its length that is gone on by
+_ALONG, _MOST, _SHARE = np.linspace(0.1, 0.9, 9), 0.5, 0.99
+
+FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in frames, by name
+
+# Directions closer than this belong to the same active set
+_DIGITS = 10
+# How often points that had let go are asked to hold the body once more, in an increment
+_RESCUES = 3
+
+# A gap of this part of the surface's extent counts as closed in a cold start
+_TOUCHING = 1e-9
+# Stiffness of a motion, over what it would be for an arbitrary one, that is as good as none
+_FREE = 1e-8
+# Padding of cells among which that around a point of another mesh is looked for
+_BESIDE = 1e-6
+# Cells whose nodes are looked for, and rows that are factorised, at once, to save memory
+_AT_ONCE = 20_000
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The points of a pair.
+
+    Args:
+        own: (m,), which of this process' points they are.
+        order: (n,), of all processes' points.
+        place: (m,), of the own points in this order.
+        x: (n, dim), positions in this order.
+        around: (n, k), the nearest ones of each.
+    """
+
+    own: Indices
+    order: Indices
+    place: Indices
+    x: Array
+    around: Indices
+
+
+class Edges:
+    """Lets points at the edge of a contact, or of its sticking part, go as deep again as they pull.
+
+    Where a smooth contact is taken for larger than it is, by a length e, the pressure at a distance
+    d from its edge is that of the true one, A (d - e)^(1/2), to first order in e, or
+    A (d^(1/2) - e/2 d^(-1/2)): it pulls up to d = e/2 only. So the law alone halves the excess.
+    What shear lacks to friction's limit is alike at the edge of what sticks. Forces next to an edge
+    oscillate from node to node, so that means of neighbours tell who pulls.
+
+    Args:
+        position: (m, dim), of the points.
+        pair: (m,), number of each point's pair.
+        chosen: numbers of the pairs in which this is done.
+        comm: of the processes.
+    """
+
+    def __init__(
+        self,
+        position: Array,
+        pair: npt.NDArray[np.int32],
+        chosen: Sequence[int],
+        comm: MPI.Comm,
+    ) -> None:
+        self._comm = comm
+        self._parts: list[_Part] = []
+        for k in chosen:
+            own = np.flatnonzero(pair == k)
+            x = np.concatenate(comm.allgather(position[own]))
+            first = sum(comm.allgather(len(own))[: comm.rank])
+            # the same on any number of processes, which round coordinates in their own ways
+            x = np.round(x / np.ptp(x, axis=0).max(initial=1e-300), _DECIMALS)
+            order = np.lexsort(x.T)
+            place = np.argsort(order)[first : first + len(own)]
+            near = min(_NEIGHBOURS[x.shape[1]], len(x))
+            around = cKDTree(x[order]).query(x[order], near)[1].reshape(len(x), near)
+            self._parts.append(_Part(own, order, place, x[order], around))
+
+    def deeper(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
+        """The new set, in which more points let go next to those that have done so."""
+        shear = contact.shearing
+        size = np.linalg.norm(shear, axis=1)
+        excess = size - contact.limit
+        sticking_, closed = old.status == STICK, old.status != OPEN
+        slips = self._beside(sticking_, new.status == STICK, excess) & contact.cone.rough
+        slips &= size > 0
+        direction = np.where(slips, 1 / np.where(slips, size, 1.0), 0.0)[:, None] * shear
+        status, turning = np.full_like(new.status, SLIP), slips.astype(float)
+        slipping = ActiveSet.of(status, direction, turning, contact.cone, contact.pressing)
+        opens = self._beside(closed, new.status != OPEN, -contact.force[:, 0])
+        open_ = sticking(np.zeros_like(opens), contact.cone, direction.shape[1])
+        return mixed(~opens, mixed(~slips, new, slipping), open_)
+
+    def _beside(self, before: Mask, now: Mask, pull: Array) -> Mask:
+        """Points (m,) to let go that hold now and did before, by forces (m,) that pull these."""
+        deeper = np.zeros(len(now), dtype=bool)
+        for part in self._parts:
+            values = self._comm.allgather((before[part.own], now[part.own], pull[part.own]))
+            held, holds, force = (
+                np.concatenate(each)[part.order] for each in zip(*values, strict=True)
+            )
+            pulls = held & (np.where(held, force, 0.0)[part.around].mean(axis=1) > 0)
+            free, rest, x = ~held & ~holds, held & ~pulls, part.x
+            if not (pulls.any() and free.any() and rest.any()):
+                continue
+            width, nearest = cKDTree(x[free]).query(x[pulls])
+            along = x[pulls][:, None] + _ALONG[:, None] * (x[free][nearest] - x[pulls])[:, None]
+            to_rest, to_others = (cKDTree(x[some]).query(along)[0] for some in (rest, ~rest))
+            width[np.mean(to_rest < to_others, axis=1) > _MOST] = 0.0  # no edge
+            found = cKDTree(x).query_ball_point(x[pulls], _SHARE * width)
+            deep = np.zeros(len(x), dtype=bool)
+            deep[np.concatenate(found).astype(np.int64)] = True
+            deeper[part.own] = (deep & held & holds)[part.place]
+        return deeper
+
+
+class Cycles:
+    """Active sets visited, and points that change one at a time since they were caught cycling."""
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm = comm
+        self._visited: list[tuple[bytes, ActiveSet]] = []
+        self._slow: Mask | None = None
+
+    @property
+    def slow(self) -> bool:
+        """Whether it has been caught cycling."""
+        return self._slow is not None
+
+    def repeats(self, active: ActiveSet) -> bool:
+        """Notes an active set; True if it has been there and the remedy changes something.
+
+        Raises:
+            NotFound: if it has been there with the remedy in force already.
+        """
+        digest = blake2b(active.status.tobytes(), digest_size=16)
+        for values in (active.direction, active.turning, active.slope):
+            digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
+        key = b"".join(self._comm.allgather(digest.digest()))
+        known = [seen for seen, _ in self._visited]
+        self._visited.append((key, active))
+        if key not in known:
+            return False
+        cycle = [visited for _, visited in self._visited[known.index(key) :]]
+        cycling = np.zeros(len(active.status), dtype=bool)
+        for other in cycle:
+            cycling |= _differs(other, active)
+        if self._slow is None:
+            self._slow = np.zeros_like(cycling)
+        new = self._comm.allreduce(int(np.sum(cycling & ~self._slow)), MPI.SUM)
+        if new == 0:
+            raise NotFound(
+                f"the iteration runs through the same {len(cycle) - 1} active sets again, also "
+                "when the nodes concerned change one at a time"
+            )
+        self._slow |= cycling
+        self._visited.clear()
+        return True
+
+    def slowed(self, old: ActiveSet, contact: Contact) -> ActiveSet:
+        """The next active set, in which at most one of the slow points changes."""
+        new = contact.active_set(old)
+        if self._slow is None:
+            return new
+        wrong = np.where(self._slow, np.linalg.norm(contact.violation(), axis=1), 0.0)
+        worst = self._comm.allreduce(wrong.max(initial=0.0), MPI.MAX)
+        return mixed(self._slow & (wrong < worst * (1 - 1e-6)), old, new)
+
+
+@dataclass(frozen=True)
+class LeftFree:
+    """Rigid motions that neither stiffness nor contact hold.
+
+    Args:
+        relative: motions (m, dim, modes) of the contact points relative to their surfaces.
+        held: rows (n, modes) of the pieces' modes that supports and stiffness act on.
+        comm: of the processes.
+        names: words for motions (k, modes).
+    """
+
+    relative: Array
+    held: Array
+    comm: MPI.Comm
+    names: Callable[[Array], list[str]]
+
+    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        m, dim, motions = self.relative.shape
+        constraints = equations(active, np.ones(m))[1] @ frame
+        rows = np.einsum("nab,nbm->nam", constraints, self.relative).reshape(m * dim, motions)
+        held = np.pad(self.held, ((0, 0), (0, motions - self.held.shape[1])))
+        free = null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE)
+        return self.names(free) if len(free) else []
+
+
+def null_space(rows: Array, tolerance: float) -> Array:
+    """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
+    n = rows.shape[1]
+    _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
+    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
+
+
+def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
+    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes, and of more of them.
+
+    A Gram matrix would square what is small, and lose it.
+    """
+    own: Array = np.zeros((0, rows.shape[1]))
+    for each in (rows, *more):
+        for first in range(0, len(each), _AT_ONCE):
+            part = np.vstack([own, each[first : first + _AT_ONCE]])
+            own = np.asarray(np.linalg.qr(part, mode="r"))
+    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
+
+
+class LastHold:
+    """Keeps a body from losing the last points that hold it, as far as the loads allow.
+
+    Args:
+        free_motions: names of the motions that an active set in its frames leaves free.
+        pair: (m,), number of each point's pair.
+        pairs: their number, on all processes.
+        comm: of the processes.
+
+    Attributes:
+        rescues: how often points that had let go were asked to hold once more.
+    """
+
+    def __init__(
+        self,
+        free_motions: FreeMotions,
+        pair: npt.NDArray[np.int32],
+        pairs: int,
+        comm: MPI.Comm,
+    ) -> None:
+        self._free_motions, self._comm = free_motions, comm
+        self._pair, self._pairs = pair, pairs
+        self.rescues = 0
+
+    def kept(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
+        """The new set, less the changes by which the body would lose its last hold.
+
+        Of the points that let go, those that violate the law least are kept for one more
+        iteration, as many as it takes. If they do not suffice, a point that slips the other way
+        sticks in their place. If there is none, points that slipped before stick, or an open
+        pair lands: a body may let go at one end to be held by another.
+
+        Raises:
+            NotFound: if nothing of that holds the body.
+        """
+        loosened = (new.status != old.status) & (old.status != OPEN) & (new.status != STICK)
+        in_space = new.direction.shape[1] > 1  # where a slipping point holds across its slip
+        if not in_space and not self._comm.allreduce(int(np.any(loosened)), MPI.MAX):
+            return new  # nothing that held before lets go
+        motions = self._free_motions(new, contact.frame)
+        if not motions:
+            return new
+        wrong = np.linalg.norm(contact.violation(), axis=1)
+        ranked = np.sort(np.concatenate(self._comm.allgather(wrong[loosened])))[::-1]
+        count = len(ranked) // 2
+        while count > 0:
+            candidate = mixed(loosened & (wrong < ranked[count - 1]), old, new)
+            if not self._free_motions(candidate, contact.frame):
+                return candidate
+            count //= 2
+        pivoted = self._pivoted(new, contact, loosened)
+        if pivoted is not None and not self._free_motions(pivoted, contact.frame):
+            return pivoted
+        if self.rescues < _RESCUES:
+            self.rescues += 1
+            gripping = (new.status == SLIP) & ~loosened & contact.cone.rough
+            for touching in (gripping, gripping | self._landing(new, contact.gap)):
+                held = _gripping(touching, new, contact)
+                if not self._free_motions(held, contact.frame):
+                    return held
+        raise NotFound(
+            f"{' and '.join(motions)}: nothing holds it once the nodes that would have to pull are "
+            f"open and those that cannot hold slip ({counted(new, self._comm)})"
+        )
+
+    def _pivoted(self, new: ActiveSet, contact: Contact, loosened: Mask) -> ActiveSet | None:
+        """The new set with a point that sticks in place of those that let go, if there is one.
+
+        The body then moves against the forces that held it. Of the points that slipped the
+        other way, the slowest is the first that stands still. None if all slip one way: then
+        nothing brakes the body but what it overcomes.
+        """
+        tangents = contact.frame[:, 1:]
+        slip, shear = (
+            np.einsum("nab,na->nb", tangents, part) for part in (contact.slip, contact.shearing)
+        )
+        held = shear[loosened & (new.status == SLIP)].sum(axis=0)
+        self._comm.Allreduce(MPI.IN_PLACE, held, MPI.SUM)
+        braking = (new.status == SLIP) & ~loosened & contact.cone.rough & (slip @ held > 0)
+        speed = np.where(braking, np.linalg.norm(slip, axis=1), np.inf)
+        slowest = self._comm.allreduce(speed.min(initial=np.inf), MPI.MIN)
+        if not np.isfinite(slowest):
+            return None
+        return _gripping(braking & (speed <= slowest * (1 + 1e-9)), new, contact)
+
+    def _landing(self, active: ActiveSet, gap: Array) -> Mask:
+        """The nearest point of each pair that is open everywhere."""
+        landing = np.zeros(len(gap), dtype=bool)
+        for k in range(self._pairs):
+            mine = (self._pair == k) & np.isfinite(gap)
+            closed = int(np.any(active.status[mine] != OPEN))
+            nearest = self._comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
+            if not self._comm.allreduce(closed, MPI.MAX):
+                landing |= mine & (gap <= nearest)
+        return landing
+
+
+class Policy:
+    """The next active set, by the law, slowed where it cycles and with its last hold kept."""
+
+    def __init__(self, hold: LastHold, comm: MPI.Comm, edges: Edges | None = None) -> None:
+        self._hold, self._comm, self._edges = hold, comm, edges
+        self._cycles = Cycles(comm)
+
+    @classmethod
+    def of(cls, free_motions: FreeMotions, interface: Interface) -> "Policy":
+        """For the points of an interface; `free_motions` as in `LastHold`."""
+        pair, comm = interface.pair, interface.comm
+        mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
+        edges = Edges(interface.position, pair, mortar, comm)
+        hold = LastHold(free_motions, pair, interface.pairs, comm)
+        return cls(hold, comm, edges if mortar else None)
+
+    def restart(self, first: ActiveSet | None = None) -> None:
+        """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""
+        self._cycles = Cycles(self._comm)
+        if first is not None:
+            self._hold.rescues = 0
+            self._cycles.repeats(first)
+
+    def wanted(self, active: ActiveSet, contact: Contact) -> ActiveSet:
+        """The set that should follow.
+
+        Raises:
+            NotFound: if it would let the body go.
+        """
+        following = self._cycles.slowed(active, contact)
+        if self._edges is not None and not self._cycles.slow:
+            following = self._edges.deeper(following, active, contact)
+        return self._hold.kept(following, active, contact)
+
+    def taken(self, wanted: ActiveSet, active: ActiveSet, contact: Contact) -> ActiveSet:
+        """Notes the set that follows; takes another one where it has been there before.
+
+        Raises:
+            NotFound: if nothing helps against a cycle, or as `wanted`.
+        """
+        return self.wanted(active, contact) if self._cycles.repeats(wanted) else wanted
+
+
+def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:
+    """An active set in which some points stick, or slip if they are smooth."""
+    return mixed(where, sticking(where, contact.cone, active.direction.shape[1]), active)
+
+
+def same(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
+    """Whether two active sets are one, on all processes."""
+    return not comm.allreduce(int(np.any(_differs(a, b))), MPI.MAX)
+
+
+def counted(active: ActiveSet, comm: MPI.Comm) -> str:
+    """How many contact nodes are in each status, in words."""
+    counts = [comm.allreduce(int(np.sum(active.status == s)), MPI.SUM) for s in (OPEN, STICK, SLIP)]
+    return "{} open, {} sticking, {} slipping contact nodes".format(*counts)
+
+
+def _differs(a: ActiveSet, b: ActiveSet) -> Mask:
+    turned = np.abs(a.direction - b.direction).max(axis=1) > 10.0**-_DIGITS
+    steeper = np.abs(a.slope - b.slope) > 10.0**-_DIGITS
+    return (a.status != b.status) | turned | steeper
+
+
+def first_active_set(
+    place: Kinematics,
+    before: ContactState,
+    guess: ContactState | None,
+    free_motions: FreeMotions,
+) -> ActiveSet:
+    """A guess, else what the state before ended with, else the points that touch.
+
+    If it would not hold the body, every point that faces something sticks.
+
+    Raises:
+        FreeBody: if not even that holds it.
+    """
+    if guess is not None:
+        first = _transferred(guess, place)
+    elif before.increment:
+        first = _resumed(before, place)
+    else:
+        first = _touching(place)
+    for candidate in (first, _closed(place, np.isfinite(place.gap))):
+        motions = free_motions(candidate, place.frame)
+        if not motions:
+            return candidate
+    raise FreeBody(
+        f"{' and '.join(motions)}: held neither by supports nor by contact, even if every "
+        "contact node touched and stuck; add a support, friction or contact nodes"
+    )
+
+
+def first_unknowns(
+    before: ContactState, guess: ContactState | None, space: fem.FunctionSpace
+) -> PETSc.Vec:
+    """Unknowns (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
+    if guess is None or guess.unknowns.getAttr("space") is None:
+        return before.unknowns
+    start = before.unknowns.duplicate()
+    known = guess.unknowns.getAttr("space")
+    for there, here in zip(fields_of(known), fields_of(space), strict=False):
+        values = _interpolated(as_function(there.space, there.part(guess.unknowns)), here.space)
+        start.array[here.owned.ravel()] = values
+    return start
+
+
+def _interpolated(there: fem.Function, space: fem.FunctionSpace) -> Array:
+    """Values (owned dofs,) of a function on another mesh."""
+    known, here = there.function_space, fem.Function(space)
+    cells, comm = _covering(space), space.mesh.comm
+    for k in range(comm.allreduce(-(-len(cells) // _AT_ONCE), MPI.MAX)):
+        some = cells[k * _AT_ONCE : (k + 1) * _AT_ONCE]
+        data = fem.create_interpolation_data(space, known, some, padding=_BESIDE)
+        here.interpolate_nonmatching(there, some, interpolation_data=data)
+    here.x.scatter_forward()
+    owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+    return np.asarray(here.x.array[:owned])
+
+
+def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Cells of this process that have all its nodes between them: about half of all cells."""
+    topology = space.mesh.topology
+    nodes = space.dofmap.list[: topology.index_map(topology.dim).size_local]
+    last = np.full(nodes.max(initial=-1) + 1, -1, dtype=np.int32)
+    last[nodes] = np.arange(len(nodes), dtype=np.int32)[:, None]
+    return np.unique(last[last >= 0])
+
+
+def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
+    return sticking(closed, place.interface.cone, place.frame.shape[1] - 1)
+
+
+def _touching(place: Kinematics) -> ActiveSet:
+    """Points that the moved surface reaches; the nearest of each pair in any case."""
+    interface: Interface = place.interface
+    gap, near = place.gap, _TOUCHING * interface.extent
+    closed = gap <= near
+    for k in range(interface.pairs):
+        mine = interface.pair == k
+        nearest = interface.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
+        closed |= mine & np.isfinite(gap) & (gap <= nearest + near)
+    return _closed(place, closed)
+
+
+def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
+    """The active set of a state, in the frames of a place."""
+    local, pairs = place.interface.local, before.pairs
+    direction = local([pair.direction for pair in pairs])
+    return ActiveSet.of(
+        local([pair.status for pair in pairs]),
+        np.einsum("nab,nb->na", place.frame[:, 1:], direction),
+        local([pair.turning for pair in pairs]),
+        place.interface.cone,
+        local([pair.force_normal for pair in pairs]),
+    )
+
+
+def _transferred(guess: ContactState, place: Kinematics) -> ActiveSet:
+    """Status and direction of the nearest node of another mesh's state."""
+    interface = place.interface
+    n, dim = interface.position.shape
+    status, force, pressing = np.zeros(n, dtype=np.int8), np.zeros((n, dim)), np.zeros(n)
+    for k, pair in enumerate(guess.pairs):
+        mine = interface.pair == k
+        if mine.any():
+            nearest = cKDTree(pair.position).query(interface.position[mine])[1]
+            status[mine] = pair.status[nearest]
+            force[mine] = pair.force_tangential[nearest]
+            pressing[mine] = pair.force_normal[nearest]
+    rough = interface.cone.rough
+    status[(status == STICK) & ~rough] = SLIP
+    tangential = np.einsum("nab,nb->na", place.frame[:, 1:], force)
+    size = np.linalg.norm(tangential, axis=1)
+    directed = (status == SLIP) & rough & (size > 0)
+    status[(status == SLIP) & rough & ~directed] = STICK
+    direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None]
+    turning, cone = directed.astype(float), interface.cone
+    return ActiveSet.of(status, direction * tangential, turning, cone, pressing)

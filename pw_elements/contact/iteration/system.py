@@ -1,0 +1,458 @@
+"""The linear system of one active set: the law in place of one equation per component of force.
+
+With K and f reduced by the supports, the forces at the contact points are read from their own
+equations, r = L (K a - f), and taken out of all others, K' = K - H L K without these. The law's
+linearisation E r + C G a - D U = c stands in the places that have become free, and the balance of
+the free translations U at the end:
+
+    K' a                    = f'        all equations but the contact points' own
+    (E L K + C G) a - D U   = c + E L f     theirs
+    sum L K a               = totals + sum L f
+
+The nonzero pattern is that of all active sets. Its rows are built once, before the iteration.
+`KrylovTangent` assembles nothing instead.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from pw_elements.algebra import Reduction, free_pressure
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints
+from pw_elements.contact.iteration.law import Accuracy, ContactTangent, LinearisedLaw, Solved
+from pw_elements.contact.model import Free
+from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# What does not count as different
+_SAME = 1e-12
+
+
+@dataclass(frozen=True)
+class PointRows:
+    """Rows of the contact points, whose entries are linear in what combines their equations.
+
+    Entry e is the sum over k of combination[k][point[e]] times parts[k][e], a column of dim
+    numbers of which `taken` are in the matrix.
+
+    Args:
+        point: (entries,), number of the contact point.
+        parts: (entries, dim) each.
+        taken: (values,) entry and component of each value, in the order of the matrix.
+        pointers: (rows + 1,), where the values of each row begin.
+        column: (values,).
+        row: (rows,), local number in the matrix.
+    """
+
+    point: Indices
+    parts: list[Array]
+    taken: tuple[Indices, Indices]
+    pointers: Indices
+    column: Indices
+    row: Indices
+
+    @classmethod
+    def of(
+        cls, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
+    ) -> "PointRows":
+        """Rows `own` (m, dim) of a matrix, -1 for none, of E L K + C G - D, as in `Tangent`.
+
+        The columns of D are the last ones.
+        """
+        m, dim = own.shape
+        moved = borders.T.tocsr()
+        last = moved.indices + forces.shape[1] - borders.shape[0]
+        parts = forces, motion, -sp.csr_matrix((moved.data, last, moved.indptr), forces.shape)
+        pattern = sum(_structure(part, np.repeat(np.arange(m), dim), m) for part in parts)
+        pattern.sort_indices()
+        point = np.repeat(np.arange(m), np.diff(pattern.indptr))
+        entry, axis = np.nonzero(own[point] >= 0)
+        row = own[point[entry], axis]
+        order = np.argsort(row, kind="stable")
+        entry, axis = entry[order], axis[order]
+        rows, counts = np.unique(row, return_counts=True)
+        return cls(
+            point,
+            [_blocks(part, pattern, dim) for part in parts],
+            (entry, axis),
+            np.concatenate([[0], np.cumsum(counts)]),
+            pattern.indices[entry],
+            rows,
+        )
+
+    def place(self, first: int) -> list[npt.NDArray]:
+        """Pointers, columns and rows for PETSc, in a matrix whose first row here has a number."""
+        parts = self.pointers, self.column, first + self.row
+        return [part.astype(PETSc.IntType) for part in parts]
+
+
+def tangent_rows(
+    stiffness: PETSc.Mat,
+    force: PETSc.Mat,
+    flexible: Array,
+    spread: PETSc.Mat | None,
+    equation: Indices,
+    more: int,
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Rows of K' and of L K on this process, with empty columns for the free translations."""
+    forces = reading(force, flexible, equation).matMult(stiffness)
+    fixed = stiffness
+    if spread is not None:
+        fixed = spread.transposeMatMult(forces)
+        fixed.axpy(1.0, stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return local_rows(fixed, more), local_rows(forces, more)
+
+
+def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
+    """Rows of this process, with empty columns for the free translations."""
+    indptr, indices, data = matrix.getValuesCSR()
+    rows = sp.csr_matrix((data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + more))
+    rows.sort_indices()
+    return rows
+
+
+def _structure(rows: sp.csr_matrix, of_point: Indices, points: int) -> sp.csr_matrix:
+    """Positive numbers where any row of a point has an entry, zeros among them: (points, n)."""
+    ones = sp.csr_matrix((np.ones(len(rows.indices)), rows.indices, rows.indptr), rows.shape)
+    gather = sp.csr_matrix(
+        (np.ones(len(of_point)), (of_point, np.arange(len(of_point)))), (points, len(of_point))
+    )
+    return gather @ ones
+
+
+def _blocks(rows: sp.csr_matrix, pattern: sp.csr_matrix, dim: int) -> Array:
+    """Values (entries, dim) of a point's dim rows in the columns of a pattern (points, n)."""
+    width = np.int64(pattern.shape[1])
+    point = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+    keys = width * point + pattern.indices
+    values = np.zeros((len(keys), dim))
+    row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+    at = np.searchsorted(keys, width * (row // dim) + rows.indices)
+    values[at, row % dim] = rows.data
+    return values
+
+
+def with_points(
+    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix, comm: MPI.Comm
+) -> PETSc.Mat:
+    """Square matrix: `rows` of this process with those of the points replaced, a border below."""
+    replaced = np.zeros(rows.shape[0], dtype=bool)
+    replaced[points.row] = True
+    number = np.diff(rows.indptr)
+    kept = np.repeat(~replaced, number)
+    number[replaced] = np.diff(points.pointers)
+    number = np.concatenate([number, np.diff(border.indptr)])
+    fixed = np.repeat(np.append(~replaced, np.ones(border.shape[0], dtype=bool)), number)
+    indptr = np.concatenate([[0], np.cumsum(number)]).astype(PETSc.IntType)
+    indices, data = np.empty(indptr[-1], dtype=PETSc.IntType), np.zeros(indptr[-1])
+    indices[fixed] = np.concatenate([rows.indices[kept], border.indices])
+    indices[~fixed] = points.column
+    data[fixed] = np.concatenate([rows.data[kept], border.data])
+    sizes = (len(indptr) - 1, rows.shape[1])
+    return PETSc.Mat().createAIJ((sizes, sizes), csr=(indptr, indices, data), comm=comm)
+
+
+def border_columns(
+    free: Sequence[tuple[int, int]], pair: npt.NDArray[np.int32], dim: int
+) -> sp.csr_matrix:
+    """(free translations, m dim): ones at the components of the points that each one moves."""
+    column = [np.flatnonzero(pair == number) * dim + axis for number, axis in free]
+    indptr = np.concatenate([[0], np.cumsum([len(c) for c in column])]).astype(np.int64)
+    columns = np.concatenate([np.empty(0, dtype=np.int64), *column])
+    return sp.csr_matrix((np.ones(len(columns)), columns, indptr), (len(free), len(pair) * dim))
+
+
+def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
+    """Equations of the free translations, on the last process, with a diagonal of zeros.
+
+    `sums` (free, unknowns and free) is what this process adds to them.
+    """
+    parts = comm.gather(sums, root=comm.size - 1)
+    if parts is None:
+        return sp.csr_matrix((0, sums.shape[1]))
+    total = sum(parts[1:], start=parts[0]).tocoo()
+    own = np.arange(sums.shape[0])
+    row = np.concatenate([total.row, own])
+    column = np.concatenate([total.col, sums.shape[1] - len(own) + own])
+    data = np.append(total.data, np.zeros(len(own)))
+    balance = sp.csr_matrix((data, (row, column)), total.shape)
+    balance.sort_indices()
+    return balance
+
+
+def read_and_spread(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
+    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is.
+
+    Args:
+        force: H^T reduced, (points dim, equations).
+        equation: (m, dim), number of each point's own equations, -1 where there is none.
+    """
+    indptr, column, value = force.getValuesCSR()
+    value = value.copy()
+    of_entry = np.repeat(equation.ravel(), np.diff(indptr))
+    own = column == of_entry
+    diagonal = np.ones(len(indptr) - 1)
+    diagonal[np.repeat(np.arange(len(diagonal)), np.diff(indptr))[own]] = value[own]
+    value[own | (of_entry < 0)] = 0.0
+    flexible = 1 / diagonal.reshape(equation.shape)
+    if not force.comm.tompi4py().allreduce(int(np.any(value != 0)), MPI.MAX):
+        return flexible, None
+    csr = (indptr, column, -value)
+    return flexible, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+
+
+def reading(force: PETSc.Mat, flexible: Array, equation: Indices) -> PETSc.Mat:
+    """L, (points dim, equations), of the arguments and the first result of `read_and_spread`."""
+    numbers = equation.ravel()
+    stated = numbers >= 0
+    indptr = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+    csr = (indptr, numbers[stated].astype(PETSc.IntType), flexible.ravel()[stated])
+    return PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
+
+
+def own_entries(matrix: sp.csr_matrix, equation: Indices) -> Array:
+    """Entries (m, dim) of a matrix (m dim, n) at each point's own unknowns; 1 where it has none."""
+    own = equation.ravel()
+    rows = np.flatnonzero(own >= 0)
+    values = np.ones(len(own))
+    values[rows] = np.asarray(matrix[rows, own[rows]]).ravel()
+    return values.reshape(equation.shape)
+
+
+def stated_mean(values: Array, stated: npt.NDArray[np.bool_]) -> Array:
+    """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
+    count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), 1.0)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solution of one linear system.
+
+    Args:
+        reduced: displacements, reduced.
+        translations: the free ones, on every process.
+        exact, final: as in `Solved`.
+    """
+
+    reduced: PETSc.Vec
+    translations: Array
+    exact: bool
+    final: bool
+
+
+class ContactSystem:
+    """Equations of the reduced displacements and of the free translations of surfaces.
+
+    The free translations come last, on the last process; their equations are balances of force.
+
+    Args:
+        K: free stiffness, (n, n).
+        reduction: supports.
+        interface: contact points, m of this process.
+        free: (pair, component) of each free translation.
+        solver: of the linear systems.
+
+    Attributes:
+        stiffness: K reduced, L^T K R of the reduction.
+        solved: number of linear systems solved so far.
+        tangent: matrix and solver of the systems.
+        scale: c of the law, (m,): mean stiffness of a point's components, or 1 without any.
+    """
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        reduction: Reduction,
+        interface: Interface,
+        free: Free,
+        solver: LinearSolver,
+    ) -> None:
+        self.reduction, self.interface, self.free = reduction, interface, free
+        self.comm: MPI.Comm = interface.comm
+        self.solved = 0
+        reduced = reduction.supported if is_matrix_free(solver) else reduction.matrix
+        self.stiffness = reduced(K)
+        (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
+        self._own = np.where(stated, interface.equation - first, -1)
+        outside = stated & ((self._own < 0) | (self._own >= last - first))
+        if self.comm.allreduce(int(outside.any()), MPI.MAX):
+            raise ValueError("the reduction moves a contact node to another process")
+        force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
+        self._flexible, self._spread = read_and_spread(force, interface.equation)
+        self.tangent: ContactTangent
+        moved = local_rows(interface.motion.matMult(reduction.right), len(free))
+        unit = own_entries(moved, interface.equation)
+        if is_matrix_free(solver):
+            assert reduction.supports is not None, "other reductions are refused before"
+            stiffness = K.getDiagonal().array_r[self._own] * self._flexible
+            self.scale = stated_mean(stiffness / unit, stated)
+            of_points = self._own, self._flexible, self.scale, free
+            points = NodePoints.of(interface, self._spread, *of_points)
+            self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
+            return
+        operators = self.stiffness, force, self._flexible, self._spread
+        fixed, read = tangent_rows(*operators, interface.equation, len(free))
+        self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
+        borders = border_columns(free, interface.pair, self._own.shape[1])
+        rows = PointRows.of(read, moved, borders, self._own)
+        border = balance_rows(borders @ read, self.comm)
+        matrix = with_points(fixed, rows, border, self.comm)
+        enclosed = partial(free_pressure, self.stiffness, reduction, self._own[stated])
+        self.tangent = Tangent(matrix, rows, first, border.shape[0], solver, enclosed)
+
+    def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
+        """Begins an increment, perhaps at unknowns (n,) and surfaces (pairs, dim)."""
+
+        def begin() -> Array:
+            scale = self.reduction.right.getDiagonal().array_r
+            return np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
+
+        self.tangent.start(begin, np.array([translations[at] for at in self.free]))
+
+    @property
+    def report(self) -> SolverReport:
+        """What the linear solver has done so far."""
+        return self.tangent.solver.report
+
+    def solve(
+        self,
+        load: PETSc.Vec,
+        law: LinearisedLaw,
+        totals: Array,
+        accuracy: Accuracy = "final",
+    ) -> Solution:
+        """Solves equilibrium with the law at every contact point.
+
+        Args:
+            load: reduced load f.
+            law: of what is free.
+            totals: total forces, one per free translation.
+            accuracy: of the solution.
+
+        Raises:
+            SingularSystem: if there is no unique solution.
+        """
+        self.solved += 1
+        loads, right = self._read(load), self._spread_load(load)
+        stated = self._own >= 0
+        right[self._own[stated]] = (np.einsum("nab,nb->na", law.E, loads) + law.c)[stated]
+        balance = totals + self.totals(loads)
+        found = self.tangent.solve(right, balance, law, accuracy)
+        reduced = load.duplicate()
+        reduced.setArray(found.unknowns[: len(right)])
+        free = self.comm.bcast(found.unknowns[len(right) :], self.comm.size - 1)
+        return Solution(reduced, np.array(free), found.exact, found.final)
+
+    def forces(self, residual: PETSc.Vec) -> tuple[Array, float]:
+        """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
+        force = self._read(residual)
+        rest = np.abs(self._spread_load(residual))
+        rest[self._own[self._own >= 0]] = 0.0
+        return force, float(rest.max(initial=0.0))
+
+    def motions(self, displacement: PETSc.Vec) -> Array:
+        """G a, (m, dim), of a full displacement vector (n,)."""
+        return np.array((self.interface.motion * displacement).array_r.reshape(self._own.shape))
+
+    def totals(self, forces: Array) -> Array:
+        """Sums of forces (m, dim) at the points of all processes, one per free translation."""
+        pair = self.interface.pair
+        sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free])
+        self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+        return sums
+
+    def _read(self, equations: PETSc.Vec) -> Array:
+        """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""
+        local = equations.array_r
+        return np.where(self._own >= 0, local[self._own] * self._flexible, 0.0)
+
+    def _spread_load(self, equations: PETSc.Vec) -> Array:
+        """What `_read` takes is taken out of all other equations: (I - H L) x on this process."""
+        local: Array = equations.array_r.copy()
+        if self._spread is None:
+            return local
+        read, spread = self._spread.createVecLeft(), equations.duplicate()
+        read.setArray(self._read(equations))
+        self._spread.multTranspose(read, spread)
+        return local + spread.array_r
+
+
+class Tangent:
+    """The assembled matrix of any active set, and its factors.
+
+    Args:
+        matrix: with places for the rows of the contact points.
+        points: these rows.
+        first: number of this process' first equation.
+        borders: number of equations of free translations on this process.
+        solver: of the systems.
+        enclosed: what `encloses` asks.
+
+    Attributes:
+        solver, precise: as in `ContactTangent`.
+    """
+
+    precise = True
+
+    def __init__(
+        self,
+        matrix: PETSc.Mat,
+        points: PointRows,
+        first: int,
+        borders: int,
+        solver: LinearSolver,
+        enclosed: Callable[[], bool],
+    ) -> None:
+        self._comm: MPI.Comm = matrix.comm.tompi4py()
+        self.matrix, self._points, self._borders = matrix, points, borders
+        self._place = points.place(first)
+        self.solver = solver.prepare(matrix)
+        self.encloses = enclosed
+        self._factorised: Array | None = None
+
+    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Factors need no place to begin at."""
+
+    def release(self) -> None:
+        """Factors go with the last reference."""
+
+    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+        """As `ContactTangent` says. More than final is by factors of the very matrix."""
+        combinations = np.stack([law.E, law.C, law.D], axis=1)
+        values = sum(
+            np.einsum("eab,eb->ea", combinations[self._points.point, k], part)
+            for k, part in enumerate(self._points.parts)
+        )
+        pointers, columns, rows = self._place
+        self.matrix.setValuesIJV(pointers, columns, values[self._points.taken], rowmap=rows)
+        self.matrix.assemble()
+        known = self.matrix.createVecRight()
+        known.setArray(np.append(right, balance[: self._borders]))
+        if accuracy == "more":
+            self._factorised = None
+        solution = self._corrected(known, combinations)
+        if solution is not None:
+            return Solved(np.asarray(solution.array_r), exact=False, final=True)
+        solution = self.solver.solve(known)
+        self._factorised = combinations
+        return Solved(np.asarray(solution.array_r), exact=True, final=True)
+
+    def _corrected(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec | None:
+        """A few rows that differ from the last factorisation's are cheaper to correct."""
+        if self._factorised is None:  # no process differs in this
+            return None
+        size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
+        change = np.abs(combinations - self._factorised) > _SAME * size
+        rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
+        return self.solver.solve_changed(right, rows)

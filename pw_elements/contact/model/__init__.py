@@ -1,0 +1,39 @@
+"""What is stated of contact and what comes back: pairs, surfaces, states, errors."""
+
+from pw_elements.contact.model.errors import (
+    ContactFailed,
+    FreeBody,
+    MissingForce,
+    NoEquilibrium,
+    NotFound,
+    NotUnique,
+    RigidVelocity,
+    SurfacePassed,
+)
+from pw_elements.contact.model.friction import (
+    SIDES,
+    Cone,
+    Coulomb,
+    Friction,
+    dual_clearance,
+    dual_rows,
+    polygon,
+    projected,
+)
+from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
+from pw_elements.contact.model.state import (
+    ContactState,
+    Free,
+    PairState,
+    Residuals,
+    Scale,
+    Smallness,
+)
+from pw_elements.contact.model.surfaces import (
+    FlatPunch,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+    Surface,
+)

@@ -1,0 +1,96 @@
+"""Errors of contact computations, and positions in words for their messages."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.contact.model.state import ContactState
+from pw_elements.solvers import SingularSystem
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigidVelocity:
+    """A rigid motion of each connected piece, and of the surfaces that are free to move.
+
+    A node at x of piece k moves with translation[k] + rotation[k] × (x - centre[k]); in the plane
+    rotation has one component, w, and w × (x, y) is (-w y, w x). Only the direction of all
+    together has a meaning: the largest of translations and rotations, these times the piece's
+    radius of gyration, is one.
+
+    Args:
+        centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
+        translation: (pieces, dim).
+        rotation: (pieces, 1) in the plane, (pieces, 3) in space.
+        surface: (pairs, dim), zero where a surface's translation is prescribed.
+        power: of the loads and of the forces on the free surfaces, positive.
+    """
+
+    centre: Array
+    translation: Array
+    rotation: Array
+    surface: Array
+    power: float
+
+
+@dataclass(frozen=True)
+class MissingForce:
+    """The least addition to the loads that makes equilibrium possible.
+
+    The least is that with the smallest sum of the components' magnitudes, moments being divided by
+    the piece's radius of gyration. Components that supports balance are zero.
+
+    Args:
+        force: (pieces, dim), on each connected piece.
+        moment: (pieces, 1) in the plane, (pieces, 3) in space, about its `RigidVelocity.centre`.
+        surface: (pairs, dim), on each free surface.
+    """
+
+    force: Array
+    moment: Array
+    surface: Array
+
+
+class ContactFailed(RuntimeError):
+    """An increment has no state; a class derived from this one says why.
+
+    Attributes:
+        states: `ContactState`s of the increments before the one that failed.
+        state: the `ContactState` of this increment that came nearest to a solution, or None. It
+            is not a solution (`converged` is False; its residuals say by how much), but shows where
+            the iteration got stuck, and can be the `guess` of another attempt.
+    """
+
+    states: Sequence[ContactState] = ()
+    state: ContactState | None = None
+
+
+class FreeBody(ContactFailed, SingularSystem):
+    """A rigid motion is held neither by supports nor by contact, even if every node stuck."""
+
+
+class NoEquilibrium(FreeBody):
+    """No contact forces that the law allows balance the loads: statics prove it.
+
+    Attributes:
+        velocity: `RigidVelocity` that no such force can brake, while the loads do work on it.
+        missing: `MissingForce`, the least that would have to be added to the loads.
+    """
+
+    velocity: RigidVelocity
+    missing: MissingForce
+
+
+class NotUnique(ContactFailed, SingularSystem):
+    """The tangent is singular at a solution: there are others, by friction or a loose body."""
+
+
+class NotFound(ContactFailed):
+    """The iteration found no solution; whether there is one is not known."""
+
+
+class SurfacePassed(ContactFailed):
+    """A rigid surface has gone through the body, or pushes it outwards."""

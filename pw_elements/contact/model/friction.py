@@ -1,0 +1,161 @@
+"""Friction: laws that limit the tangential force, and the cone of forces that they admit.
+
+A law says how large the tangential force of a node may be beside its normal force r_n >= 0,
+
+    |r_t| <= limit(r_n),    limit(0) = 0,
+
+and which slope the limit has. Coulomb's is mu r_n. The limit's chord, limit(r_n) / r_n, must never
+rise with r_n: so the slope at zero bounds it, and the cone of that slope holds all admitted forces.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+# Sides of the polygon that stands for the circle of friction in a linear problem
+SIDES = 8
+
+
+@runtime_checkable
+class Friction(Protocol):
+    """A law that limits the friction of a node.
+
+    class Worn:
+        '''Coulomb's law, with a coefficient that falls to nothing with the normal force.'''
+
+        def at(self, x):
+            return 50.0 + 10.0 * x[0]  # the force at which it has halved
+
+        def limit(self, half, force):
+            share = half / (half + force)
+            return 0.3 * share * force, 0.3 * share**2
+
+    ContactPair(bottom, Plane((0, 0), (0, 1)), friction=Worn())
+    """
+
+    def at(self, x: Array) -> Array | float:
+        """One number (n,) for each node; asked once.
+
+        Args:
+            x: positions as columns (3, n).
+        """
+        ...
+
+    def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
+        """Largest tangential force (n,) beside a normal force, and its slope (n,).
+
+        Args:
+            at: what the law said of these nodes (n,), which may be another process'.
+            force: normal forces (n,), none of them negative.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Coulomb:
+    """Coulomb's law, |r_t| <= mu r_n.
+
+    Args:
+        mu: the coefficient, or a function of positions as columns (3, n) that returns it for each
+            node, (n,).
+    """
+
+    mu: float | Callable[[Array], Array]
+
+    def at(self, x: Array) -> Array | float:
+        """The coefficient (n,) of nodes.
+
+        Args:
+            x: positions as columns (3, n).
+        """
+        return self.mu(x) if callable(self.mu) else self.mu
+
+    def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
+        """Largest tangential force (n,) beside a normal force, and its slope.
+
+        Args:
+            at: the coefficient (n,).
+            force: normal forces (n,).
+        """
+        return at * force, at
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Forces that the laws of friction admit at contact points (m), pair after pair.
+
+    Args:
+        laws: one per pair.
+        at: what each of them says of the pair's points.
+    """
+
+    laws: Sequence[Friction]
+    at: Sequence[Array]
+
+    def limit(self, force: Array) -> tuple[Array, Array]:
+        """Largest tangential forces (m,) beside normal forces (m,), and their slopes (m,)."""
+        parts = np.split(force, np.cumsum([len(at) for at in self.at])[:-1])
+        each = [law.limit(*given) for law, *given in zip(self.laws, self.at, parts, strict=True)]
+        limits, slopes = zip(*each, strict=True)
+        return np.concatenate(limits), np.concatenate(slopes)
+
+    def coefficient(self, force: Array) -> Array:
+        """The limit over normal forces (m,); its slope at zero where there is none."""
+        limit, slope = self.limit(force)
+        linear = (force <= 0) | (limit == slope * force)
+        return np.where(linear, slope, limit / np.where(linear, 1.0, force))
+
+    @cached_property
+    def steepest(self) -> Array:
+        """Slope (m,) at zero, which bounds the coefficient."""
+        return self.limit(np.zeros(sum(len(at) for at in self.at)))[1]
+
+    @property
+    def rough(self) -> npt.NDArray[np.bool_]:
+        """Which points (m,) have any friction."""
+        return self.steepest > 0
+
+
+def projected(tangential: Array, radius: Array) -> Array:
+    """Tangential forces (m, dim - 1), those beyond their radius (m,) being shortened to it."""
+    size = np.linalg.norm(tangential, axis=1)
+    beyond = size > radius
+    return np.where(beyond, radius / np.where(beyond, size, 1.0), 1.0)[:, None] * tangential
+
+
+def polygon(tangents: Array) -> Array:
+    """Corners (k, t) of the unit polygon of friction, for tangents (t, dim), zero or of length one.
+
+    In the plane it is the circle itself.
+    """
+    one = np.eye(len(tangents))[np.linalg.norm(tangents, axis=1) > 0.5]
+    if len(one) < 2:
+        return np.concatenate([one, -one])
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def dual_rows(mu: Array, along: Array, normal: Array, tangential: Array) -> Array:
+    """v_n - mu v_t·d over the length of (1, mu), (m, k): one row each of a linear program.
+
+    Where it is negative in some direction d, forces of the cone brake the motion.
+
+    Args:
+        mu: slopes of the cones, (m,).
+        along: d, unit vectors (m, dim).
+        normal: v_n in each of k motions, (m, k).
+        tangential: v_t, (m, dim, k).
+    """
+    sliding = np.einsum("ma,mak->mk", along, tangential)
+    return (normal - mu[:, None] * sliding) / np.sqrt(1 + mu**2)[:, None]
+
+
+def dual_clearance(mu: Array, normal: Array, tangential: Array) -> Array:
+    """v_n - mu |v_t| over the length of (1, mu), (m,), of velocities (m,) and (m, dim)."""
+    return (normal - mu * np.linalg.norm(tangential, axis=1)) / np.sqrt(1 + mu**2)

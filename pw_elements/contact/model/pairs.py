@@ -1,0 +1,220 @@
+"""What the user states: contact pairs and the motions of their surfaces."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.mesh import MeshTags
+
+from pw_elements.checks import described, flag, is_number, number, of_type, vector
+from pw_elements.contact.model.friction import Coulomb, Friction
+from pw_elements.contact.model.surfaces import Surface
+from pw_elements.spaces import Part
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rigid translation of a surface at the end of one increment, from its initial place.
+
+    Args:
+        translation: (dim,); None for a component that is free and follows from its force.
+        force: (dim,), total force of the surface on the body in the free components (on the
+            whole circumference in axisymmetry, where radial ones are sums of nodal forces round
+            the axis); without meaning in prescribed ones.
+
+    Raises:
+        ValueError: for values that are not finite numbers, or a force in a prescribed component.
+    """
+
+    translation: Sequence[float | None]
+    force: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        if np.ndim(np.asarray(self.translation)) != 1:
+            raise ValueError(f"translation {self.translation!r} of a motion: it has to be a vector")
+        force = np.zeros(len(self.translation)) if self.force is None else self.force
+        if np.ndim(force) != 1:
+            raise ValueError(f"force {force!r} of a motion: it has to be a vector")
+        if len(force) != len(self.translation):
+            raise ValueError("translation and force of a motion differ in length")
+        for component, (moved, pushed) in enumerate(zip(self.translation, force, strict=True)):
+            number(f"component {component} of a motion's force", pushed)
+            if moved is not None:
+                number(f"component {component} of a motion's translation", moved)
+            if moved is not None and pushed:
+                raise ValueError(
+                    f"component {component} of a motion has a translation and a force: "
+                    "one of them follows from the other"
+                )
+
+    def prescribed(self) -> Array:
+        """Translations (dim,), NaN where they are free."""
+        return np.array([np.nan if u is None else u for u in self.translation], dtype=float)
+
+    def forces(self) -> Array:
+        """Total forces (dim,), zero where none is given."""
+        force = np.zeros(len(self.translation)) if self.force is None else self.force
+        return np.array(force, dtype=float)
+
+
+@dataclass(frozen=True)
+class MatchingNodes:
+    """Another part of the same mesh's boundary, each node of which faces one of the pair's.
+
+    It replaces the rigid surface in contact of two bodies (disconnected parts of one mesh) whose
+    meshes match along the contact. A `Motion` then is a rigid motion of the opposite body in
+    addition to its displacements: an approach, prescribed or found from a force, of two bodies that
+    are both supported.
+
+    Args:
+        nodes: of the opposite part: a marker of positions as columns (3, n), local numbers, or a
+            mask.
+        shape: what a rigid surface in the opposite part's place would be: gap (n,) to it and
+            normal (n, dim) towards the pair's own nodes, at their positions (n, dim).
+        offset: (dim,), from the pair's nodes to the ones that they face; zero by default.
+
+    Raises:
+        TypeError: for arguments of the wrong type, such as exchanged ones.
+        ValueError: for an offset that is not finite.
+    """
+
+    nodes: Part
+    shape: Surface
+    offset: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        _check_nodes(self.nodes, "MatchingNodes(nodes, shape)")
+        if not _is_surface(self.shape):
+            raise TypeError(
+                f"the shape of matching nodes is {described(self.shape)}: it has to be a surface, "
+                "with a gap and a normal"
+            )
+        if self.offset is not None:
+            vector("the offset of matching nodes", self.offset)
+
+
+@dataclass(frozen=True)
+class DeformableSurface:
+    """Another part of the same mesh's boundary, whose nodes need not match the pair's.
+
+    It replaces the rigid surface in contact of two bodies (disconnected parts of one mesh). The
+    pair's own side is the mortar's slave: contact is stated at its nodes, so the finer mesh
+    should be the pair's. A `Motion` then is a rigid motion of this side in addition to its
+    displacements, as for `MatchingNodes`.
+
+        materials = {STEEL: Material(210e3, 0.3), ALUMINIUM: Material(70e3, 0.33)}
+        material = Material.by_tag(mesh, cell_tags, materials)
+        body = Body(Spaces.petrov_galerkin(mesh), material, "plane strain")
+        own = fem.locate_dofs_topological(body.spaces.trial, 1, facet_tags.find(FINE))
+        pair = ContactPair(own, DeformableSurface(facet_tags.find(COARSE)), friction=0.2)
+
+    Contact is stated at the pair's own nodes: `PairState` has their results, and the nodal forces
+    of the opposite side; `ContactFields` has pressures, gaps, slips and statuses of both. The
+    module `pw_elements.contact.mortar` explains what is exact and what is not.
+
+    Args:
+        where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
+            local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
+        revolved: whether areas are those of the circumference, as in axisymmetry.
+        coincident: whether both sides are one surface before any motion, as a tube's and its
+            liner's. The small distances between meshes of a curved surface then do not
+            count as gaps.
+
+    Raises:
+        TypeError: for arguments of the wrong type.
+    """
+
+    where: Part
+    revolved: bool = False
+    coincident: bool = False
+
+    def __post_init__(self) -> None:
+        _check_part("the facets", self.where, "DeformableSurface(where)", "tags.find(value)")
+        flag("revolved", self.revolved)
+        flag("coincident", self.coincident)
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Nodes of a body that may touch a rigid surface, or another part of the mesh.
+
+    Args:
+        nodes: marker of their positions as columns (3, n), or their local numbers in the space,
+            such as `fem.locate_dofs_topological` gives for tagged facets, or a mask of these
+            (ghosts are skipped, so every process may pass all it knows).
+        surface: the rigid surface at its initial place, or the other part of the mesh, as
+            `DeformableSurface` or `MatchingNodes`.
+        friction: Coulomb's mu, or a function of positions as columns (3, n) that returns it for
+            each node, (n,), or another law, see `Friction`. It also assigns a node between a smooth
+            and a rough part to one of them.
+        motions: one per increment of `solve_contact`; without them the surface rests. A
+            single one need not be in a list.
+        interference: whether the surface may cut the body before any motion, as in a shrink fit;
+            the first increment then pushes the nodes out of it.
+
+    Raises:
+        TypeError: for arguments of the wrong type, such as exchanged ones.
+        ValueError: for a friction that is negative or not a number, or an interference of sides
+            that coincide.
+    """
+
+    nodes: Part
+    surface: Surface | MatchingNodes | DeformableSurface
+    friction: float | Callable[[Array], Array] | Friction = 0.0
+    motions: Motion | Sequence[Motion] = ()
+    interference: bool = False
+
+    def __post_init__(self) -> None:
+        _check_nodes(self.nodes, "ContactPair(nodes, surface)")
+        bodies = (MatchingNodes, DeformableSurface)
+        if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
+            raise TypeError(
+                f"the surface of a contact pair is {described(self.surface)}: it has to have a gap "
+                "and a normal, or to be a DeformableSurface or MatchingNodes"
+            )
+        mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
+        if isinstance(mu, type) or not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
+            raise ValueError(
+                f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
+                "function of positions, or a law of friction"
+            )
+        if self.interference and getattr(self.surface, "coincident", False):
+            raise ValueError("sides that coincide do not cut each other: give interference or that")
+        motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
+        for motion in motions:
+            of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
+        object.__setattr__(self, "motions", motions)
+
+    @property
+    def law(self) -> Friction:
+        """The law of friction: Coulomb's, unless another one is given."""
+        if isinstance(self.friction, Friction) and not isinstance(self.friction, type):
+            return self.friction
+        return Coulomb(self.friction)
+
+
+def _is_surface(thing: object) -> bool:
+    both = all(callable(getattr(thing, name, None)) for name in ("gap", "normal"))
+    return both and not isinstance(thing, type)
+
+
+def _check_nodes(nodes: object, call: str) -> None:
+    of_nodes = (
+        "those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, tags.find(value))"
+    )
+    _check_part("the nodes", nodes, call, of_nodes)
+
+
+def _check_part(what: str, part: object, call: str, of_tags: str) -> None:
+    """Raises TypeError for what names no nodes or facets; `of_tags` are those of tags."""
+    name = what.removeprefix("the ")
+    if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
+        raise TypeError(f"a surface is given in place of {name}: {call} has them first")
+    if isinstance(part, MeshTags):
+        raise TypeError(f"tags are given in place of {name}: use {of_tags}")
+    listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
+    if isinstance(part, type) or not (callable(part) or listed):
+        raise TypeError(f"{what} are {described(part)}: give a marker, numbers or a mask")

@@ -1,0 +1,200 @@
+"""States of a contact computation: results, and all that the next increment has to know."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.solvers import SolverReport
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Free: TypeAlias = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class PairState:
+    """One pair at the end of one increment; its m nodes in the order of their positions.
+
+    Arrays are read-only and the same on every process.
+
+    Args:
+        position: (m, dim), undeformed, sorted by the first coordinate, then the next.
+        normal: (m, dim), from the rigid surface into the body.
+        force_normal: (m,), nodal force along the normal; compression is positive.
+        force_tangential: (m, dim), the rest of the nodal force of the surface on the body.
+        gap: (m,), infinite for nodes that nothing faces.
+        slip: (m, dim), tangential displacement relative to the surface in this increment;
+            zero for open nodes.
+        friction: (m,), Coulomb's mu.
+        status: (m,), OPEN, STICK or SLIP.
+        translation: (dim,) of the surface from its initial place.
+        force: (dim,), total force of the surface on the body; in axisymmetry sums round the
+            axis, so that the radial one is no resultant.
+        displacement: (m, dim), of the nodes; relative to what they face where nodes match.
+        direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
+        turning: (m,), of the law's linearisation at slipping nodes, which the next iteration needs.
+        node: (m,), global numbers in the space, of this number of processes; component i of node
+            k is the entry dim k + i of `ContactState.displacement`.
+        faced: (m,), the same of the nodes that they face; -1 where a rigid surface does, -2 where
+            a deformable one does.
+        opposite: (k,), the same of the nodes of a deformable surface, in the order of positions.
+        opposite_force: (k, dim), nodal forces on these.
+    """
+
+    position: Array
+    normal: Array
+    force_normal: Array
+    force_tangential: Array
+    gap: Array
+    slip: Array
+    friction: Array
+    status: npt.NDArray[np.int8]
+    translation: Array
+    force: Array
+    displacement: Array
+    direction: Array
+    turning: Array
+    node: Indices
+    faced: Indices
+    opposite: Indices
+    opposite_force: Array
+
+    def __post_init__(self) -> None:
+        for values in vars(self).values():
+            values.flags.writeable = False
+
+    @property
+    def force_vector(self) -> Array:
+        """Nodal force (m, dim) of the surface on the body, its normal part and the rest."""
+        return self.force_normal[:, None] * self.normal + self.force_tangential
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How well each condition is satisfied: the largest violation over all nodes.
+
+    Forces over the largest nodal contact force of the history so far, lengths over the largest
+    displacement of a contact node or its surface in its states with contact (`Scale`) and now.
+    Where these are nothing but round-off, lengths are over the largest coordinate of a contact
+    node, and forces over the stiffness of one times the length.
+
+    Args:
+        equilibrium: unbalanced force of nodes that are not in contact.
+        penetration: -g where it is positive.
+        tension: -r_n where it is positive.
+        complementarity: smaller of r_n and g.
+        cone: |r_t| - mu r_n where it is positive.
+        stick: slip of nodes whose friction is not used up.
+        direction: |v| r_t + mu r_n v of slipping nodes.
+        balance: total force against the one prescribed for free translations.
+    """
+
+    equilibrium: float
+    penetration: float
+    tension: float
+    complementarity: float
+    cone: float
+    stick: float
+    direction: float
+    balance: float
+
+    def largest(self) -> float:
+        """The largest violation of any condition."""
+        return max(vars(self).values())
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Largest force and length of a history, from the undeformed body on, while there is contact.
+
+    Args:
+        force: nodal contact force; 0 as long as it was nothing but round-off.
+        length: displacement of a contact node or its surface.
+    """
+
+    force: float = 0.0
+    length: float = 0.0
+
+
+@dataclass(frozen=True)
+class Smallness:
+    """How small displacements are: neglected second-order terms are of this relative size.
+
+    Args:
+        strain: largest principal strain by magnitude; without the hoop strain u_r/r of bodies
+            of revolution, since the stiffness does not tell what it is of.
+        rotation: largest angle, in radians.
+        slip: largest slip of a node in contact over the size of the smallest facet around it: of
+            this increment against rigid surfaces, which are met where they are now; from the
+            undeformed body on between two bodies, whose nodes keep their partners.
+    """
+
+    strain: float = 0.0
+    rotation: float = 0.0
+    slip: float = 0.0
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """The body at the end of one increment; `ContactProblem.step` continues from it.
+
+    `ContactProblem.save` writes a state to a file, for any number of processes.
+
+    Args:
+        displacement: full vector in the numbering of the displacements' space, which is the trial
+            space unless that is hybrid.
+        pairs: one state per contact pair.
+        iterations: linear systems solved, including those of failed attempts and of parts. The
+            solutions by which a remedy condenses the body to its contact points are not counted;
+            `report` counts their factorisation.
+        unique: False if determinants of tangents have different signs: of all that the problem
+            has factorised so far, and of those on the way to a state that was loaded. The friction
+            is then so large that several states can be in equilibrium with the same loads, and
+            another start or smaller increments may lead to another one. None if the linear
+            solver computes no determinants.
+        residuals: of all conditions.
+        report: what solved the linear systems of this increment.
+        increment: number of increments from the undeformed body, where it is 0.
+        free: (pair, component) of the surfaces' free translations.
+        orientations: signs of the determinants that `unique` compares.
+        scale: what `residuals` are relative to.
+        smallness: largest strain, rotation and slip; a warning is logged where they leave the
+            range of small displacements.
+        substates: (share, state) of the inner ends of the parts into which the increment was cut,
+            see `ContactProblem`: share of the way from the loads and motions before it to its own.
+            `slip` and `iterations` are of all parts. Files do not
+            include them.
+        converged: False in the `state` of an error, which is no solution: nothing can continue from
+            it.
+        unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
+            pressure of a hybrid one. By default the displacement.
+    """
+
+    displacement: PETSc.Vec
+    pairs: tuple[PairState, ...]
+    iterations: int
+    unique: bool | None
+    residuals: Residuals
+    report: SolverReport
+    increment: int
+    free: Free
+    orientations: frozenset[int]
+    scale: Scale
+    smallness: Smallness
+
+    converged: bool = True
+    substates: tuple[tuple[float, "ContactState"], ...] = ()
+    unknowns: PETSc.Vec = None
+
+    def __post_init__(self) -> None:
+        if self.unknowns is None:
+            object.__setattr__(self, "unknowns", self.displacement)
+
+    @property
+    def translations(self) -> Array:
+        """Translations (pairs, dim) of all pairs' surfaces from their initial places."""
+        return np.array([pair.translation for pair in self.pairs])

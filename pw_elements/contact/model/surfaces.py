@@ -1,0 +1,251 @@
+"""Rigid surfaces: the gap to them and the direction in which they push.
+
+A surface is anything with the two methods of `Surface`. Points are rows (n, dim), other than in
+markers and friction functions, which take DOLFINx's columns (3, n); in axisymmetry the coordinates
+are (r, z). The normal points from the rigid surface into the body, and the gap is counted along
+it: negative inside the rigid.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.checks import field, number, positive, vector
+
+Points = npt.NDArray[np.float64]
+
+
+def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
+    """The unit vector (dim,) along a direction.
+
+    Raises:
+        ValueError: if it is no vector of a finite length.
+    """
+    along = vector("direction", direction)
+    length = np.linalg.norm(along)
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"direction {list(direction)}: needs a finite length")
+    return along / length
+
+
+def normalised(vectors: Points) -> Points:
+    """Unit vectors (n, dim) along vectors.
+
+    Raises:
+        ValueError: if one has no length.
+    """
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not length.all():
+        raise ValueError("the normal of a surface is not defined at a contact node")
+    return vectors / length
+
+
+class Surface(Protocol):
+    """Geometry of a rigid surface at its initial place."""
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points x (n, dim); negative inside, infinite where nothing faces x."""
+        ...
+
+    def normal(self, x: Points) -> Points:
+        """Unit vectors (n, dim) in which the surface pushes points x (n, dim), near it or not."""
+        ...
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Plane, in 2-D a line, through a point.
+
+    Args:
+        point: (dim,), any on the plane.
+        direction: (dim,) from the rigid surface into the body, of any length.
+
+    Raises:
+        ValueError: for a direction of no length.
+    """
+
+    point: Sequence[float]
+    direction: Sequence[float]
+
+    def __post_init__(self) -> None:
+        vector("the point of a plane", self.point)
+        unit(self.direction)
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points x (n, dim), positive on the side that the direction points to."""
+        return (x - np.asarray(self.point)) @ unit(self.direction)
+
+    def normal(self, x: Points) -> Points:
+        """The unit direction (n, dim), at any points x (n, dim)."""
+        return np.tile(unit(self.direction), (len(x), 1))
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """Parabola y = y_apex + s²/(2 radius), s the distance from the axis through the apex.
+
+    y is the last coordinate and s that of all others: a parabola in 2-D, a paraboloid in
+    axisymmetry and 3-D. The rigid body is above the curve for a positive radius (a
+    punch that presses downwards), and below it for a negative one.
+
+    The gap is measured along the axis and the normal is the axis: Hertz's approximation for
+    contacts that are small compared to the radius, where slopes are small, too.
+
+    Args:
+        apex: (dim,).
+        radius: of curvature at the apex.
+
+    Raises:
+        ValueError: for a radius of zero.
+    """
+
+    apex: Sequence[float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        vector("the apex of a parabola", self.apex)
+        if number("radius", self.radius) == 0:
+            raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points x (n, dim) along the axis."""
+        s = x - np.asarray(self.apex)
+        return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * np.sign(
+            self.radius
+        )
+
+    def normal(self, x: Points) -> Points:
+        """The axis (n, dim), from the rigid surface into the body, at any points x (n, dim)."""
+        axis = np.zeros_like(x)
+        axis[:, -1] = -np.sign(self.radius)
+        return axis
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Sphere, in 2-D a circle, in axisymmetry a sphere on the axis; its inside is rigid.
+
+    Args:
+        centre: (dim,).
+        radius: positive.
+
+    Raises:
+        ValueError: for a radius that is not positive.
+    """
+
+    centre: Sequence[float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        vector("the centre of a sphere", self.centre)
+        positive("radius", self.radius)
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points x (n, dim) from the sphere."""
+        y, row = x - np.asarray(self.centre), np.arange(len(x))
+        # counted from the pole next to x, for |y| - R would lose the digits of a small gap
+        axis = np.abs(y).argmax(axis=1)
+        side = np.where(y[row, axis] < 0, -1.0, 1.0)
+        pole = np.asarray(self.centre)[axis] + side * self.radius
+        y[row, axis], rise = 0.0, side * (x[row, axis] - pole)
+        squares = np.sum(y**2, axis=1) + rise * (2 * self.radius + rise)
+        return squares / (np.sqrt(squares + self.radius**2) + self.radius)
+
+    def normal(self, x: Points) -> Points:
+        """Unit vectors (n, dim) away from the centre, at points x (n, dim)."""
+        return normalised(x - np.asarray(self.centre))
+
+
+@dataclass(frozen=True)
+class FlatPunch:
+    """Flat face of finite width, a disc in 3-D; only nodes below it can touch.
+
+    Args:
+        centre: (dim,) of the face.
+        direction: (dim,) from the rigid surface into the body, of any length.
+        half_width: distance from centre to edge; a node on the edge touches.
+
+    Raises:
+        ValueError: for a direction of no length, or a half width that is not positive.
+    """
+
+    centre: Sequence[float]
+    direction: Sequence[float]
+    half_width: float
+
+    def __post_init__(self) -> None:
+        vector("the centre of a punch", self.centre)
+        unit(self.direction)
+        positive("half_width", self.half_width)
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
+        s, n = x - np.asarray(self.centre), unit(self.direction)
+        gap = s @ n
+        beside = np.linalg.norm(s - np.outer(gap, n), axis=1) > self.half_width * (1 + 1e-9)
+        return np.where(beside, np.inf, gap)
+
+    def normal(self, x: Points) -> Points:
+        """The unit direction (n, dim), at any points x (n, dim)."""
+        return np.tile(unit(self.direction), (len(x), 1))
+
+
+@dataclass(frozen=True)
+class SignedDistance:
+    """Surface given as a function of points: positive in the body, negative in the rigid surface.
+
+    The gap is the function divided by the size of its gradient, which near the surface is the
+    distance whatever the function's scale: x² + y² - R² will do for a circle.
+
+    Args:
+        function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
+            faces x.
+        gradient: of points as rows, (n, dim) to (n, dim), by default central differences.
+        step: of the differences, a small part of the smallest radius of the surface.
+
+    Raises:
+        TypeError: for anything but functions.
+        ValueError: for a step that is not positive.
+    """
+
+    function: Callable[[Points], npt.NDArray[np.float64]]
+    gradient: Callable[[Points], Points] | None = None
+    step: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name in ("function", "gradient"):
+            given = getattr(self, name)
+            if not (callable(given) or (name == "gradient" and given is None)):
+                raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
+        positive("step", self.step)
+
+    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+        """Distance (n,) of points x (n, dim), at first order."""
+        gap = self._values(x)
+        faced = np.isfinite(gap)
+        gap[faced] /= np.linalg.norm(self._slope(x[faced]), axis=1)
+        return gap
+
+    def normal(self, x: Points) -> Points:
+        """The gradient's unit vectors (n, dim) at points x (n, dim); any where nothing faces x."""
+        faced = np.isfinite(self._values(x))
+        normal = np.tile(np.eye(x.shape[1])[-1], (len(x), 1))
+        normal[faced] = normalised(self._slope(x[faced]))
+        return normal
+
+    def _values(self, x: Points) -> npt.NDArray[np.float64]:
+        layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
+        return field("the function of a signed distance", self.function(x), (len(x),), layout)
+
+    def _slope(self, x: Points) -> Points:
+        """Gradient (n, dim) of the function."""
+        if self.gradient is not None:
+            layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
+            given = self.gradient(x)
+            return field("the gradient of a signed distance", given, x.shape, layout)
+        steps = self.step * np.eye(x.shape[1])
+        differences = [self._values(x + h) - self._values(x - h) for h in steps]
+        return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)

@@ -1,0 +1,235 @@
+"""States as functions on the body.
+
+fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.checks import arguments, collective
+from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.output.mortar_sides import (
+    Opposite,
+    displacements,
+    mortar_sides,
+    over_areas,
+)
+from pw_elements.elasticity import Body, SurfaceNodes
+from pw_elements.spaces import as_function, is_hybrid, scalar_space, split
+
+Array = npt.NDArray[np.float64]
+
+# Largest difference of a node's positions in a state and in the space, over the largest coordinate
+_NEAR = 1e-9
+STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
+
+
+@dataclass(frozen=True)
+class ContactFields:
+    """A state as functions: vectors in the trial space, scalars in the space of its components.
+
+    Fields of the contact surface are zero elsewhere, except for the gap, which is NaN, because zero
+    would mean contact. ParaView draws NaN in a separate colour and ignores it in ranges. Where
+    nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
+
+    Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
+    that face the pair (see `mortar_sides`). The law is not stated there: gap and slip are means of
+    those of the pair's nodes that they face, and the status is the prevailing one. On both sides,
+    pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
+    side: the forces are right there, but not their quotients by such an area.
+
+    Pressures are forces over areas and need the body (thickness, circumference); they are None if
+    only the space is given. `SurfaceNodes` explains the three measures of pressure. They
+    are nodal values: interpolated by the *test* functions, linearly between nodes where the weights
+    are linear, they integrate to the total force. The functions here interpolate by the trial
+    functions, and their integrals are only close to it.
+
+    Args:
+        displacement: vector.
+        force: vector, "contact_force": of the surface on the body at each node.
+        gap: scalar; NaN off the contact surface and at nodes that nothing faces.
+        slip: vector, of this increment.
+        status: scalar, OPEN (0), STICK (1) or SLIP (2); OPEN off the surface.
+        pressure: scalar, compression positive: the normal nodal force over the integral of the
+            node's own test function (measure 2); NaN where a node has no weight.
+        tributary_pressure: scalar, the same over the node's tributary area (measure 3).
+        traction: vector, the tangential force of the surface on the body over the area that
+            `pressure` has.
+        surfaces: of each pair, areas being of what faces a deformable one; none without the body.
+        opposite: of each pair, what it faces where that is deformable, else None; its `results`
+            has the same as arrays on every process.
+        body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
+            of others. Where materials meet it is that of either side.
+        hybrid: trial space of hybrid bodies.
+    """
+
+    displacement: fem.Function
+    force: fem.Function
+    gap: fem.Function
+    slip: fem.Function
+    status: fem.Function
+    pressure: fem.Function | None
+    tributary_pressure: fem.Function | None
+    traction: fem.Function | None
+    surfaces: tuple[SurfaceNodes, ...]
+    opposite: tuple[Opposite | None, ...]
+    body_pressure: fem.Function | None = None
+    hybrid: fem.FunctionSpace | None = None
+
+    @classmethod
+    def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
+        """Functions with the values of a state; every process calls it.
+
+        Args:
+            state: of a contact problem on the space.
+            body: whose contact it is; its trial space serves all but the pressures.
+
+        Raises:
+            TypeError: for arguments of the wrong type.
+            ValueError: for a state of another space, or if pressures are asked for and a node
+                belongs to no facet that has all of its nodes in the pair.
+        """
+        space = trial(body)
+        check_state(state, space)
+        scalars = scalar_space(space)
+        displacement, force, slip, traction = (
+            fem.Function(space, name=name)
+            for name in ("displacement", "contact_force", "slip", "traction")
+        )
+        gap, status, pressure, tributary = (
+            fem.Function(scalars, name=name)
+            for name in ("gap", "status", "pressure", "tributary_pressure")
+        )
+        always = displacement, force, gap, slip, status
+        whole = body.spaces.trial if isinstance(body, Body) else body
+        own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
+        both = [mortar_sides(k, pair, body) for k, pair in enumerate(state.pairs)]
+        opposite = tuple(other for _, other in both)
+        if isinstance(body, Body):
+            surfaces = tuple(surface for surface, _ in both if surface is not None)
+            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
+        else:
+            fields = cls(*always, None, None, None, (), opposite, *own)
+        fields.fill(state)
+        return fields
+
+    def fill(self, state: ContactState) -> None:
+        """Gives the functions the values of another state.
+
+        Args:
+            state: another one of the same problem.
+
+        Raises:
+            ValueError: for one of another space or other pairs.
+        """
+        space = self.displacement.function_space
+        check_state(state, space)
+        pairs = state.pairs
+        known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
+        alike = len(pairs) == len(self.opposite) and (not known or known == given)
+        for other, pair in zip(self.opposite, pairs, strict=False):
+            alike &= other is None or other.is_of(pair)
+        if not alike:
+            raise ValueError("the state has other contact nodes than the fields")
+        as_function(space, state.displacement, out=self.displacement)
+        _spread(self.force, pairs, [pair.force_vector for pair in pairs])
+        for pair in pairs:
+            here = _here(space, pair.opposite)
+            forces = self.force.x.array.reshape(-1, space.dofmap.index_map_bs)
+            forces[here[here >= 0]] += pair.opposite_force[here >= 0]
+        gaps = [np.where(np.isfinite(pair.gap), pair.gap, np.nan) for pair in pairs]
+        _spread(self.gap, pairs, gaps, np.nan)
+        _spread(self.slip, pairs, [pair.slip for pair in pairs])
+        _spread(self.status, pairs, [pair.status for pair in pairs])
+        each = list(zip(self.surfaces, pairs, strict=False))
+        quotients = [over_areas(s, p) for s, p in each]
+        for k, out in enumerate((self.pressure, self.tributary_pressure, self.traction)):
+            _spread(out, pairs, [values[k] for values in quotients])
+        self._fill_opposite(pairs)
+        if self.body_pressure is not None and self.hybrid is not None:
+            self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
+
+    def _fill_opposite(self, pairs: Sequence[PairState]) -> None:
+        """Scalars, slips and tractions at nodes that face pairs and are in none."""
+        space, n = self.displacement.function_space, len(self.gap.x.array)
+        each = [
+            other.results(pair).on(_here(space, pair.opposite), n)
+            for other, pair in zip(self.opposite, pairs, strict=True)
+            if other is not None
+        ]
+        if not each:
+            return
+        seen = sum(each[1:], each[0])
+        at = seen.faced
+        for pair in pairs:
+            here = _here(space, np.concatenate([pair.node, pair.faced]))
+            at[here[here >= 0]] = False
+        for out, values in (
+            (self.gap, seen.mean(seen.gap)),
+            (self.status, seen.status),
+            (self.slip, -seen.mean(seen.slip)),
+            (self.pressure, seen.pressure),
+            (self.tributary_pressure, seen.tributary_pressure),
+            (self.traction, seen.traction),
+        ):
+            if out is not None:
+                out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]
+
+    def functions(self) -> list[fem.Function]:
+        """All functions, in the order of the attributes."""
+        return [value for value in vars(self).values() if isinstance(value, fem.Function)]
+
+
+def _spread(
+    out: fem.Function | None,
+    pairs: Sequence[PairState],
+    values: Sequence[npt.NDArray],
+    elsewhere: float = 0.0,
+) -> None:
+    """Fills a function with values (m,) or (m, dim) at the nodes of pairs."""
+    if out is None:
+        return
+    space = out.function_space
+    array = out.x.array.reshape(-1, space.dofmap.index_map_bs)
+    array[:] = elsewhere
+    for pair, own in zip(pairs, values, strict=True):
+        columns = own.reshape(len(own), -1)
+        for nodes, sign in ((pair.node, 1.0), (pair.faced, 1.0 if own.ndim == 1 else -1.0)):
+            here = _here(space, nodes)
+            array[here[here >= 0]] = sign * columns[here >= 0]
+
+
+def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+    """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
+    local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
+    return np.where(nodes < 0, -1, local)
+
+
+def trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+    """The space of the displacements; raises TypeError for what is no body and no space."""
+    kinds = (Body, fem.FunctionSpace)
+    arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
+    return displacements(body)
+
+
+def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
+    """Raises an error on all processes if a state's nodes are not those of a space."""
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    first, last = index_map.local_range
+    x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
+    with collective(space.mesh.comm):
+        arguments.of_type("state", state, ContactState, STATE)
+        alike = state.displacement.getSizes() == (
+            index_map.size_local * block,
+            index_map.size_global * block,
+        )
+        for pair in state.pairs if alike else ():
+            mine = (pair.node >= first) & (pair.node < last)
+            away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
+            alike &= bool(away.max(initial=0.0) <= _NEAR * np.abs(pair.position).max(initial=0.0))
+        if not alike:
+            raise ValueError("the state belongs to another space, or other processes, than this")

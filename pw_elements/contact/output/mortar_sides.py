@@ -1,0 +1,323 @@
+"""Both sides of a pair of deformable surfaces: areas of what they share, results at the opposite.
+
+Contact is stated at the nodes j of the pair's own side. Those k of the opposite side have the
+forces that the mortar hands on, of each r_j a part M_jk / A_j, and areas likewise: with a_j the
+area by which r_j is a pressure and n_j the normal, the area vector of node k is
+
+    b_k = sum of M_jk a_j n_j / A_j.
+
+It is along the normal, and its length divides the force on k. So an even pressure without shear is
+one on both sides, whatever the meshes, also where facets face each other in part; and the
+opposite's pressures times their areas sum up to the force. On flat faces |b_k| is the integral of
+w_k over what faces the pair. The pressures are sums over duals that have either sign: where the
+opposite mesh is the finer one they are off by a part of the differences of neighbouring p_j.
+
+At the opposite nodes no law is stated. Forces are the nodes' own, pressures these over areas. Gap,
+slip and friction are means of those of the pairs' nodes, weighted with integrals of the products
+of both weights, and the status is that of which a node faces most.
+"""
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from dolfinx import fem
+
+from pw_elements.checks import listed
+from pw_elements.contact.interface import Overlap, Trace, gathered_trace, whole_areas
+from pw_elements.contact.iteration import OPEN
+from pw_elements.contact.model import PairState
+from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
+from pw_elements.spaces import SubSpace
+
+Array = npt.NDArray[np.float64]
+
+# Part of a node's area that has to face the other side for quotients by it. Where the pressure is
+# linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
+TRUSTED = 0.1
+STATUSES = 3
+
+Indices = npt.NDArray[np.int64]
+
+# Largest difference of forces that are handed on, over the largest of them
+_HANDED = 1e-6
+# Part of an own node's area that faces the other side below which round-off of what it hands on,
+# some 1e-16 over the part's square, is no longer small
+_BARELY = 1e-4
+
+
+@dataclass(frozen=True)
+class OppositeResults:
+    """Results at nodes (n) of opposite sides, summed over the pairs that they face.
+
+    Args:
+        facing: (n,), integrals of the nodes' weights over what they face.
+        gap: (n,), means times `facing`.
+        slip: (n, dim), likewise, of the nodes on the pair's own side.
+        friction: (n,), likewise.
+        statuses: (n, 3), what of `facing` is open, sticks and slips.
+        pressed: (n,), normal forces, compression positive.
+        pulled: (n, dim), tangential ones, on the nodes.
+        area: (n,), that make pressures of forces; zero without a body.
+        tributary: (n,), the same from tributary areas.
+        share: (n,), part of the nodes' areas that faces a pair.
+    """
+
+    facing: Array
+    gap: Array
+    slip: Array
+    friction: Array
+    statuses: Array
+    pressed: Array
+    pulled: Array
+    area: Array
+    tributary: Array
+    share: Array
+
+    def on(self, rows: npt.NDArray[np.int32], n: int) -> "OppositeResults":
+        """Spreads the results over n nodes, at rows of theirs; negative rows are left out."""
+        values = []
+        for part in fields(self):
+            own = getattr(self, part.name)
+            values.append(np.zeros((n, *own.shape[1:])))
+            values[-1][rows[rows >= 0]] = own[rows >= 0]
+        return OppositeResults(*values)
+
+    def __add__(self, other: "OppositeResults") -> "OppositeResults":
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return OppositeResults(*(one + another for one, another in both))
+
+    @property
+    def faced(self) -> npt.NDArray[np.bool_]:
+        """Which nodes face a pair."""
+        return self.facing > 0
+
+    def mean(self, values: Array) -> Array:
+        """`gap`, `slip` or `friction` over `facing`; zero where nothing is faced."""
+        return (values.T / np.where(self.faced, self.facing, 1.0)).T
+
+    @property
+    def status(self) -> npt.NDArray[np.int8]:
+        """Status (n,) of the greatest part of what each node faces."""
+        return self.statuses.argmax(axis=1).astype(np.int8)
+
+    @property
+    def pressure(self) -> Array:
+        """Pressure (n,) by measure 2; NaN where too little of a node's area faces a closed pair."""
+        return self._over(self.pressed, self.area)
+
+    @property
+    def tributary_pressure(self) -> Array:
+        """Pressure (n,) by measure 3; NaN where that by measure 2 is."""
+        return self._over(self.pressed, self.tributary)
+
+    @property
+    def traction(self) -> Array:
+        """Tangential traction (n, dim); NaN where the pressure is."""
+        return self._over(self.pulled, self.area)
+
+    def _over(self, force: Array, area: Array) -> Array:
+        closed = np.delete(self.statuses, OPEN, axis=1).any(axis=1)
+        over = np.where(closed, np.where(self.share < TRUSTED, np.nan, area), np.inf)
+        return np.asarray((force.T / over).T)
+
+
+@dataclass(frozen=True)
+class Opposite:
+    """The deformable surface of a pair, whose m nodes it faces; k nodes, on every process.
+
+    Args:
+        own: (m,), global numbers of the pair's nodes.
+        node: (k,), of its own.
+        means: (k, m), integrals of products of both sides' weights.
+        handed: (k, m), parts of the pair's forces as above; None without a body.
+        barely: (k,), those that get any of a node of which next to nothing faces them.
+        area: (k, dim), vectors as above, out of the pair's body; zero without a body.
+        tributary: (k, dim), the same from tributary areas.
+        share: (k,), part of the nodes' areas that faces the pair.
+        surface: its nodes; None without a body.
+    """
+
+    own: Indices
+    node: Indices
+    means: sp.csr_array
+    handed: sp.csr_array | None
+    barely: npt.NDArray[np.bool_]
+    area: Array
+    tributary: Array
+    share: Array
+    surface: SurfaceNodes | None
+
+    def is_of(self, pair: PairState) -> bool:
+        """Whether a pair has the same nodes."""
+        return np.array_equal(self.own, pair.node) and np.array_equal(self.node, pair.opposite)
+
+    def results(self, pair: PairState) -> OppositeResults:
+        """Results at the nodes of the surface.
+
+        Raises:
+            ValueError: for forces that are not what the body's measure hands on.
+        """
+        if self.handed is not None:
+            off = np.abs(pair.opposite_force + self.handed @ pair.force_vector)[~self.barely]
+            if off.max(initial=0.0) > _HANDED * np.abs(pair.opposite_force).max(initial=0.0):
+                raise ValueError(
+                    "a pair's forces on a deformable surface are not of the body's measure: "
+                    "DeformableSurface is to be revolved=True in axisymmetry, and only there"
+                )
+        facing = np.asarray(self.means.sum(axis=1))
+        length = np.linalg.norm(self.area, axis=1)
+        normal = self.normal
+        pressed = np.sum(pair.opposite_force * normal, axis=1)
+        gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
+        return OppositeResults(
+            facing,
+            self.means @ gap,
+            self.means @ pair.slip,
+            self.means @ pair.friction,
+            self.means @ np.eye(STATUSES)[pair.status],
+            pressed,
+            pair.opposite_force - pressed[:, None] * normal,
+            length,
+            np.linalg.norm(self.tributary, axis=1),
+            self.share,
+        )
+
+    @property
+    def normal(self) -> Array:
+        """Unit normals (k, dim) out of the pair's body; zero where nothing faces it."""
+        length = np.linalg.norm(self.area, axis=1, keepdims=True)
+        return np.asarray(self.area / np.where(length > 0, length, 1.0))
+
+
+def mortar_sides(
+    number: int, pair: PairState, whose: Body | fem.FunctionSpace
+) -> tuple[SurfaceNodes | None, Opposite | None]:
+    """The pair's own surface, with a body, and what it faces, where that is deformable.
+
+    Areas of the own surface are of what faces the opposite one, and NaN where that is too little
+    for a pressure; nodes that face nothing have their whole areas, and no forces.
+
+    Args:
+        number: of the pair, for messages.
+        pair: of a state.
+        whose: body, or space of the displacements.
+
+    Raises:
+        ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
+            two of the opposite surface at one place.
+    """
+    body = whose if isinstance(whose, Body) else None
+    own = None if body is None else _surface(number, pair, body)
+    if not len(pair.opposite):
+        return own, None
+    facing, nodes = _Facing.of(pair, displacements(whose)), (pair.node, pair.opposite)
+    overlap = facing.overlap(revolved=False)
+    means = facing.integrals(overlap, overlap.weight)
+    if own is None or body is None:
+        none = np.zeros_like(pair.opposite_force)
+        return None, Opposite(*nodes, means, None, none[:, 0] > 0, none, none, none[:, 0], None)
+    if revolved := body.state is StressState.AXISYMMETRIC:
+        overlap = facing.overlap(revolved)
+    duals = facing.integrals(overlap, overlap.dual)
+    one, other = (whole_areas(trace, revolved) for trace in facing.traces)
+    covered = np.asarray(duals.sum(axis=0))
+    share = covered / one[facing.places(0, pair.node)]
+    handed = duals @ sp.diags_array(1 / np.where(covered > 0, covered, 1.0))
+    area, tributary = (
+        -(handed @ ((area * share)[:, None] * pair.normal))
+        for area in (own.own_area, own.tributary_area)
+    )
+    barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
+    part = (handed @ covered) / other[facing.places(1, pair.opposite)]
+    opposite = SurfaceNodes.of(body, facets_between(displacements(body), pair.opposite))
+    if not np.array_equal(opposite.node, pair.opposite):
+        raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
+    counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
+    own = replace(own, own_area=own.own_area * counts, tributary_area=own.tributary_area * counts)
+    return own, Opposite(*nodes, means, handed, barely, area, tributary, part, opposite)
+
+
+@dataclass(frozen=True)
+class _Facing:
+    """Gathers both surfaces of a pair, and knows the pair's nodes on this process."""
+
+    space: fem.FunctionSpace
+    pair: PairState
+    traces: tuple[Trace, Trace]
+
+    @classmethod
+    def of(cls, pair: PairState, space: fem.FunctionSpace) -> "_Facing":
+        one, other = (
+            gathered_trace(space, facets_between(space, nodes))
+            for nodes in (pair.node, pair.opposite)
+        )
+        return cls(space, pair, (one, other))
+
+    def places(self, side: int, nodes: Indices) -> npt.NDArray[np.intp]:
+        """Places of global node numbers among those of a side's trace."""
+        return np.searchsorted(self.traces[side].nodes, nodes)
+
+    @cached_property
+    def _mine(self) -> npt.NDArray[np.intp]:
+        first, last = self.space.dofmap.index_map.local_range
+        return np.flatnonzero((self.pair.node >= first) & (self.pair.node < last))
+
+    def overlap(self, revolved: bool) -> Overlap:
+        """Overlap of both surfaces, at the nodes of this process."""
+        return Overlap.of(*self.traces, self.pair.node[self._mine], revolved)
+
+    def integrals(self, overlap: Overlap, tested: Array) -> sp.csr_array:
+        """Integrals (k, m) of the opposite's weights times functions of the pair's."""
+        node, opposite = self.pair.node, self.pair.opposite
+        at, w = overlap.functions[2]
+        order = np.argsort(opposite)
+        at = order[np.searchsorted(opposite, at, sorter=order)]
+        found = overlap.integrals(tested, at, w, (len(self._mine), len(opposite))).tocoo()
+        own = found.col, self._mine[found.row], found.data
+        every = zip(*self.space.mesh.comm.allgather(own), strict=True)
+        row, column, value = (np.concatenate(parts) for parts in every)
+        return sp.csr_array((value, (row, column)), shape=(len(opposite), len(node)))
+
+
+def _surface(number: int, pair: PairState, body: Body) -> SurfaceNodes:
+    """The surface of a pair: the facets that have all their nodes in it.
+
+    Raises:
+        ValueError: for a node that belongs to none of them.
+    """
+    space = displacements(body)
+    facets = facets_between(space, pair.node)
+    lone = pair.position
+    if space.mesh.comm.allreduce(len(facets)):
+        surface = SurfaceNodes.of(body, facets)
+        if np.array_equal(surface.node, pair.node):
+            return surface
+        lone = pair.position[~np.isin(pair.node, surface.node)]
+    raise ValueError(
+        f"contact pair {number}: its nodes at {listed(lone)} belong to no facet that has all of "
+        "its nodes in the pair, so that they have no pressure: let the pair end at vertices, or "
+        "give it the nodes of whole facets, fem.locate_dofs_topological(space, dim - 1, facets)"
+    )
+
+
+def displacements(whose: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+    """The trial space of the displacements of a body, or of its spaces."""
+    space = whose.spaces.trial if isinstance(whose, Body) else whose
+    return SubSpace.displacements(space).space
+
+
+def over_areas(surface: SurfaceNodes, pair: PairState) -> tuple[Array, Array, Array]:
+    """A pair's pressures by measures 2 and 3, and its traction; zero at open nodes of NaN areas."""
+    none = np.isnan(surface.own_area) & (pair.status == OPEN)
+    pressure, tributary, traction = (
+        np.where(none, 0.0, values.T).T
+        for values in (
+            surface.pressure(pair.force_normal),
+            surface.tributary_pressure(pair.force_normal),
+            surface.pressure(pair.force_tangential),
+        )
+    )
+    return pressure, tributary, traction

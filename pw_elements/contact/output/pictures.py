@@ -1,0 +1,247 @@
+"""Pictures of a state: pressure and shear along the contact line, or over the contact face.
+
+Labels name no units:
+
+    axes = plot(states[-1], body)
+    axes.set(xlabel="x [mm]", ylabel="traction [MPa]")
+    axes.figure.savefig("contact.png")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pw_elements.checks import arguments, vector
+from pw_elements.contact.iteration import OPEN, SLIP, STICK
+from pw_elements.contact.model import ContactState, PairState, Surface
+from pw_elements.contact.output.fields import check_state
+from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
+from pw_elements.elasticity import Body, Indices, StressState, SurfaceNodes
+from pw_elements.pictures import SUB_TRIANGLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = npt.NDArray[np.float64]
+
+_BLUE = "#0072B2"
+_ORANGE = "#D55E00"
+# Arrows shorter than this, over the longest one, are none
+_INVISIBLE = 1e-3
+# Points of a picture along each axis at which it is asked whether a rigid surface is there
+_PIXELS = 600
+
+
+def plot(
+    state: ContactState,
+    body: Body,
+    pair: int = 0,
+    axes: Axes | None = None,
+    along: int | None = None,
+    opposite: bool = False,
+) -> Axes:
+    """Draws pressure and shear of one pair with Matplotlib; every process calls it.
+
+    In the plane and in axisymmetry they are drawn along the contact line: the pressure, the shear
+    traction on the body in the direction of the line, the bounds ± mu p between which it lies, and
+    the status of each node. In space the pressure is a colour on the undeformed face, seen along
+    the mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
+
+    Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
+    `recovery`), in units of the modulus. Labels have no units; set your own.
+
+    Args:
+        state: what to draw.
+        body: whose contact it is.
+        pair: number of the pair.
+        axes: to draw in; by default those of a new figure.
+        along: coordinate (0 or 1) that the line is drawn along; by default its arc length,
+            from the end with the least coordinates. Faces know no such thing.
+        opposite: whether to draw them on the deformable surface that the pair faces.
+
+    Returns:
+        The axes. Each process has its own; let one of them save the figure.
+
+    Raises:
+        TypeError: for arguments of the wrong type.
+        ValueError: for a pair, coordinate or opposite surface that does not exist, and as
+            `ContactFields.of`.
+    """
+    import matplotlib.pyplot as plt
+
+    arguments.of_type("body", body, Body, "pressures need the body's surface measure")
+    arguments.flag("opposite", opposite)
+    check_state(state, body.spaces.displacements.trial)
+    dim = body.spaces.mesh.geometry.dim
+    if not 0 <= pair < len(state.pairs):
+        raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
+    if along is not None and (dim == 3 or along not in (0, 1)):
+        raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
+    side = _Side.of(pair, state.pairs[pair], body, opposite)
+    axes = plt.subplots(layout="constrained")[1] if axes is None else axes
+    if dim == 3:
+        _face(axes, side)
+    else:
+        names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
+        _line(axes, side, along)
+        axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
+    return axes
+
+
+def draw_surface(
+    axes: Axes, surface: Surface, translation: Sequence[float] = (0.0, 0.0), colour: str = "0.6"
+) -> None:
+    """Fills a rigid surface in a picture of a plane body, up to the picture's edges.
+
+        axes = draw(mesh, displacement=u)
+        draw_surface(axes, roller, states[-1].pairs[0].translation)
+
+    Args:
+        axes: of the picture; make room with `axes.set(xlim=..., ylim=...)` first.
+        surface: the rigid surface at its initial place.
+        translation: (2,), from there.
+        colour: of Matplotlib.
+
+    Raises:
+        ValueError: for a translation of another length, or a surface that is not one in the plane.
+    """
+    moved = vector("translation", translation, 2)
+    ends = axes.get_xlim(), axes.get_ylim()
+    x, y = (np.linspace(*end, _PIXELS) for end in ends)
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    gap = surface.gap(points.reshape(-1, 2) - moved).reshape(points.shape[:2])
+    gap = np.where(np.isfinite(gap), gap, np.abs(points).max())
+    axes.contourf(x, y, gap, levels=[-np.inf, 0.0], colors=[colour], zorder=0)
+    axes.set(xlim=ends[0], ylim=ends[1])
+
+
+@dataclass(frozen=True)
+class _Side:
+    """Values that are drawn of one side of a pair, at its nodes (m)."""
+
+    surface: SurfaceNodes
+    normal: Array
+    friction: Array
+    status: npt.NDArray[np.int8]
+    pressure: Array
+    traction: Array
+
+    @classmethod
+    def of(cls, number: int, pair: PairState, body: Body, opposite: bool) -> _Side:
+        own, other = mortar_sides(number, pair, body)
+        assert own is not None
+        if not opposite:
+            pressure, _, traction = over_areas(own, pair)
+            return cls(own, pair.normal, pair.friction, pair.status, pressure, traction)
+        if other is None or other.surface is None:
+            raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
+        seen = other.results(pair)
+        friction = seen.mean(seen.friction)
+        return cls(other.surface, other.normal, friction, seen.status, seen.pressure, seen.traction)
+
+
+def _line(axes: Axes, side: _Side, along: int | None) -> None:
+    pressure, traction = side.pressure, side.traction
+    rough, bounds = bool(np.any(side.friction > 0)), r"$\pm\mu\,\times$ pressure"
+    end = 0.0
+    for chain in _chains(side.surface.edges):
+        x, normal = side.surface.position[chain], side.normal[chain]
+        onwards = np.gradient(x, axis=0)
+        if along is None:
+            steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
+            where = end + np.append(0.0, np.cumsum(steps))
+            end = where[-1]
+        else:
+            where = x[:, along]
+            onwards *= np.sign(onwards[:, along, None])
+        tangent = np.column_stack([normal[:, 1], -normal[:, 0]])
+        tangent *= np.sign(np.sum(tangent * onwards, axis=1, keepdims=True))
+        closed = side.status[chain] != OPEN
+        if rough:
+            bound = side.friction[chain] * pressure[chain]
+            shear = np.sum(traction[chain] * tangent, axis=1)
+            sticks, slips = (side.status[chain] == status for status in (STICK, SLIP))
+            axes.fill_between(where, -bound, bound, color="0.88", lw=0, label=bounds)
+            axes.plot(where, shear, color=_ORANGE, lw=1)
+            style: dict[str, Any] = {"color": _ORANGE, "ls": "", "marker": "o", "ms": 4}
+            axes.plot(where[sticks], shear[sticks], label="shear, stick", **style)
+            axes.plot(where[slips], shear[slips], label="shear, slip", mfc="white", **style)
+        axes.plot(where, pressure[chain], color=_BLUE, lw=1)
+        axes.plot(where[closed], pressure[chain][closed], ".", color=_BLUE, label="pressure")
+    axes.axhline(0.0, color="0.5", lw=0.5)
+    handles, texts = axes.get_legend_handles_labels()
+    once = dict(zip(texts, handles, strict=True))
+    axes.legend(once.values(), once.keys(), frameon=False)
+
+
+def _face(axes: Axes, side: _Side) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.tri import Triangulation
+
+    surface, pressure = side.surface, side.pressure
+    seen = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
+    x, y = surface.position[:, seen].T
+    known = np.isfinite(pressure)
+    triangles = surface.facets[:, SUB_TRIANGLES[surface.facets.shape[1]]].reshape(-1, 3)
+    face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
+    weighed.set_mask(~known[triangles].all(axis=1))
+    shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")
+    axes.figure.colorbar(shown, ax=axes, label="pressure")
+    legend = []
+    for status, text, style in ((OPEN, "edge of contact", "--"), (STICK, "edge of stick", "-")):
+        inside = (side.status == status).astype(float)
+        if 0 < inside.sum() < len(inside):
+            axes.tricontour(face, inside, [0.5], colors="0.2", linestyles=style)
+            legend.append(Line2D([], [], color="0.2", ls=style, label=text))
+    traction = side.traction[:, seen]
+    size = np.linalg.norm(np.nan_to_num(traction), axis=1)
+    if np.any(side.friction > 0) and size.max() > 0:
+        spacing = np.sqrt(np.ptp(x) * np.ptp(y) / len(x))
+        pulled = size > _INVISIBLE * size.max()
+        axes.quiver(
+            *(x[pulled], y[pulled], *traction[pulled].T),
+            color=_ORANGE,
+            angles="xy",
+            scale_units="xy",
+            scale=size.max() / (1.5 * spacing),
+        )
+        text = f"shear, at most {size.max():.3g}"
+        arrow: dict[str, Any] = {"color": _ORANGE, "marker": r"$\rightarrow$", "ms": 12, "ls": ""}
+        legend.append(Line2D([], [], label=text, **arrow))
+    axes.set(aspect="equal", xlabel="xyz"[seen[0]], ylabel="xyz"[seen[1]])
+    if legend:
+        axes.legend(
+            handles=legend,
+            ncols=len(legend),
+            frameon=False,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+        )
+
+
+def _chains(edges: Indices) -> list[Indices]:
+    """Nodes of each connected part of a line in their order, corners and mid-side nodes."""
+    links: dict[int, list[tuple[int, int]]] = {}
+    for middle, one, other in edges:
+        links.setdefault(one, []).append((middle, other))
+        links.setdefault(other, []).append((middle, one))
+    chains = []
+    while links:
+        # nodes count in the order of their positions: from an end, or anywhere on a closed line
+        here = min(links, key=lambda node: (len(links[node]) > 1, node))
+        chain = [here]
+        while here in links:
+            middle, there = links[here].pop(0)
+            links[there].remove((middle, here))
+            for node in (here, there):
+                if not links[node]:
+                    del links[node]
+            chain += [middle, there]
+            here = there
+        chains.append(np.array(chain))
+    return chains

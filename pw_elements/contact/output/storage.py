@@ -1,0 +1,184 @@
+"""States in portable files: NumPy archives of plain numbers, independent of the partition."""
+
+import io
+import json
+import os
+from pathlib import Path
+from zipfile import BadZipFile
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from pw_elements.checks import collective
+from pw_elements.contact.interface import midpoints_around
+from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
+from pw_elements.solvers import SolverReport
+from pw_elements.spaces import SubSpace, is_hybrid
+
+Array = npt.NDArray[np.float64]
+
+# Names of the arrays of places that belong to values
+_NODES = {"displacement": "nodes", "pressure": "pressure_nodes"}
+_FORMAT = "pw_elements contact state 3"
+# Largest distance of a node from its place in the file, over the body's extent
+_NEAR = 1e-8
+
+
+def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
+    """Writes a state whole or not at all, on one process; the space may be hybrid.
+
+    Raises:
+        ValueError: for the state of an error.
+        OSError: on all processes, if the file cannot be written.
+    """
+    if not state.converged:
+        raise ValueError("the state is not a solution: no increment can continue from it")
+    comm = space.mesh.comm
+    arrays: dict[str, npt.NDArray] = {}
+    for name, field in _fields(space).items():
+        values = field.part(state.unknowns).array_r.reshape(field.owned.shape)
+        given = comm.gather((_places(field.space), values))
+        if comm.rank == 0:
+            places, values = zip(*given, strict=True)
+            arrays |= {_NODES[name]: np.concatenate(places), name: np.concatenate(values)}
+    if comm.rank == 0:
+        for k, pair in enumerate(state.pairs):
+            arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
+        numbers = {
+            "format": _FORMAT,
+            "pairs": len(state.pairs),
+            "iterations": state.iterations,
+            "unique": state.unique,
+            "residuals": vars(state.residuals),
+            "report": vars(state.report),
+            "increment": state.increment,
+            "free": state.free,
+            "orientations": sorted(state.orientations),
+            "scale": vars(state.scale),
+            "smallness": vars(state.smallness),
+        }
+        arrays["state"] = np.array(json.dumps(numbers))
+    with collective(comm):
+        if arrays:
+            try:
+                _write(path, arrays)
+            except OSError as failed:
+                raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
+
+
+def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
+    """Reads a state, each process the values of its own nodes.
+
+    Raises:
+        ValueError: if the file holds no state, or one of another mesh.
+        OSError: if the file cannot be read.
+    """
+    comm = space.mesh.comm
+    with collective(comm):
+        try:
+            data = path.read_bytes() if comm.rank == 0 else b""
+        except OSError as failed:
+            raise type(failed)(f"the state cannot be read from {path}: {failed}") from failed
+    data = comm.bcast(data)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            arrays = dict(archive)
+        numbers = json.loads(str(arrays["state"]))
+        if numbers["format"] != _FORMAT:
+            raise ValueError(
+                f"its format is {numbers['format']!r}, not {_FORMAT!r}: compute it once more"
+            )
+        pairs = [
+            {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
+            for k in range(numbers["pairs"])
+        ]
+    except (ValueError, KeyError, OSError, BadZipFile) as failed:
+        raise ValueError(f"{path} holds no contact state: {failed}") from None
+    fields = _fields(space)
+    if missing := fields.keys() - arrays.keys():
+        raise ValueError(f"{path} has the state of a body without {missing.pop()}")
+    row = {name: _rows(path, arrays[_NODES[name]], field) for name, field in fields.items()}
+    moved = fields["displacement"]
+    for pair in pairs:
+        pair |= {
+            name: _numbers(pair[name], row["displacement"], moved.space)
+            for name in ("node", "faced", "opposite")
+        }
+    unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
+    spread = [field.spread(arrays[name][row[name]].ravel()) for name, field in fields.items()]
+    unknowns.setArray(np.sum(spread, axis=0))
+    return ContactState(
+        moved.part(unknowns),
+        tuple(PairState(**pair) for pair in pairs),
+        numbers["iterations"],
+        numbers["unique"],
+        Residuals(**numbers["residuals"]),
+        SolverReport(**numbers["report"]),
+        numbers["increment"],
+        tuple((pair, axis) for pair, axis in numbers["free"]),
+        frozenset(numbers["orientations"]),
+        Scale(**numbers["scale"]),
+        Smallness(**numbers["smallness"]),
+        unknowns=unknowns,
+    )
+
+
+def _fields(space: fem.FunctionSpace) -> dict[str, SubSpace]:
+    fields = {"displacement": SubSpace.displacements(space)}
+    if is_hybrid(space):
+        fields["pressure"] = SubSpace.pressure(space)
+    return fields
+
+
+def _rows(path: Path, stored: Array, field: SubSpace) -> npt.NDArray[np.intp]:
+    """Row of each owned node in a file, which is the number that it had when that was written."""
+    space, places = field.space, _places(field.space)
+    wrong = stored.shape != (space.dofmap.index_map.size_global, places.shape[1])
+    if not wrong:
+        distance, nearest = cKDTree(stored).query(places)
+        times = np.bincount(nearest, minlength=len(stored))
+        space.mesh.comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
+        extent = np.ptp(stored, axis=0).max()
+        wrong = bool(np.any(distance > _NEAR * extent) or np.any(times != 1))
+    if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
+        raise ValueError(f"{path} has the state of another mesh")
+    return np.asarray(nearest)
+
+
+def _numbers(
+    stored: npt.NDArray[np.int64], row: npt.NDArray[np.intp], space: fem.FunctionSpace
+) -> npt.NDArray[np.int64]:
+    """Global numbers today of nodes (m,) with numbers of a file; negative ones stay."""
+    numbers = np.minimum(stored, -1)
+    _, mine, of_file = np.intersect1d(row, stored, return_indices=True)
+    numbers[of_file] = space.dofmap.index_map.local_range[0] + mine
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, numbers, MPI.MAX)
+    return numbers
+
+
+def _places(space: fem.FunctionSpace) -> Array:
+    """Position and mean midpoint of the cells around of each owned node, (nodes, 2 dim).
+
+    Both together tell nodes apart that coincide, such as those of two bodies that touch.
+    """
+    owned, dim = space.dofmap.index_map.size_local, space.mesh.geometry.dim
+    x = space.tabulate_dof_coordinates()[:owned, :dim]
+    return np.concatenate([x, midpoints_around(space)[:owned]], axis=1)
+
+
+def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with temporary.open("wb") as stream:
+            np.savez_compressed(stream, allow_pickle=False, **arrays)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,642 @@
+"""What is tried where the active-set iteration has failed: ways that do without active sets.
+
+The increment is condensed to its contact points and solved there as a complementarity problem with
+small springs, then by Newton's method with a line search and without springs. Curved surfaces that
+are free to move are linearised anew where they were found. The active set so found starts the
+ordinary iteration, which alone decides what is a solution.
+
+As its contact points alone see it, an increment is dense, small, and the same on every process:
+the body's stiffness is condensed to the contact points (a Schur complement): with w the motion of
+the points' free components, the forces are r = S w + r_0. S is found by moving one component at
+a time, by one factorisation of the matrix in which all points are held; a body that floats is held
+then, too, so that it has a stiffness S where it has no compliance. With the free translations U,
+all that the law speaks of is linear in z = (w; U).
+
+The complementarity problem is solved by Lemke's pivots. With polygonal cones of friction (in the
+plane there are no others) a point's law is
+
+    0 <= r_n  _|_  g >= 0,
+    0 <= b_k  _|_  d_k.v + s >= 0,        r_t = sum b_k d_k,
+    0 <= s    _|_  mu r_n - sum b_k >= 0,
+
+s being the speed of slip. Where the points have a compliance that is positive definite the matrix
+is copositive, and Lemke's method ends at a solution whatever the friction is (Cottle, Pang and
+Stone, The Linear Complementarity Problem, theorem 4.4.13; Klarbring, Ing. Arch. 56 (1986)
+529-541, doi:10.1007/BF00533830). Free translations and bodies that float have none: small springs
+at the points and at the free surfaces give one. Their ends are moved to where the points were
+found, so that they let go.
+"""
+
+import logging
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import LinAlgWarning, solve
+from scipy.linalg.blas import dger
+from scipy.optimize import linprog
+
+from pw_elements.algebra import Reduction
+from pw_elements.checks import collective
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.iteration import (
+    ActiveSet,
+    Contact,
+    ContactSystem,
+    Increment,
+    Iterate,
+    Kinematics,
+    LinearisedLaw,
+    Policy,
+    equations,
+    newton,
+)
+from pw_elements.contact.model import SIDES, Cone, ContactFailed, Free, NotUnique, polygon
+from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
+
+Array = npt.NDArray[np.float64]
+
+# Violation of the law and of balances over the largest contact force
+_TOLERANCE = 1e-9
+# Singular values that count as none, over the largest
+_SINGULAR = 1e-12
+# Smallest part of a step that a line search tries, and decrease that it asks for
+_SHORTEST = 1e-6
+_DECREASE = 1e-4
+
+# Smallest pivot over the largest entry of its column, and what counts as equal ratios
+_PIVOT = 1e-11
+_TIE = 1e-12
+# Pivots per unknown
+_PIVOTS = 20
+# Smallest gap of a loose body, over the largest at rest
+_OPEN = 1e-9
+
+log = logging.getLogger("pw_elements.contact")
+
+# Stiffness of the springs over the points' own, how often their ends follow, and Newton's steps
+_SPRINGS = (1e-3, 1e-5, 1e-7)
+_SPRING_ROUNDS = 3
+_NEWTON_STEPS = 30
+_DAMPED_STEPS = 100
+# Unknowns of the complementarity problem: its table takes 16 bytes times their square
+_MOST_UNKNOWNS = 3000
+
+
+class Condensation:
+    """Stiffness S of a body, condensed to its contact points.
+
+    Args:
+        K: free stiffness, (n, n).
+        reduction: supports.
+        interface: contact points.
+        solver: of the linear systems.
+
+    Attributes:
+        stiffness: (p, p) of the p stated components of all points, in `gathered` order.
+
+    Raises:
+        SingularSystem: if not even the contact points hold the body.
+    """
+
+    def __init__(
+        self, K: PETSc.Mat, reduction: Reduction, interface: Interface, solver: LinearSolver
+    ) -> None:
+        self._interface = interface
+        self._system = ContactSystem(K, reduction, interface, (), solver)
+        own = np.arange(len(interface.pair))
+        first = sum(interface.comm.allgather(len(own))[: interface.comm.rank])
+        number = gathered(interface, first + own)
+        stated = gathered(interface, interface.equation >= 0)
+        load = self._system.stiffness.createVecLeft()
+        columns = []
+        for point, axis in np.argwhere(stated):
+            moved = np.zeros_like(interface.position)
+            moved[own[first + own == number[point]], axis] = 1.0
+            columns.append(self._forces(load, moved)[stated])
+        self.stiffness = np.stack(columns, axis=1)
+
+    @property
+    def report(self) -> SolverReport:
+        """Factorisations that condensing the body took."""
+        return self._system.report
+
+    def at_rest(self, load: PETSc.Vec, supported: Array) -> Array:
+        """Forces (points, dim) under a reduced load while the points rest.
+
+        `supported` (m, dim) is what supports make of the motion.
+        """
+        return self._forces(load, -supported)
+
+    def displaced(self, load: PETSc.Vec, moved: Array) -> PETSc.Vec:
+        """Reduced displacements under a reduced load, the points' motion (m, dim) being given.
+
+        Without what supports make of it.
+        """
+        system, dim = self._system, moved.shape[1]
+        none = np.zeros((len(moved), dim, dim))
+        held = system.scale[:, None, None] * np.eye(dim)
+        law = LinearisedLaw(none, held, none, system.scale[:, None] * moved)
+        return system.solve(load, law, np.zeros(0)).reduced
+
+    def _forces(self, load: PETSc.Vec, moved: Array) -> Array:
+        residual = self._system.stiffness * self.displaced(load, moved) - load
+        force, _ = self._system.forces(residual)
+        return gathered(self._interface, force)
+
+
+def gathered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
+    """Values (m, ...) at the points of all processes: pair after pair, by position."""
+    return np.concatenate([interface.in_order(k, values) for k in range(interface.pairs)])
+
+
+def scattered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
+    """Hands `gathered` values back: the rows (m, ...) of this process."""
+    counts = [len(interface.in_order(k, interface.pair)) for k in range(interface.pairs)]
+    return interface.local(np.split(values, np.cumsum(counts)[:-1]))
+
+
+@dataclass(frozen=True)
+class Affine:
+    """A linear function of z, and its value at zero."""
+
+    slope: Array
+    value: Array
+
+    def at(self, z: Array) -> Array:
+        """The value of the function at z."""
+        return self.slope @ z + self.value
+
+
+class CondensedIncrement:
+    """Forces, gaps and slips of all contact points as functions of z = (w; U).
+
+    Args:
+        increment: the equations.
+        condensation: of the body.
+        place: where the kinematics are linearised.
+
+    Attributes:
+        force: components (points, dim) along the frames.
+        gap: (points,), zero where nothing faces a point.
+        slip: (points, dim - 1).
+        balance: of the free translations, total force less what is prescribed.
+        start: z at the increment's start.
+    """
+
+    def __init__(self, increment: Increment, condensation: Condensation, place: Kinematics) -> None:
+        interface = increment.interface
+        self._interface = interface
+        self.free: Free = increment.system.free
+        self.condensation = condensation
+
+        def all_of(values: npt.NDArray) -> npt.NDArray:
+            return gathered(interface, values)
+
+        self.frame, gap = all_of(place.frame), all_of(place.gap)
+        cone, said = interface.cone, np.concatenate(interface.cone.at)
+        at = [interface.in_order(k, said) for k in range(interface.pairs)]
+        self.cone = Cone(cone.laws, at)
+        self.scale = all_of(increment.system.scale)
+        self.faced = np.isfinite(gap)
+        self._stated = all_of(interface.equation >= 0)
+        points, dim = self._stated.shape
+        self._prescribed = increment.prescribed
+        pair = all_of(interface.pair)
+        supported = np.where(self._stated, 0.0, all_of(increment.supported))
+        moved, followed = self._motions(pair, supported)
+        loss, tangents = all_of(place.loss), self.frame[:, 1:]
+        since = Affine(followed.slope, followed.value - place.translations[pair])
+        turning = all_of(place.turned_force)
+        turned_slip = all_of(place.turned_slip)
+
+        slope = np.zeros((points * dim, moved.slope.shape[-1]))
+        slope[np.ix_(self._places, np.arange(self.unknowns))] = condensation.stiffness
+        rest = np.where(
+            self._stated, condensation.at_rest(increment.equilibrium.load, increment.supported), 0
+        )
+        self._nodal = Affine(slope.reshape(points, dim, -1), rest)
+        self.force = _sum(_through(self.frame, self._nodal), _through(turning, since))
+        normal = self.frame[:, None, 0]
+        towards = _sum(_through(normal, moved), _through(-loss[:, None], since))
+        self.gap = Affine(towards.slope[:, 0], towards.value[:, 0] + np.where(self.faced, gap, 0.0))
+        relative = Affine(
+            moved.slope - followed.slope, moved.value - followed.value - all_of(place.past)
+        )
+        self.slip = _sum(_through(tangents, relative), _through(turned_slip, since))
+        sums = np.array([(pair == k)[:, None] * (np.arange(dim) == axis) for k, axis in self.free])
+        sums = sums.reshape(len(self.free), points * dim).astype(float)
+        self.sums = sums[:, self._places]
+        self.balance = Affine(sums @ slope, sums @ rest.ravel() - increment.totals)
+        past = all_of(increment.past.displacement).ravel()[self._places]
+        self.start = np.append(past, [increment.past.translations[at] for at in self.free])
+
+    @cached_property
+    def _places(self) -> npt.NDArray[np.intp]:
+        """Numbers of the stated components among all."""
+        return np.flatnonzero(self._stated.ravel())
+
+    @property
+    def unknowns(self) -> int:
+        """Number of the points' motions w."""
+        return len(self._places)
+
+    def contact(self, z: Array) -> Contact:
+        """Gaps, slips and forces of all points at z."""
+        gap = np.where(self.faced, self.gap.at(z), np.inf)
+        return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
+
+    def step(self, active: ActiveSet, z: Array) -> Array:
+        """The way from z to the solution of an active set; the shortest if there are many."""
+        A, B, b = equations(active, self.scale)
+        slope = np.concatenate([self.gap.slope[:, None], self.slip.slope], axis=1)
+        value = np.concatenate([self.gap.value[:, None], self.slip.value], axis=1)
+        law = _sum(_through(A, self.force), _through(B, Affine(slope, value)))
+        law = self.in_components(Affine(law.slope, law.value - b))
+        matrix = np.vstack([law.slope, self.balance.slope])
+        right = -np.append(law.at(z), self.balance.at(z))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", LinAlgWarning)  # singular but for round-off
+            try:
+                return np.asarray(solve(matrix, right))
+            except (np.linalg.LinAlgError, LinAlgWarning):
+                return np.asarray(np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0])
+
+    def in_components(self, framed: Affine) -> Affine:
+        """Turns values along each point's frame into the stated components (p, ...)."""
+        turned = _through(np.swapaxes(self.frame, 1, 2), framed)
+        slope = turned.slope.reshape(turned.value.size, turned.slope.shape[-1])[self._places]
+        return Affine(slope, turned.value.ravel()[self._places])
+
+    def residual(self, z: Array) -> Array:
+        """Violation of the law and of the balances; zero at a solution."""
+        wrong = np.einsum("nab,na->nb", self.frame, self.contact(z).violation())
+        return np.append(wrong.ravel()[self._places], self.balance.at(z))
+
+    def solved_by(self, z: Array) -> bool:
+        """Whether all conditions hold at z."""
+        return self.error(z) <= _TOLERANCE
+
+    def error(self, z: Array) -> float:
+        """Largest violation of the law and of the balances over the largest force."""
+        largest = np.abs(self._nodal.at(z)).max(initial=0.0)
+        wrong = np.abs(self.residual(z)).max(initial=0.0)
+        return float(wrong / largest) if wrong > 0 else 0.0
+
+    def newton(self, z: Array, most: int, damped: bool) -> Array | None:
+        """Semismooth Newton from z, damped by a line search on the residual; None if it fails."""
+        for _ in range(most):
+            if self.solved_by(z):
+                return z
+            step = self.step(self.contact(z).active_set(), z)
+            if not np.isfinite(step).all():
+                return None
+            part, wrong = 1.0, np.linalg.norm(self.residual(z))
+            while damped and not (
+                np.linalg.norm(self.residual(z + part * step)) <= (1 - _DECREASE * part) * wrong
+            ):
+                part /= 2
+                if part < _SHORTEST:
+                    return None
+            z = z + part * step
+        return None
+
+    def split(self, z: Array) -> tuple[Array, Array, Array]:
+        """Translations (pairs, dim), motions and forces (m, dim) of this process."""
+        translations = self._prescribed.copy()
+        translations[np.isnan(translations)] = z[self.unknowns :]
+        moved = self._moved.at(z)
+        interface = self._interface
+        return (
+            translations,
+            scattered(interface, moved),
+            scattered(interface, self._nodal.at(z)),
+        )
+
+    def _motions(self, pair: npt.NDArray[np.int32], supported: Array) -> tuple[Affine, Affine]:
+        """Motions of the points, and of their surfaces: (points, dim)."""
+        points, dim = supported.shape
+        size = self.unknowns + len(self.free)
+        moved = np.zeros((points * dim, size))
+        moved[self._places, np.arange(self.unknowns)] = 1.0
+        followed = np.zeros((points, dim, size))
+        for k, (number, axis) in enumerate(self.free):
+            followed[pair == number, axis, self.unknowns + k] = 1.0
+        self._moved = Affine(moved.reshape(points, dim, size), supported)
+        return self._moved, Affine(followed, np.nan_to_num(self._prescribed)[pair])
+
+
+def _through(matrices: Array, of: Affine) -> Affine:
+    """Each point's matrix (points, a, b) times its b values."""
+    return Affine(matrices @ of.slope, np.einsum("nab,nb->na", matrices, of.value))
+
+
+def _sum(one: Affine, other: Affine) -> Affine:
+    return Affine(one.slope + other.slope, one.value + other.value)
+
+
+def lemke(M: Array, q: Array) -> Array | None:
+    """Finds x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if the method ends on a ray.
+
+    Ties are broken lexicographically, so that no basis comes back.
+    """
+    n = len(q)
+    if np.all(q >= 0):
+        return np.zeros(n)
+    # basic = table[:, -1] - table[:, :-1] @ others; variables are w, x and the artificial one
+    artificial = 2 * n
+    table = np.asfortranarray(np.column_stack([-M, -np.ones(n), q]))
+    basic, other = np.arange(n), np.arange(n, artificial + 1)
+    row, column = int(np.argmin(q)), n
+    for _ in range(_PIVOTS * n):
+        _pivot(table, row, column)
+        leaving, basic[row], other[column] = basic[row], other[column], basic[row]
+        if leaving == artificial:
+            x = np.zeros(artificial + 1)
+            x[basic] = table[:, -1]
+            return np.maximum(x[n:artificial], 0.0)
+        entering = leaving + n if leaving < n else leaving - n
+        column = int(np.flatnonzero(other == entering)[0])
+        row = _leaving(table, column, basic, other)
+        if row < 0:
+            return None
+    return None
+
+
+def _pivot(table: Array, row: int, column: int) -> None:
+    """Exchanges a basic variable with another one, in place."""
+    pivot, entering = table[row, column], table[:, column].copy()
+    scaled = table[row] / pivot
+    entering[row] = scaled[column] = 0.0
+    dger(-1.0, entering, scaled, a=table, overwrite_a=1)
+    table[row] = scaled
+    table[:, column] = -entering / pivot
+    table[row, column] = 1.0 / pivot
+
+
+def _leaving(
+    table: Array, column: int, basic: npt.NDArray[np.intp], other: npt.NDArray[np.intp]
+) -> int:
+    """The row that limits the entering variable; the artificial one's if it does; or -1."""
+    n = len(basic)
+    entering = table[:, column]
+    rows = np.flatnonzero(entering > _PIVOT * max(1.0, np.abs(entering).max()))
+    if len(rows) == 0:
+        return -1
+    rows = _smallest(rows, np.maximum(table[rows, -1], 0.0) / entering[rows])
+    last = rows[basic[rows] == 2 * n]
+    if len(last):
+        return int(last[0])
+    for k in range(n):  # by columns of the basis' inverse
+        if len(rows) == 1:
+            break
+        place = np.flatnonzero(other == k)
+        values = table[rows, place[0]] if len(place) else (basic[rows] == k).astype(float)
+        rows = _smallest(rows, values / entering[rows])
+    return int(rows[0])
+
+
+def _smallest(rows: npt.NDArray[np.intp], ratio: Array) -> npt.NDArray[np.intp]:
+    """The rows of the smallest ratio, ties and all."""
+    least = ratio.min()
+    return np.asarray(rows[ratio <= least + _TIE * max(1.0, abs(least))])
+
+
+def unknowns(points: int, dim: int) -> int:
+    """Size of the complementarity problem, at most."""
+    return points * (2 + (2 if dim == 2 else SIDES))
+
+
+def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
+    """The z of a problem with polygonal cones and springs; None if there is none.
+
+    Args:
+        problem: condensed to its points.
+        spring: stiffness over the mean of the points' own.
+        near: z at which the springs are at rest.
+    """
+    faced = np.flatnonzero(problem.faced)
+    directions = _directions(problem, faced)
+    rough = np.array([k for k, d in enumerate(directions) if len(d)], dtype=np.intp)
+    sides = np.array([len(directions[k]) for k in rough], dtype=np.intp)
+    pressed, count = len(faced), int(sides.sum())
+    owner = np.repeat(rough, sides)  # of each side, among those that are faced
+    d = np.concatenate([np.zeros((0, problem.frame.shape[1] - 1)), *directions])
+    # z of forces along the frames, x = (r_n, b)
+    points, dim = problem.frame.shape[:2]
+    along = np.zeros((points, dim, pressed + count))
+    along[faced, 0, np.arange(pressed)] = 1.0
+    along[faced[owner], 1:, pressed + np.arange(count)] = d
+    law = problem.in_components(problem.force)
+    given = problem.in_components(type(problem.force)(along, np.zeros((points, dim)))).slope
+    S = problem.condensation.stiffness
+    springs = spring * np.abs(np.diag(S)).mean()
+    springs = springs * np.append(np.ones(problem.unknowns), problem.sums.sum(axis=1))
+    matrix = np.vstack([law.slope, problem.balance.slope]) + np.diag(springs)
+    right = np.vstack([given, np.zeros((len(problem.free), pressed + count))])
+    fixed = springs * near - np.append(law.value, problem.balance.value)
+    try:
+        z = np.linalg.solve(matrix, np.column_stack([right, fixed]))
+    except np.linalg.LinAlgError:
+        return None
+    slope, value = z[:, :-1], z[:, -1]
+
+    c = problem.scale[faced]
+    size = pressed + count + len(rough)
+    M, q = np.zeros((size, size)), np.zeros(size)
+    M[:pressed, : pressed + count] = c[:, None] * (problem.gap.slope @ slope)[faced]
+    q[:pressed] = c * problem.gap.at(value)[faced]
+    sliding = (problem.slip.slope @ slope)[faced[owner]]
+    side = pressed + np.arange(count)
+    M[side, : pressed + count] = c[owner, None] * np.einsum("kt,ktx->kx", d, sliding)
+    q[side] = c[owner] * np.sum(d * problem.slip.at(value)[faced[owner]], axis=1)
+    speed = pressed + count + np.repeat(np.arange(len(rough)), sides)
+    M[side, speed], M[speed, side] = 1.0, -1.0
+    force = np.maximum(0.0, problem.force.at(near)[:, 0])  # limits are linearised there
+    limit, steep = problem.cone.limit(force)
+    last = pressed + count + np.arange(len(rough))
+    M[last, rough] = steep[faced[rough]]
+    q[last] = (limit - steep * force)[faced[rough]]
+    scale = np.abs(q).max(initial=0.0) or 1.0
+    x = lemke(M, q / scale)
+    return None if x is None else slope @ (scale * x[: pressed + count]) + value
+
+
+def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> list[Array]:
+    """Corners (k, dim - 1) of each point's unit polygon of friction; none where it is smooth."""
+    rough, tangents = problem.cone.rough, problem.frame[:, 1:]
+    return [polygon(tangents[n] if rough[n] else np.zeros_like(tangents[n])) for n in faced]
+
+
+def tractable(interface: Interface) -> bool:
+    """Whether the contact points are few enough for a dense problem."""
+    points = sum(interface.comm.allgather(len(interface.pair)))
+    return unknowns(points, interface.position.shape[1]) <= _MOST_UNKNOWNS
+
+
+def without_active_sets(
+    increment: Increment,
+    condensed: Callable[[], Condensation],
+    place: Kinematics,
+    policy: Callable[[], Policy],
+    most: int,
+) -> Iterate | None:
+    """The solution of an increment, or None.
+
+    Args:
+        increment: its equations.
+        condensed: the body, condensed to its contact points.
+        place: where the kinematics are linearised first.
+        policy: makes one for each ordinary iteration.
+        most: linear systems of each ordinary iteration.
+
+    Raises:
+        NotUnique: if the tangent is singular at all solutions met, or the body is loose.
+    """
+    comm = increment.interface.comm
+    if not tractable(increment.interface):
+        _log(comm, "too many contact points to do without active sets")
+        return None
+    try:
+        condensation = condensed()
+    except SingularSystem:
+        return None
+    first = problem = CondensedIncrement(increment, condensation, place)
+    near = first.start
+    one_of_many: NotUnique | None = None
+    for spring in _SPRINGS:
+        for _ in range(_SPRING_ROUNDS):
+            with collective(comm):
+                found = _search(problem, spring, near) if comm.rank == 0 else None
+            z, exact = comm.bcast(found)
+            if z is None:
+                break
+            if exact is not None:
+                way = f"springs of {spring:.0e}"
+                solution = confirmed(problem, increment, exact, place, policy, most, way)
+                if isinstance(solution, Iterate):
+                    return solution
+                one_of_many = solution or one_of_many
+            reached: Array = z if exact is None else exact
+            near, place = reached, increment.kinematics(*problem.split(reached))
+            problem = CondensedIncrement(increment, condensation, place)
+    if one_of_many is not None:
+        raise one_of_many
+    _refuse_loose(first, increment)
+    return None
+
+
+def confirmed(
+    problem: CondensedIncrement,
+    increment: Increment,
+    z: Array,
+    place: Kinematics,
+    policy: Callable[[], Policy],
+    most: int,
+    way: str,
+) -> Iterate | NotUnique | None:
+    """Starts the ordinary iteration from z: a solution, one of many, or nothing.
+
+    Args:
+        problem: condensed with the kinematics of a place.
+        increment: its equations.
+        z: found in some way, which is logged.
+        place: where the iteration starts.
+        policy: makes one for it.
+        most: linear systems that it may solve.
+        way: in words.
+    """
+    comm = increment.interface.comm
+    try:
+        solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
+    except ContactFailed as failed:
+        _log(comm, f"not from {way}: {failed}")
+        there = at_itself(problem, increment, z)
+        if there is not None and isinstance(failed.__cause__, SingularSystem):
+            return NotUnique(f"at a solution, {failed}")
+        if there is None:
+            return None
+        solution = there
+    _log(comm, f"solved without active sets, from {way}")
+    return solution
+
+
+def _log(comm: MPI.Comm, message: str) -> None:
+    if comm.rank == 0:
+        log.info(message)
+
+
+def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:
+    """The increment at z, if it is a solution as it is; None else.
+
+    Newton's method may leave it for ever by round-off of curved surfaces.
+    """
+    translations, moved, force = problem.split(z)
+    reduced = problem.condensation.displaced(
+        increment.equilibrium.load, moved - increment.supported
+    )
+    there = increment.kinematics(translations, moved, force)
+    now = increment.seen(reduced, translations, there)
+    violation = increment.violation(now)
+    if increment.nearest is None or violation < increment.nearest[1]:
+        increment.nearest = now, violation
+    return now if violation <= 1 else None
+
+
+def _search(
+    problem: CondensedIncrement, spring: float, near: Array
+) -> tuple[Array | None, Array | None]:
+    """The z with springs, and without, as far as they are found."""
+    z = sprung(problem, spring, near)
+    if z is None:
+        return None, None
+    exact = problem.newton(z, _NEWTON_STEPS, damped=False)
+    return z, problem.newton(z, _DAMPED_STEPS, damped=True) if exact is None else exact
+
+
+def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> ActiveSet:
+    active = problem.contact(z).active_set()
+    return ActiveSet(*(scattered(increment.interface, part) for part in vars(active).values()))
+
+
+def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
+    """Raises NotUnique if there is a state without contact forces, in which nothing touches."""
+    comm = increment.interface.comm
+    with collective(comm):
+        found = _loose(problem) if comm.rank == 0 else None
+    z = comm.bcast(found)
+    if z is not None and at_itself(problem, increment, z) is not None:
+        raise NotUnique(
+            "the loads are balanced without any contact force, and the body is loose: it can be "
+            "where nothing touches it, in many places; a support, or a load that presses it "
+            "against something, makes it one"
+        )
+
+
+def _loose(problem: CondensedIncrement) -> Array | None:
+    """The z without contact forces in which the smallest gap is largest; None if it is not open."""
+    n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0) or 1.0
+    stiffness = problem.scale.mean()
+    balanced = np.concatenate([problem.force.slope.reshape(-1, n), problem.balance.slope])
+    forces = np.append(problem.force.value.ravel(), problem.balance.value)
+    faced = problem.faced
+    best = linprog(
+        np.append(np.zeros(n), -1.0),
+        A_ub=np.column_stack([-problem.gap.slope[faced], np.ones(int(faced.sum()))]),
+        b_ub=problem.gap.value[faced] / scale,
+        A_eq=np.column_stack([balanced / stiffness, np.zeros(len(balanced))]),
+        b_eq=-forces / (stiffness * scale),
+        bounds=[(None, None)] * n + [(None, 1.0)],
+    )
+    if not best.success or best.x[-1] <= _OPEN:
+        return None
+    z = scale * best.x[:n]
+    points, dim = problem.frame.shape[:2]
+    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), *np.zeros((3, points)))
+    return z + problem.step(none, z)

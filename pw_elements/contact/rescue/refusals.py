@@ -1,0 +1,423 @@
+"""What is tried where the iteration of an increment has failed, and which refusal it is.
+
+Statics alone may prove that no contact forces balance the loads. In a rigid motion of a piece, or
+of a free surface, only loads and contact forces do work. Let v be the velocity of a contact point
+relative to what it faces, v_n and v_t its parts. If
+
+    v_n >= mu |v_t|    at every point that a surface faces, and    the loads do work,
+
+then no force that the law admits (r_n >= 0, |r_t| <= mu r_n) takes any of that work away, and
+there is no equilibrium: the body is lifted, overturned or dragged off. (What slides along x in such
+a motion rises as well, by mu times as much.) By Farkas' lemma there is one whenever statics rule an
+equilibrium out. A linear program looks for it: most work in motions whose components are one at
+most; in space a cut is added wherever a cone is overstepped. Its multipliers give the least loads,
+in the sum of their components, that would have to be added for a balance. Nothing is claimed that
+plain arithmetic does not confirm afterwards.
+
+It is a proof for given normals. Nothing is claimed of what touches a curved surface whose
+translation is free, for its normals turn with that. On curved cells piecewise-linear weights do
+not contain the rotations: moments are not balanced there, and only translations prove anything.
+
+Only contact points are gathered, and the program runs on one process: 3 seconds for 10 000 points
+in space, 0.2 in the plane.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+from scipy.sparse.csgraph import connected_components
+
+from pw_elements.checks import collective, listed
+from pw_elements.contact.iteration import (
+    TOLERANCE,
+    Increment,
+    Iterate,
+    Kinematics,
+    Policy,
+    contact_state,
+)
+from pw_elements.contact.model import (
+    ContactFailed,
+    ContactState,
+    MissingForce,
+    NoEquilibrium,
+    NotFound,
+    NotUnique,
+    RigidVelocity,
+    Smallness,
+    dual_clearance,
+    dual_rows,
+)
+from pw_elements.contact.rescue.condensed import Condensation, without_active_sets
+from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
+from pw_elements.solvers import NotConverged, SolverReport
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Work of the loads over the sum of its parts' magnitudes: none below
+_ZERO_WORK = 1e-9
+# Contact forces over loads that would undo the proof where a cone is overstepped by round-off
+_HUGE = 1e3
+# Overstepping of a cone, a velocity over the largest one, that calls for a cut; rounds of cuts
+_OVERSTEPPING = 1e-10
+_MOST_CUTS = 40
+# What motion costs, so that only moves what the loads push
+_PRICE = 1e-7
+# Steps along a free translation, over the extent of the contact points, at which normals are
+# asked, and the change that tells a curved surface
+_TURNING_STEPS = (1e-4, 1e-2, 1.0)
+_TURNED = 1e-9
+_HIGHS_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+
+_ENCLOSED = (
+    "Supports and contact enclose an incompressible body, whose volume has no room and whose "
+    "pressure no scale: leave a part of its surface free, or use nu below 1/2"
+)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Contact points of all processes (m) that a surface faces, or may come to face.
+
+    Args:
+        pair: (m,).
+        steepest: (m,), slope of the cone of friction at zero.
+        turning: (m,), whether the normal turns with a free translation.
+        normal: (m, k), v_n in each of k motions.
+        tangential: (m, dim, k), v_t.
+    """
+
+    pair: Indices
+    steepest: Array
+    turning: npt.NDArray[np.bool_]
+    normal: Array
+    tangential: Array
+
+    def clusters(self) -> list[Indices]:
+        """Motions that have points in common, directly or by others."""
+        moved = self._moved().astype(float)
+        count, cluster = connected_components(moved.T @ moved > 0, directed=False)
+        return [np.flatnonzero(cluster == k) for k in range(count)]
+
+    def within(self, motions: Indices) -> "Points":
+        """The points that some of the motions move, and their velocities in these."""
+        moved = self._moved()[:, motions].any(axis=1)
+        return Points(
+            self.pair[moved],
+            self.steepest[moved],
+            self.turning[moved],
+            self.normal[np.ix_(moved, motions)],
+            self.tangential[moved][..., motions],
+        )
+
+    def rows(self, along: Array) -> Array:
+        """`dual_rows` along unit vectors (m, dim)."""
+        return dual_rows(self.steepest, along, self.normal, self.tangential)
+
+    def clearance(self, velocity: Array) -> Array:
+        """`dual_clearance` (m,) of motions together (k,)."""
+        return dual_clearance(self.steepest, self.normal @ velocity, self.tangential @ velocity)
+
+    def where(self, mask: npt.NDArray[np.bool_]) -> "Points":
+        """The points at which a mask is true."""
+        return Points(*(values[mask] for values in vars(self).values()))
+
+    def _moved(self) -> npt.NDArray[np.bool_]:
+        return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
+
+
+def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
+    """The result of `escape`, if it `proves` that there is no equilibrium."""
+    for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
+        velocity, least = escape(points, power, price)
+        if proves(points, velocity, power, size):
+            return velocity, least
+    return None
+
+
+def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, Array]:
+    """The motion (k,) in which loads do most work and no contact force takes any away.
+
+    Args:
+        points: in these motions.
+        power: of the loads in each, (k,).
+        price: of motion, over the largest power: nothing moves for less.
+
+    Returns:
+        Its components, one at most, and the least forces (k,) to be added for a balance.
+    """
+    k, scale = len(power), np.abs(power).max() or 1.0
+    costs = np.concatenate([-power, power]) / scale + price  # of each way in each motion
+    axes = np.eye(points.tangential.shape[1])
+    rows = [points.rows(np.tile(d, (len(points.pair), 1))) for d in (*axes, *-axes)]
+    for _ in range(_MOST_CUTS):
+        limits = np.unique(np.vstack(rows), axis=0)
+        best = linprog(
+            costs,
+            A_ub=np.hstack([-limits, limits]),
+            b_ub=np.zeros(len(limits)),
+            bounds=(0, 1),
+            options=_HIGHS_TOLERANCES,
+        )
+        if not best.success:
+            return np.zeros(k), np.zeros(k)
+        velocity = best.x[:k] - best.x[k:]
+        beyond = points.where(points.clearance(velocity) < -_OVERSTEPPING)
+        sliding: Array = beyond.tangential @ velocity
+        size = np.linalg.norm(sliding, axis=1, keepdims=True)
+        if not size.any():
+            break
+        rows.append(beyond.where(size[:, 0] > 0).rows((sliding / size)[size[:, 0] > 0]))
+    least = best.upper.marginals
+    return velocity, scale * (least[:k] - least[k:])
+
+
+def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
+    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic.
+
+    Args:
+        points: in these motions.
+        velocity: of all together.
+        power: of the loads in each, (k,).
+        size: the same of the magnitudes of its parts.
+    """
+    work, parts = power @ velocity, size @ np.abs(velocity)
+    braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
+    return bool(work > _ZERO_WORK * parts and work > _HUGE * braked * parts)
+
+
+def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
+    """Points of all processes, in an order that does not depend on them.
+
+    Args:
+        increment: where they are.
+        place: their kinematics.
+        works: (m, dim, k), motion of this process' points in each of k motions.
+    """
+    interface, free = increment.interface, np.isnan(increment.prescribed)
+    faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
+    works = np.where(interface.equation[..., None] >= 0, works, 0.0)
+    tangents = place.frame[:, 1:]
+    values = (
+        interface.pair,
+        interface.cone.steepest,
+        _turning(increment, place),
+        np.einsum("na,nak->nk", place.frame[:, 0], works),
+        np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
+        faced,
+    )
+    ordered = [
+        np.concatenate([interface.in_order(k, part) for k in range(interface.pairs)])
+        for part in values
+    ]
+    return Points(*ordered[:-1]).where(ordered[-1])
+
+
+def _turning(increment: Increment, place: Kinematics) -> npt.NDArray[np.bool_]:
+    """Whether points' normals change with a free translation, (m,)."""
+    interface, free = increment.interface, np.isnan(increment.prescribed)
+    here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
+    for axis in np.flatnonzero(free.any(axis=0)):
+        for step in (sign * part * interface.extent for part in _TURNING_STEPS for sign in (-1, 1)):
+            moved = place.translations.copy()
+            moved[free[:, axis], axis] += step
+            try:
+                change = np.abs(interface.normals(moved) - here).max(axis=1)
+            except Exception:  # a user's surface may not know its normals so far away
+                change = np.where(free[interface.pair, axis], np.inf, 0.0)
+            turning |= ~(change <= _TURNED)
+    return turning
+
+
+def no_equilibrium(
+    increment: Increment, place: Kinematics, rigid: RigidMotions
+) -> tuple[NoEquilibrium | None, list[int]]:
+    """The refusal with its proof, if there is one; the same on all processes.
+
+    And the pairs of which no proof was looked for: their surfaces are curved and free to move.
+
+    Args:
+        increment: whose iteration has failed.
+        place: kinematics at its start.
+        rigid: motions of the body's pieces and of free surfaces.
+    """
+    basis, works = rigid.virtual()
+    work, size = rigid.power(increment.equilibrium.load, increment.totals)
+    points = gathered(increment, place, works)
+    error: NoEquilibrium | None = None
+    comm = increment.system.comm
+    with collective(comm):
+        if comm.rank == 0:
+            error = _proved(points, basis, work, size, rigid.modes)
+    return comm.bcast(error), [int(k) for k in np.unique(points.pair[points.turning])]
+
+
+def rescue(
+    failure: ContactFailed | NotConverged,
+    increment: Increment,
+    place: Kinematics,
+    rigid: RigidMotions,
+    condensed: Callable[[], Condensation] | None,
+    policy: Callable[[], Policy],
+    most: int,
+    before: ContactState,
+    spent: Callable[[], tuple[int, SolverReport]],
+) -> Iterate:
+    """The solution of an increment whose iteration has failed, or the refusal that says why.
+
+    Args:
+        failure: of the iteration.
+        increment: its equations.
+        place: kinematics at its start.
+        rigid: motions of the body's pieces and of free surfaces.
+        condensed: the body, condensed to its contact points; None if that is not to be tried.
+        policy: makes one for each ordinary iteration.
+        most: linear systems of each ordinary iteration.
+        before: state at the increment's start.
+        spent: linear systems solved so far, and what they took.
+
+    Raises:
+        NoEquilibrium, NotUnique, NotFound: with what is known of the increment.
+        NotConverged: the failure, unless statics explain it.
+    """
+    proof, unproved = no_equilibrium(increment, place, rigid)
+    if proof is not None:
+        raise proof from None
+    if isinstance(failure, NotConverged):
+        raise failure
+    found = None
+    if condensed is not None and not isinstance(failure, NotUnique):
+        try:
+            found = without_active_sets(increment, condensed, place, policy, most)
+        except NotUnique as unique:
+            failure = unique
+    if found is None:
+        raise refusal(failure, increment, before, spent(), unproved) from None
+    return found
+
+
+def refusal(
+    failure: ContactFailed,
+    increment: Increment,
+    before: ContactState,
+    spent: tuple[int, SolverReport],
+    unproved: Sequence[int],
+) -> ContactFailed:
+    """`NotUnique` if that is what the tangent showed, else `NotFound`; both with a state.
+
+    Args:
+        failure: of the iteration; no proof against an equilibrium has been found.
+        increment: that failed.
+        before: state at its start.
+        spent: linear systems solved in vain, and what they took.
+        unproved: pairs of which no proof was looked for.
+    """
+    near, state = "", None
+    doubt = "That is no proof that there is no solution" + "".join(
+        f", and none was looked for where pair {k} is concerned: its surface is curved and free to "
+        "move, so that its normals are not given"
+        for k in unproved
+    )
+    if increment.nearest is not None:
+        now, violation = increment.nearest
+        size = Smallness(np.nan, np.nan, np.nan)  # of no solution
+        iterations, report = spent
+        state = contact_state(increment, now, iterations, before, report, size, converged=False)
+        share = f"{violation * TOLERANCE:.1g}"
+        near = f" The state that came nearest violates the law by {share} of its largest force."
+    if not isinstance(failure, NotUnique):
+        enclosed = ""
+        if increment.system.tangent.encloses():
+            enclosed = f" {_ENCLOSED}."
+        failure = NotFound(
+            f"{failure}. {doubt}.{enclosed}{near} Smaller increments, pressing before pushing, or "
+            "a start from states of a smaller friction or a coarser mesh may find one"
+        )
+    failure.state = state
+    return failure
+
+
+def _proved(
+    points: Points, basis: Basis, work: Array, size: Array, modes: RigidModes
+) -> NoEquilibrium | None:
+    """One refusal with the proofs of all clusters of motions, None if there is no proof."""
+    motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
+    for cluster in points.clusters():
+        touched, motions = points.within(cluster), basis.motions[cluster]
+        if touched.turning.any():
+            continue
+        found = proof(touched, motions @ work, np.abs(motions) @ size)
+        if found is None:
+            continue
+        velocity, lacking = found
+        motion += velocity @ motions
+        lacking[np.abs(lacking) <= NOTHING * np.abs(lacking).max()] = 0.0
+        missing[basis.pivot[cluster]] = lacking
+        words.append(_movement(modes, touched, velocity, velocity @ motions))
+    if not words:
+        return None
+    (moved, turned, surface), (force, moment, push) = modes.parts(motion), modes.parts(missing)
+    rate, couple = turned / modes.length[:, None], moment * modes.length[:, None]
+    lacks = MissingForce(force, couple, push)
+    error = NoEquilibrium(
+        f"no contact forces balance the loads: {'; '.join(words)}. At least "
+        f"{_amount(modes.centre, lacks)} would have to be added to the loads"
+    )
+    error.velocity = RigidVelocity(modes.centre, moved, rate, surface, float(motion @ work))
+    error.missing = lacks
+    return error
+
+
+def _movement(modes: RigidModes, points: Points, velocity: Array, motion: Array) -> str:
+    """Who is lifted, overturned or dragged off, in words."""
+    movers = modes.movers(motion, motion[None])
+    if len(movers) > 1:
+        contacts = _contacts(points, velocity, False)
+        return f"{modes.names(motion[None])[0]}, by which the body {' and '.join(contacts)}"
+    ((who, how),) = movers
+    turns = [how.replace("rotation", "turns")] if how.startswith("rotation") else []
+    contacts = _contacts(points, velocity, who.startswith("the surface"))
+    return f"{who} {' and '.join([*turns, *contacts])}"
+
+
+def _contacts(points: Points, velocity: Array, of_surface: bool) -> list[str]:
+    """Says what the body, or else the surface, does at each pair in a motion (k,)."""
+    sliding, clear = points.tangential @ velocity, points.clearance(velocity)
+    speed = np.linalg.norm(sliding, axis=1)
+    nothing = NOTHING * max(speed.max(initial=0.0), clear.max(initial=0.0))
+    words = []
+    for k in np.unique(points.pair):
+        what = "the body" if of_surface else f"pair {k}"
+        slides = (points.pair == k) & (clear <= nothing) & (speed > nothing)
+        if slides.any():
+            along = sliding[slides] / speed[slides, None] * (-1.0 if of_surface else 1.0)
+            one = np.all(along @ along[0] > 1 - NOTHING)
+            words.append(f"slides {f'along {direction(along[0])} ' if one else ''}on {what}")
+        elif np.any(clear[points.pair == k] > nothing):
+            words.append(f"lifts off {what}")
+    return words
+
+
+def _amount(centre: Array, missing: MissingForce) -> str:
+    """Forces and moments in words."""
+    words = []
+    for k in range(len(centre)):
+        place = listed(centre[k : k + 1])
+        on = f" on the body around {place}" if len(centre) > 1 else ""
+        if missing.force[k].any():
+            words.append(f"a force of {_numbers(missing.force[k])}{on}")
+        if missing.moment[k].any():
+            words.append(f"a moment of {_numbers(missing.moment[k])} about {place}{on}")
+    for k in range(len(missing.surface)):
+        if missing.surface[k].any():
+            words.append(f"a force of {_numbers(missing.surface[k])} of the surface of pair {k}")
+    return " and ".join(words)
+
+
+def _numbers(values: Array) -> str:
+    words = ", ".join(f"{value:.4g}" for value in values)
+    return f"({words})" if len(values) > 1 else words

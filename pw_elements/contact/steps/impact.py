@@ -1,0 +1,508 @@
+"""Impact: central differences with nodal unilateral contact and Coulomb friction.
+
+With a diagonal mass M, velocities at half steps and displacements at whole ones,
+
+    v(n+1/2) = v(n-1/2) + dt M^-1 (f(n) - K u(n) + r(n)),    u(n+1) = u(n) + dt v(n+1/2),
+
+the contact forces r(n) are those that the displacements they lead to ask for: a node that would
+lie inside the rigid surface at n+1 is put back on it, r_n = mass x correction / dt^2, and of the
+slip that it would make on the way as much is taken back as r_t <= mu r_n allows. The mass being
+diagonal, this is Coulomb's law at each node, to the last digit, without any iteration.
+
+With a symmetric K the energy E(n+1/2) = v(n+1/2)' M v(n+1/2) / 2 + u(n)' K u(n+1) / 2 changes by
+the work (f(n) + r(n))' (u(n+1) - u(n-1)) / 2 of loads and contact alone, exactly.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.algebra import (
+    Reduction,
+    check_load,
+    check_problem,
+    critical_step,
+    diagonal_mass,
+    is_finite,
+)
+from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
+from pw_elements.contact.interface import Interface, free_columns, nodal_interface
+from pw_elements.contact.iteration import OPEN, SLIP, STICK, undeformed
+from pw_elements.contact.model import Cone, ContactPair, ContactState, PairState, Residuals
+from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
+from pw_elements.elasticity import Sibling
+from pw_elements.progress import doing
+from pw_elements.spaces import Assembled
+
+Array = npt.NDArray[np.float64]
+
+Indices = npt.NDArray[np.int64]
+
+Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
+
+# Part of the critical step that is taken unless another step is given
+_COURANT = 0.9
+# Of masses that are equal, and of a whole number of steps
+_EQUAL = 1e-9
+# Largest penetration at the start that passes for round-off, over the extent of the contact nodes
+_ROUND_OFF_DEPTH = 1e-6
+
+
+@dataclass(frozen=True)
+class NodalContact:
+    """Contact in one step, at the points (m) of this process.
+
+    Args:
+        pressed: (m,), normal force.
+        friction: (m, dim), the rest of the force.
+        gap: (m,), at the end of the step.
+        normal: (m, dim).
+        slip: (m, dim), of the step.
+    """
+
+    pressed: Array
+    friction: Array
+    gap: Array
+    normal: Array
+    slip: Array
+
+    @property
+    def force(self) -> Array:
+        """Force (m, dim) of the surface on the body."""
+        return self.pressed[:, None] * self.normal + self.friction
+
+
+def nodal_contact(
+    motion: Array,
+    gap: Array,
+    normal: Array,
+    shift: Array,
+    held: npt.NDArray[np.bool_],
+    mass: Array,
+    cone: Cone,
+    step: float,
+) -> NodalContact:
+    """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
+
+    Args:
+        motion: (m, dim), of the points in the step if there were no contact.
+        gap: (m,), at its start, to the surfaces as they are at its end.
+        normal: (m, dim), of these.
+        shift: (m, dim), of the surfaces in the step.
+        held: (m, dim), components that supports prescribe, which friction leaves alone.
+        mass: (m,).
+        cone: of friction.
+        step: of time.
+    """
+    stiffness = mass / step**2
+    reached = gap + np.sum(normal * motion, axis=1)
+    pressed = np.where(reached < 0, -stiffness * reached, 0.0)
+    slip = np.where(held, 0.0, motion - shift)
+    slip = slip - np.sum(slip * normal, axis=1)[:, None] * normal
+    sticking = stiffness * np.linalg.norm(slip, axis=1)
+    share = np.minimum(1.0, cone.limit(pressed)[0] / np.where(sticking > 0, sticking, 1.0))[:, None]
+    return NodalContact(
+        pressed,
+        -share * stiffness[:, None] * slip,
+        np.maximum(reached, 0.0),
+        normal,
+        np.where(share < 1, (1 - share) * slip, 0.0),
+    )
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies and work (s + 1,) at half steps, the first one half a step before the start.
+
+    kinetic + strain changes by the work alone, to round-off.
+
+    Args:
+        kinetic: v' M v / 2.
+        strain: u' K u / 2, of the displacements before and after: at a half step it may be
+            slightly negative.
+        load_work: of the loads, since the start.
+        normal_work: of normal contact forces, since the start: what impacts take, and what moving
+            surfaces do.
+        friction_work: of friction, since the start.
+    """
+
+    kinetic: Array
+    strain: Array
+    load_work: Array
+    normal_work: Array
+    friction_work: Array
+
+    @property
+    def total(self) -> Array:
+        """Kinetic and strain energy together."""
+        return self.kinetic + self.strain
+
+    @property
+    def imbalance(self) -> float:
+        """Largest difference of the change of energy and the work, over the largest of them."""
+        work = self.load_work + self.normal_work + self.friction_work
+        scale = max(np.abs(part).max() for part in vars(self).values())
+        return float(np.abs(self.total - self.total[0] - work).max() / (scale or 1.0))
+
+
+@dataclass(frozen=True)
+class PairHistory:
+    """Contact of one pair over s steps; its m nodes in the order of their positions.
+
+    Args:
+        position: (m, dim), undeformed.
+        node: (m,), global numbers in the space, of this number of processes.
+        force: (s, m, dim), of the surface on the body at each node, at the times of
+            `ImpactHistory` but the last.
+        translation: (s + 1, dim), of the surface from its initial place.
+    """
+
+    position: Array
+    node: Indices
+    force: Array
+    translation: Array
+
+    @property
+    def total(self) -> Array:
+        """Force (s, dim) of the surface on the body."""
+        return np.asarray(self.force.sum(axis=1))
+
+    @classmethod
+    def of(cls, interface: Interface, k: int, force: Array, translation: Array) -> "PairHistory":
+        """Picks the history of one pair.
+
+        Args:
+            interface: of all pairs.
+            k: number of the pair.
+            force: (s, m, dim), at this process' points.
+            translation: (s + 1, pairs, dim), of the surfaces.
+        """
+        return cls(
+            interface.in_order(k, interface.position),
+            interface.in_order(k, interface.node),
+            interface.in_order(k, np.swapaxes(force, 0, 1)).swapaxes(0, 1),
+            translation[:, k],
+        )
+
+
+@dataclass(frozen=True)
+class ImpactHistory:
+    """Motion, contact forces and energies that `solve_impact` found.
+
+    Args:
+        step: of time.
+        critical_step: the largest that is stable, without contact.
+        time: (s + 1,), from 0 on.
+        energies: at the half steps before these times.
+        pairs: one per contact pair.
+        displacement: (n,), at the last time; coefficients with the symmetric sibling.
+        velocity: (n,), half a step before.
+        frames: `ContactState`s with the displacements at `frame_times` and the contact forces
+            that led there, for `ContactFields` and `write`. They are not states of equilibrium:
+            residuals are NaN, and no static increment can continue from them. With the sibling
+            displacements are true ones, gaps and slips those of the coefficients.
+        frame_times: of the frames.
+    """
+
+    step: float
+    critical_step: float
+    time: Array
+    energies: Energies
+    pairs: tuple[PairHistory, ...]
+    displacement: PETSc.Vec
+    velocity: PETSc.Vec
+    frames: tuple[ContactState, ...]
+    frame_times: tuple[float, ...]
+
+
+def frame(
+    interface: Interface,
+    displacement: PETSc.Vec,
+    moved: Array,
+    contact: NodalContact,
+    translations: Array,
+    step: int,
+) -> ContactState:
+    """The state after a step: displacements (n,), those (m, dim) of this process' points."""
+    slips = np.linalg.norm(contact.slip, axis=1) > 0
+    status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
+    blank = undeformed(interface, displacement)
+
+    def pair(k: int, before: PairState) -> PairState:
+        def ordered(values: npt.NDArray) -> npt.NDArray:
+            return interface.in_order(k, values)
+
+        values = vars(before) | {
+            "normal": ordered(contact.normal),
+            "force_normal": ordered(contact.pressed),
+            "force_tangential": ordered(contact.friction),
+            "gap": ordered(contact.gap),
+            "slip": ordered(np.where((status == OPEN)[:, None], 0.0, contact.slip)),
+            "status": ordered(status),
+            "translation": translations[k].copy(),
+            "force": ordered(contact.force).sum(axis=0),
+            "displacement": ordered(moved),
+        }
+        return PairState(**values)
+
+    pairs = tuple(pair(k, before) for k, before in enumerate(blank.pairs))
+    none = Residuals(*[np.nan] * 8)
+    changes = {"pairs": pairs, "residuals": none, "increment": step, "converged": False}
+    return ContactState(**(vars(blank) | changes))
+
+
+def solve_impact(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    reduction: Reduction,
+    pairs: ContactPair | Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    duration: float,
+    velocity: PETSc.Vec,
+    load: Load | None = None,
+    paths: PathInTime | Sequence[PathInTime | None] = (),
+    displacement: PETSc.Vec | None = None,
+    step: float | None = None,
+    frames: int = 0,
+) -> ImpactHistory:
+    """Motion of a body that may hit rigid surfaces, by central differences.
+
+        sibling = Sibling.of(U)
+        K, M = sibling.matrix(K_standard), lumped_mass(sibling.matrix(M_standard), U)
+        history = solve_impact(K, M, sibling.dirichlet(walls), ground, U, 9.0, thrown)
+        history.time[:-1], history.pairs[0].total, history.energies.kinetic
+
+    Use the symmetric sibling, or the standard element with a positive diagonal mass. Unsymmetric
+    stiffnesses are rejected: eigenvalues in their upper spectrum are complex, and undamped motions
+    grow whatever the step (section V9 of the study).
+
+    Args:
+        K: stiffness (n, n), symmetric, all rows and columns free.
+        M: mass (n, n), diagonal and positive, the same for all components of a node, such as
+            `lumped_mass` makes.
+        reduction: supports; they keep their values.
+        pairs: contact pairs, against rigid surfaces. Their `motions` do not count here.
+        space: trial space of the displacements.
+        duration: positive; the last step ends at this time or later.
+        velocity: (n,), at the start; zero where supports prescribe displacements.
+        load: load vector (n,), or a function of time that gives it.
+        paths: of each pair's surface, the translation (dim,) from its initial place as a function
+            of time; None for one that rests there; by default all rest. A single one need not be
+            in a list.
+        displacement: (n,), at the start; by default the supports' own.
+        step: of time; by default 0.9 of the critical one.
+        frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not make such a problem; an unsymmetric
+            stiffness, a mass that is not diagonal, positive and isotropic, or a step that is not
+            stable.
+        DegenerateMesh: for cells that are flat or inverted.
+        FloatingPointError: if the motion is not finite.
+    """
+    stated = checked_problem(K, reduction, pairs, space, 1, None)
+    moves = checked_paths(paths, stated, space)
+    start = {"the velocity": velocity}
+    if displacement is not None:
+        start["the displacement"] = displacement
+    constant = {} if load is None or callable(load) else {"the load": load}
+    check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
+    comm = space.mesh.comm
+    with collective(comm):
+        positive("duration", duration)
+        if step is not None:
+            positive("step", step)
+        whole("frames", frames, 0)
+    agree(comm, {"the duration": duration, "the step": step, "the frames": frames})
+    check_mesh(space.mesh)
+    critical = critical_step(K, M, reduction)
+    if step is None:
+        step = _COURANT * critical
+    if step > critical:
+        raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
+    sibling: Sibling | None = Assembled.of(K).sibling
+    interface = nodal_interface(stated, space, reduction, sibling)
+    free = _free(reduction)
+    u, v = reduction.offset.copy(), velocity.copy()
+    v.setArray(np.where(free, velocity.array_r, 0.0))
+    if displacement is not None:
+        u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
+    march = _March(K, _masses(M, space), free, interface, moves, load, step)
+    march.start(u, v)
+    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
+    kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
+    states = []
+    with doing(comm, f"{steps} steps of time"):
+        for n in range(1, steps + 1):
+            contact = march.advance()
+            if n in kept:
+                moved = u.copy() if sibling is None else sibling.displacement(u)
+                states.append(
+                    frame(interface, moved, march.at_points(moved), contact, march.places[-1], n)
+                )
+    forces, places = np.array(march.forces), np.array(march.places)
+    return ImpactHistory(
+        step=step,
+        critical_step=critical,
+        time=step * np.arange(steps + 1, dtype=np.float64),
+        energies=Energies(*np.array(march.energies).T),
+        pairs=tuple(PairHistory.of(interface, k, forces, places) for k in range(len(stated))),
+        displacement=u,
+        velocity=v,
+        frames=tuple(states),
+        frame_times=tuple(step * n for n in kept),
+    )
+
+
+class _March:
+    """Displacements and velocities as they go on, and what is kept of each step."""
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        mass: Array,
+        free: npt.NDArray[np.bool_],
+        interface: Interface,
+        paths: Sequence[PathInTime | None],
+        load: Load | None,
+        step: float,
+    ) -> None:
+        self._K, self._mass, self._step, self._interface = K, mass, step, interface
+        self._inverse = np.where(free, 1 / mass, 0.0)
+        self._paths, self._load, self._comm = paths, load, interface.comm
+        dim = interface.position.shape[1]
+        first, _ = K.getOwnershipRange()
+        self._rows = interface.node[:, None] * dim + np.arange(dim) - first
+        self.energies: list[Array] = []
+        self.forces: list[Array] = []
+        self.places: list[Array] = []
+
+    def start(self, u: PETSc.Vec, v: PETSc.Vec) -> None:
+        """Starts from displacements and velocities at the time 0, which `advance` will change."""
+        dt = self._step
+        self._u, self._v, self._inner = u, v, u.duplicate()
+        self._K.mult(u, self._inner)
+        self.places.append(self._translations(0.0))
+        # velocities half a step before the start make the first step like all others
+        v.setArray(v.array_r - dt / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
+        self._before = u.array_r - dt * v.array_r
+        self._surfaces = self._seen()
+        gap, normal = self._surfaces
+        gap = gap + np.sum(normal * self.at_points(u), axis=1)
+        self._interface.refuse(
+            gap < -_ROUND_OFF_DEPTH * np.ptp(self._interface.gathered(self._interface.position)),
+            "lie inside the rigid surface at the start, and would be shot out: let it come from "
+            "farther away (the sibling's coefficients reach a curved surface a little earlier)",
+        )
+        self._keep(np.zeros(3))
+
+    def advance(self) -> NodalContact:
+        """Advances everything by one step."""
+        interface, dt = self._interface, self._step
+        time = dt * len(self.forces)
+        load, now = self._loads(time), self._u.array_r.copy()
+        velocity = self._v.array_r + dt * self._inverse * (load - self._inner.array_r)
+        self.places.append(self._translations(time + dt))
+        shift = self.places[-1] - self.places[-2]
+        if shift.any():
+            self._surfaces = self._seen()
+        gap, normal = self._surfaces
+        gap = gap + np.sum(normal * now[self._rows], axis=1)
+        contact = nodal_contact(
+            dt * velocity[self._rows],
+            gap,
+            normal,
+            shift[interface.pair],
+            interface.equation < 0,
+            self._mass[self._rows[:, 0]],
+            interface.cone,
+            dt,
+        )
+        velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
+        self._v.setArray(velocity)
+        self._u.axpy(dt, self._v)
+        self._K.mult(self._u, self._inner)
+
+        half = (self._u.array_r - self._before) / 2
+        normal_force = contact.pressed[:, None] * normal
+        pushes = (normal_force, contact.friction)
+        self._before = now
+        self._keep(np.array([load @ half, *(np.sum(push * half[self._rows]) for push in pushes)]))
+        self.forces.append(contact.force)
+        return contact
+
+    def at_points(self, vector: PETSc.Vec) -> Array:
+        """Values (m, dim) of a vector (n,) at the contact points of this process."""
+        return np.asarray(vector.array_r[self._rows])
+
+    def _keep(self, work: Array) -> None:
+        """Energies after a step, and the work done in it."""
+        v = self._v.array_r
+        energies = [self._mass * v @ v / 2, self._before @ self._inner.array_r / 2, *work]
+        found = self._comm.allreduce(np.array(energies))
+        if not np.isfinite(found).all():
+            raise FloatingPointError(
+                f"the motion is not finite after {len(self.energies)} steps: look at the loads"
+            )
+        if self.energies:
+            found[2:] += self.energies[-1][2:]
+        self.energies.append(found)
+
+    def _seen(self) -> tuple[Array, Array]:
+        """Gaps and normals of the undeformed body's points to the surfaces as they are now."""
+        place = self.places[-1]
+        self._interface.check_supports(place)
+        return self._interface.gaps(place), self._interface.normals(place)
+
+    def _loads(self, time: float) -> Array:
+        """Load (n,) on this process."""
+        given = self._load
+        if not callable(given):
+            return np.zeros_like(self._mass) if given is None else np.asarray(given.array_r)
+        with collective(self._comm):
+            load = answer(self._comm, "the load", given, time)
+            check_load(f"the load at the time {time:.6g}", load, "the stiffness", self._K)
+        if not is_finite(load):
+            raise ValueError(f"the load at the time {time:.6g} is not finite")
+        return np.asarray(load.array_r)
+
+    def _translations(self, time: float) -> Array:
+        """Translations (pairs, dim) of the surfaces at a time."""
+        comm, dim = self._comm, self._rows.shape[1]
+        each = np.zeros((len(self._paths), dim))
+        if not any(self._paths):
+            return each
+        with collective(comm):
+            for k, path in enumerate(self._paths):
+                if path is not None:
+                    whose = f"the path of contact pair {k}"
+                    each[k] = vector(whose, answer(comm, whose, path, time), dim)
+        agree(comm, {"the paths": each})
+        return each
+
+
+def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
+    """Masses (n,) on this process, the same for all components of a node."""
+    mass = diagonal_mass(M).array_r.copy()
+    of_node = mass.reshape(-1, space.dofmap.index_map_bs)
+    with collective(space.mesh.comm):
+        if np.any(np.ptp(of_node, axis=1) > _EQUAL * of_node[:, 0]):
+            raise ValueError(
+                "the masses of a node's components differ: friction has no direction then"
+            )
+    return mass
+
+
+def _free(reduction: Reduction) -> npt.NDArray[np.bool_]:
+    """Which unknowns (n,) of this process no support holds."""
+    column = free_columns(reduction.right)
+    with collective(reduction.offset.comm.tompi4py()):
+        if reduction.inner is not None or np.any(column < -1):
+            raise ValueError("explicit dynamics takes Dirichlet conditions, no condensation")
+    return np.asarray(column >= 0)

@@ -1,0 +1,468 @@
+"""A contact problem as the user states it, checked, and solved increment after increment."""
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import fem
+
+from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
+from pw_elements.checks import agree, arguments, check_mesh, collective, whole
+from pw_elements.contact.interface import check_weights
+from pw_elements.contact.iteration import undeformed
+from pw_elements.contact.model import (
+    ContactFailed,
+    ContactPair,
+    ContactState,
+    DeformableSurface,
+    MatchingNodes,
+    Motion,
+)
+from pw_elements.contact.output import read_state, write_state
+from pw_elements.contact.steps.stepping import (
+    REMEDIES,
+    Callback,
+    Remedy,
+    Stepping,
+    checked_callback,
+)
+from pw_elements.progress import bar, doing
+from pw_elements.solvers import LinearSolver, Solver, by_chosen, chosen, collect_garbage
+from pw_elements.spaces import is_hybrid
+
+PathInTime: TypeAlias = Callable[[float], Sequence[float]]
+
+_STIFFNESS = "the stiffness"
+# Largest difference of the positions of nodes that are the same, over the largest coordinate
+_SAME = 1e-9
+
+
+def checked_problem(
+    K: PETSc.Mat,
+    reduction: Reduction,
+    pairs: ContactPair | Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    max_iterations: int,
+    solver: Solver,
+) -> list[ContactPair]:
+    """The pairs of a problem, one or several.
+
+    Raises:
+        TypeError: for arguments of the wrong type.
+        ValueError: for what does not make one problem (see `check_problem` and, of two bodies,
+            `mortar.check_weights`), no iterations, or what differs between processes.
+    """
+    arguments.space(space)
+    comm = space.mesh.comm
+    with collective(comm):
+        whole("max_iterations", max_iterations, 1)
+        stated = _each(pairs, ContactPair, "a contact pair")
+    check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
+    agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
+    for k, pair in enumerate(stated):
+        surface = pair.surface
+        shape: object = surface
+        offset = None
+        if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
+            shape, offset = surface.shape, surface.offset
+        if isinstance(surface, DeformableSurface):  # whose facets have
+            check_weights(K, space)
+            shape = surface.revolved, surface.coincident
+        agree(
+            comm,
+            {
+                f"the surface of contact pair {k}": shape,
+                f"the offset of contact pair {k}": offset,
+                f"the friction of contact pair {k}": pair.friction,
+                f"the motions of contact pair {k}": pair.motions,
+            },
+        )
+    return stated
+
+
+def checked_paths(
+    paths: PathInTime | Sequence[PathInTime | None],
+    pairs: Sequence[ContactPair],
+    space: fem.FunctionSpace,
+) -> list[PathInTime | None]:
+    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
+
+    Raises:
+        TypeError: for anything but functions of time.
+        ValueError: for another number than that of the pairs, or pairs of two bodies.
+    """
+    with collective(space.mesh.comm):
+        if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
+            raise ValueError("impact is one against rigid surfaces, not of two bodies")
+        if is_hybrid(space):
+            raise ValueError(
+                "a pressure has no mass: impact is one of displacements alone, as of "
+                "Spaces.petrov_galerkin(mesh)"
+            )
+        each: list[PathInTime | None] = [paths] if callable(paths) else list(paths)
+        each = each or [None] * len(pairs)
+        if len(each) != len(pairs):
+            raise ValueError(f"{len(each)} paths for {len(pairs)} contact pairs")
+        for k, path in enumerate(each):
+            if not (path is None or callable(path)):
+                raise TypeError(
+                    f"the path of contact pair {k} is {arguments.described(path)}: it has to be a "
+                    "function of time"
+                )
+    return each
+
+
+def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:
+    """The remedies of a problem.
+
+    Raises:
+        ValueError: for one that there is not, or what differs between processes.
+    """
+    with collective(space.mesh.comm):
+        each = tuple(remedies) if isinstance(remedies, Collection) else (remedies,)
+        if isinstance(remedies, str) or any(one not in REMEDIES for one in each):
+            raise ValueError(
+                f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
+            )
+    agree(space.mesh.comm, {"the remedies": each})
+    return each
+
+
+def checked_step(
+    K: PETSc.Mat,
+    space: fem.FunctionSpace,
+    own: ContactState,
+    state: ContactState,
+    load: PETSc.Vec,
+    motions: Motion | Sequence[Motion | None] | None,
+    guess: ContactState | None,
+) -> list[Motion | None]:
+    """The motion of each pair in one increment; one of a single pair needs no list.
+
+    Args:
+        K: stiffness of the problem.
+        space: of the problem.
+        own: a state of the problem.
+        state: from which it goes on, as the others.
+        load: at the end of the increment.
+        motions: none, or one of each pair.
+        guess: to start from.
+
+    Raises:
+        TypeError: for arguments of the wrong type.
+        ValueError: for a load that is not finite or not of the problem, another number or
+            dimension of motions, states of other pairs or that are not finite, or what differs
+            between processes.
+    """
+    comm, pairs = space.mesh.comm, len(own.pairs)
+    with collective(comm):
+        _each([state], ContactState, "the state")
+        check_belongs(state, own, "the state")
+        if not state.converged:
+            raise ValueError("the state at the start is no solution: it can be a guess only")
+        if guess is not None:
+            _check_guess(guess, pairs)
+        moved = list(motions) if isinstance(motions, Iterable) else [motions]
+        if motions is None or not moved:
+            moved = [None] * pairs
+        if len(moved) != pairs:
+            raise ValueError(f"{len(moved)} motions for {pairs} contact pairs")
+        for k, motion in enumerate(moved):
+            if motion is not None:
+                _check_motions([motion], space, k)
+        check_load("the load", load, _STIFFNESS, K)
+    start = None if guess is None else [pair.status for pair in guess.pairs]
+    agree(comm, {"the state": state.pairs, "the motions": moved, "the state to start from": start})
+    if not is_finite(load):
+        raise ValueError("the load is not finite")
+    return moved
+
+
+def checked_increments(
+    K: PETSc.Mat,
+    loads: PETSc.Vec | Sequence[PETSc.Vec],
+    pairs: Sequence[ContactPair],
+    start: ContactState | Sequence[ContactState],
+    space: fem.FunctionSpace,
+) -> list[tuple[PETSc.Vec, list[Motion | None], ContactState | None]]:
+    """Load, motion of each pair, and state to start from, of each increment.
+
+    Raises:
+        TypeError, ValueError: as `checked_step`, for all increments.
+    """
+    comm = space.mesh.comm
+    motions: list[list[Motion | None]] = []
+    with collective(comm):
+        given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
+        if not given:
+            raise ValueError("there is no load increment")
+        for k, load in enumerate(given):
+            check_load(f"the load of increment {k}", load, _STIFFNESS, K)
+        for k, pair in enumerate(pairs):
+            moved = _each(pair.motions, Motion, "a motion")
+            if moved and len(moved) != len(given):
+                raise ValueError(
+                    f"contact pair {k} has {len(moved)} motions for {len(given)} increments"
+                )
+            _check_motions(moved, space, k)
+            motions.append(moved or [None] * len(given))
+        guesses = _each(start, ContactState, "a state to start from")
+        if guesses and len(guesses) != len(given):
+            raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
+        for state in guesses:
+            _check_guess(state, len(pairs))
+    agree(comm, {"the number of loads": len(given), "the number of states": len(guesses)})
+    for k, load in enumerate(given):
+        if not is_finite(load):
+            raise ValueError(f"the load of increment {k} is not finite")
+    steps = map(list, zip(*motions, strict=True))
+    return list(zip(given, steps, guesses or [None] * len(given), strict=True))
+
+
+def check_state(state: ContactState, own: ContactState, space: fem.FunctionSpace) -> None:
+    """Raises unless a state is one of a problem's contact nodes."""
+    with collective(space.mesh.comm):
+        _each([state], ContactState, "the state")
+        check_belongs(state, own, "the state")
+
+
+def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
+    """Checks the path of a file.
+
+    Raises:
+        TypeError: for what is none.
+    """
+    with collective(space.mesh.comm):
+        arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    return Path(path)
+
+
+def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
+    """Raises ValueError for a state of other contact nodes than a problem's own, or with NaN."""
+    alike = len(state.pairs) == len(own.pairs) and all(
+        pair.position.shape == mine.position.shape
+        and np.abs(pair.position - mine.position).max() <= _SAME * np.abs(mine.position).max()
+        for pair, mine in zip(state.pairs, own.pairs, strict=True)
+    )
+    if not alike:
+        raise ValueError(f"{what} belongs to other contact nodes than this problem's")
+    _check_finite(state, what)
+
+
+def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
+    """Things of a kind, one or several."""
+    things = list(given) if isinstance(given, Iterable) else [given]
+    for thing in things:
+        arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
+    return things
+
+
+def _check_finite(state: ContactState, what: str) -> None:
+    for pair in state.pairs:
+        known = (pair.force_normal, pair.force_tangential, pair.displacement, pair.translation)
+        if not all(np.isfinite(values).all() for values in known):
+            raise ValueError(f"{what} has forces or displacements that are not finite")
+
+
+def _check_guess(state: ContactState, pairs: int) -> None:
+    _each([state], ContactState, "a state to start from")
+    if len(state.pairs) != pairs:
+        raise ValueError("the state to start from has another number of contact pairs")
+    _check_finite(state, "the state to start from")
+
+
+def _check_motions(motions: Sequence[Motion], space: fem.FunctionSpace, pair: int) -> None:
+    dim = space.mesh.geometry.dim
+    for motion in _each(motions, Motion, f"a motion of contact pair {pair}"):
+        if len(motion.translation) != dim:
+            raise ValueError(f"the motion of contact pair {pair} is not {dim}-D")
+
+
+class ContactProblem:
+    """A body, its supports and contact pairs; `step` takes it from one state to the next.
+
+        problem = ContactProblem(K, supports, [floor, punch], U)
+        pressed = problem.step(problem.undeformed, load, [None, Motion((0, -0.1))])
+        pushed = problem.step(pressed, load, [None, Motion((0.02, -0.1))])
+        problem.save(pushed, "pushed.npz")
+
+    States are never changed: you can continue from any of them, any number of times.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
+        reduction: supports (or condensation) that keep the contact nodes' displacements, or
+            prescribe some that are tangential.
+        pairs: contact pairs; a node belongs to one of them. Their `motions` are those of
+            `solve_contact` and do not count here.
+        space: trial space of the displacements, or of the hybrid element.
+        solver: of the linear systems, as in `solve`.
+        max_iterations: linear systems of one iteration.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; an exception that it raises ends the computation.
+        remedies: what is tried where the iteration fails: "condensed" iterates without
+            active sets, on the contact points alone; "cutback" halves the increment, which with
+            friction is another path (see `ContactState.substates`).
+
+    Raises:
+        TypeError, ValueError: for arguments that do not make a contact problem.
+        DegenerateMesh: for cells that are flat or inverted.
+    """
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        reduction: Reduction,
+        pairs: ContactPair | Sequence[ContactPair],
+        space: fem.FunctionSpace,
+        solver: Solver = None,
+        max_iterations: int = 50,
+        callback: Callback | None = None,
+        remedies: Collection[Remedy] = REMEDIES,
+    ) -> None:
+        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        check_mesh(space.mesh)
+        self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
+        callback = checked_callback(space.mesh.comm, callback)
+        each = checked_remedies(remedies, space)
+        self._by = partial(
+            Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
+        )
+        self._stepping = self._by(chosen(solver, reduction.supports))
+        self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
+
+    def step(
+        self,
+        state: ContactState,
+        load: PETSc.Vec,
+        motions: Motion | Sequence[Motion | None] | None = (),
+        guess: ContactState | None = None,
+    ) -> ContactState:
+        """The state at the end of one increment.
+
+        Args:
+            state: at its start, of this problem or one like it; slip counts from there.
+            load: load vector (n,) at its end, in all.
+            motions: of each pair's surface from its initial place, None for one that rests
+                there; by default all rest. A single pair's need not be in a list.
+            guess: state whose active set is the start, for example on a coarser mesh: each node
+                takes the status of the nearest; an iterative solver takes its displacements, too
+                (unless it was read from a file). It carries no history.
+
+        Raises:
+            ValueError: for a load that is not finite, a number of motions that is not that of
+                the pairs, motions of another dimension, a state of other contact nodes, arguments
+                that differ between processes, a surface that fails, or a prescribed normal
+                displacement of a node in contact.
+            FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
+            NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
+            NotUnique: if the tangent is singular at a solution: the friction is too large, or the
+                body is loose.
+            NotFound: if no state has been found, though there may be one; `state` came nearest.
+            SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
+            NotConverged: if an iterative solver fails, singular tangents among the reasons;
+                "auto" then goes on with factors if there is memory for them, and stays with them.
+        """
+        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
+
+        def stepped(solver: LinearSolver) -> ContactState:
+            if solver is not self._stepping.solver:
+                self.release()
+                self._stepping = self._by(solver)
+            return self._stepping.step(state, load, moved, guess)
+
+        return by_chosen(self._stepping.solver, self._asked, self._supports, stepped)
+
+    def release(self) -> None:
+        """Frees what the solver holds, on all processes; the next step makes it anew."""
+        self._stepping.release()
+
+    def save(self, state: ContactState, path: str | Path) -> None:
+        """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
+
+        Args:
+            state: of this problem.
+            path: of the file, which is replaced if it exists; it holds all but `substates`.
+
+        Raises:
+            TypeError: for anything but a state and a path.
+            ValueError: for a state of other contact nodes.
+            OSError: if the file cannot be written.
+        """
+        check_state(state, self.undeformed, self._space)
+        write_state(checked_path(path, self._space), state, self._space)
+
+    def load(self, path: str | Path) -> ContactState:
+        """Reads a state that `save` wrote for the same problem, on any number of processes.
+
+        Args:
+            path: of the file.
+
+        Raises:
+            TypeError: for anything but a path.
+            ValueError: if the file holds no state, or one of another mesh or other pairs.
+            OSError: if the file cannot be read.
+        """
+        state = read_state(checked_path(path, self._space), self._space)
+        check_belongs(state, self.undeformed, "the file's state")
+        return state
+
+
+def solve_contact(
+    K: PETSc.Mat,
+    loads: PETSc.Vec | Sequence[PETSc.Vec],
+    reduction: Reduction,
+    pairs: ContactPair | Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    start: ContactState | Sequence[ContactState] = (),
+    max_iterations: int = 50,
+    solver: Solver = None,
+    callback: Callback | None = None,
+    remedies: Collection[Remedy] = REMEDIES,
+) -> list[ContactState]:
+    """Displacements and contact forces at the end of each increment.
+
+    Args:
+        K: stiffness (n, n), all rows and columns free; it may be unsymmetric.
+        loads: load vector (n,) at the end of each increment.
+        reduction: supports (or condensation) that keep the contact nodes' displacements, or
+            prescribe some that are tangential.
+        pairs: contact pairs; a node belongs to one of them.
+        space: trial space of the displacements.
+        start: states of the same increments, for example on a coarser mesh: each increment starts
+            from the status of the nearest node. It is a guess and carries no history: slip counts
+            from the undeformed body in the first increment (`ContactProblem.step` continues from a
+            state). Without it the first starts from the nodes that touch, others from the one
+            before.
+        max_iterations: linear systems of one iteration.
+        solver: of the linear systems, as in `solve`.
+        callback: called with a `Progress` after each iteration and each increment, on each process
+            that has one; an exception that it raises ends the computation.
+        remedies: as in `ContactProblem`.
+
+    Raises:
+        TypeError, ValueError: for arguments that do not make a contact problem; loads that are not
+            finite, motions or starts that are not one per increment, or no iterations.
+        DegenerateMesh: for cells that are flat or inverted.
+        FreeBody, NoEquilibrium, NotUnique, NotFound, SurfacePassed: as `ContactProblem.step` says.
+            They name the increment, counted from 0, and have the states before it as `states`.
+    """
+    problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
+    increments = checked_increments(K, loads, problem.pairs, start, space)
+    states = [problem.undeformed]
+    for k, (load, motions, guess) in enumerate(increments):
+        try:
+            with doing(space.mesh.comm, bar(k, len(increments))):
+                states.append(problem.step(states[-1], load, motions, guess))
+        except ContactFailed as error:
+            error.args = (f"increment {k}: {error}",)
+            error.states = states[1:]
+            raise
+    found = states[1:]
+    problem.release()  # a finer mesh that starts from here needs the memory
+    del problem, states
+    collect_garbage(K)
+    return found

@@ -1,0 +1,477 @@
+"""The smallness check of an increment: displacements stay small, surfaces outside of the body.
+
+Once a surface has gone through the body the law means nothing. It takes gap and normal at the
+undeformed body, and nothing in it says that a surface comes from outside: one that has gone too
+far pulls, or is out of reach on the other side of the body, and all conditions hold. So three
+things are refused of rigid surfaces:
+
+- nodes that a surface swallows, on its straight way to its place, from where it would push them
+  outwards: against the outward normals of all facets around;
+- nodes in contact that are pushed outwards;
+- nodes in contact that have been pushed as far as the other side of the body: the chord from
+  the node through the body, along the push, has no length left. The body as a whole may move and
+  bend however far with the surface.
+"""
+
+import logging
+from dataclasses import dataclass
+from itertools import combinations
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
+
+from pw_elements._compat import cell_nodes
+from pw_elements.checks import collective, listed
+from pw_elements.contact.interface import RIGID, Interface
+from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
+from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
+
+Array = npt.NDArray[np.float64]
+
+# Cells at a time
+_CELLS_AT_ONCE = 4_000
+
+Indices = npt.NDArray[np.int64]
+
+# Corners of the simplices that a facet with so many corners is made of
+_SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
+# Least cosine between a ray and the outward normal of a facet that lies across it
+_ACROSS = 0.6
+# Round-off of places, relative
+_NEAR = 1e-9
+
+Mask = npt.NDArray[np.bool_]
+
+# Cosine from which on a push counts as outwards, and below minus which as inwards
+_OUTWARDS = 0.1
+# Step along a surface's way, and depth that counts as swallowed, over the smallest facet
+_WAY_STEP = 0.25
+_SWALLOWED = 1e-3
+# The way has this many steps at most
+_MOST_WAY_STEPS = 10_000
+# A chord without length has a mean strain of -1; no strain is as large at fewer than this
+_CRUSHING_STRAIN = 0.5
+# What is left of a chord without length, by round-off
+_NO_CHORD = 1e-9
+# Number of nodes in contact, those pushed farthest, whose chords are looked at
+_MOST_CHORDS = 50
+
+# Second-order terms are left out: strains e err by e/2 of themselves, a rotation w turns forces
+# by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
+_SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
+
+_logger = logging.getLogger("pw_elements.contact")
+
+
+class Gradients:
+    """Gradients of displacements at the vertices of all cells, and within where they curve.
+
+    On straight simplices with quadratic displacements they are linear, and the norms of their
+    parts are largest at vertices. Elsewhere quadrature points of degree 4 are taken, too.
+    """
+
+    def __init__(self, space: fem.FunctionSpace) -> None:
+        self._space, mesh = space, space.mesh
+        shape = mesh.ufl_domain().ufl_coordinate_element().basix_element
+        element = space.element.basix_element
+        points = basix.geometry(shape.cell_type)
+        straight = shape.degree == 1 and len(points) == len(points[0]) + 1
+        if not (straight and element.family is basix.ElementFamily.P and element.degree <= 2):
+            points = np.vstack([points, basix.make_quadrature(shape.cell_type, 4)[0]])
+        self._dim = mesh.geometry.dim
+        self._slopes = self._rows(element.tabulate(1, points))
+        self._shape_slopes = self._rows(shape.tabulate(1, points[:1] if straight else points))
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        self._nodes, self._places = space.dofmap.list[:owned], cell_nodes(mesh)[:owned]
+
+    def largest(self, displacement: PETSc.Vec) -> tuple[float, float]:
+        """Largest spectral norms of the symmetric and the antisymmetric part, of all processes.
+
+        The latter is the largest angle of rotation in radians. Hoop strains are left out: whether
+        the body is one of revolution is not known here.
+        """
+        moved = with_ghosts(self._space, displacement)
+        strain, rotation = 0.0, 0.0
+        for first in range(0, len(self._nodes), _CELLS_AT_ONCE):
+            cells = slice(first, first + _CELLS_AT_ONCE)
+            gradient = self._gradient(moved, cells)
+            strain = _largest_symmetric(gradient, strain)
+            skew = (gradient - np.swapaxes(gradient, 1, 2)) / 2
+            # two entries for each component of the axial vector, whose length is the norm
+            squares = np.einsum("pij,pij->p", skew, skew) / 2
+            rotation = max(rotation, float(np.sqrt(squares.max(initial=0.0))))
+        comm = self._space.mesh.comm
+        return comm.allreduce(strain, MPI.MAX), comm.allreduce(rotation, MPI.MAX)
+
+    def _gradient(self, moved: Array, cells: slice) -> Array:
+        """(cells points, dim, dim), du_i/dx_k."""
+        dim, x = self._dim, self._space.mesh.geometry.x[self._places[cells]][:, :, : self._dim]
+        u = moved[self._nodes[cells]]
+        # (cells, points, reference direction, component)
+        du, dx = (
+            (slopes @ values).reshape(len(u), -1, dim, dim)
+            for slopes, values in ((self._slopes, u), (self._shape_slopes, x))
+        )
+        return np.swapaxes(np.linalg.inv(dx) @ du, 2, 3).reshape(-1, dim, dim)
+
+    @staticmethod
+    def _rows(tabulated: Array) -> Array:
+        """Derivatives (points dim, nodes) of a table (1 + dim, points, nodes, 1)."""
+        slopes = tabulated[1:, :, :, 0].swapaxes(0, 1)
+        return np.ascontiguousarray(slopes.reshape(-1, slopes.shape[2]))
+
+
+def _largest_symmetric(gradient: Array, least: float) -> float:
+    """Largest spectral norm of the symmetric parts of (n, dim, dim), and of a number."""
+    symmetric = (gradient + np.swapaxes(gradient, 1, 2)) / 2
+    frobenius = np.sqrt(np.einsum("pij,pij->p", symmetric, symmetric))
+    # the norm lies between this and this over sqrt(dim): few are to be looked at
+    least = max(least, float(frobenius.max(initial=0.0)) / np.sqrt(gradient.shape[1]))
+    values = np.linalg.eigvalsh(symmetric[frobenius >= least])
+    return float(np.abs(values).max(initial=least))
+
+
+def with_ghosts(space: fem.FunctionSpace, values: PETSc.Vec) -> Array:
+    """Values (local nodes, dim) of a vector (n,), those of ghosts too."""
+    u = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
+    u.array[: values.getLocalSize()] = values.array_r
+    u.scatter_forward()
+    return np.asarray(u.array.reshape(-1, space.dofmap.index_map_bs).copy())
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Facets (f of them) around points (m) of this process; those of other processes, too.
+
+    Args:
+        point: (f,), number of the point.
+        outward: (f, dim), unit normal at the facet's middle.
+        size: (f,), largest distance of its corners.
+        points: m.
+    """
+
+    point: Indices
+    outward: Array
+    size: Array
+    points: int
+
+    @classmethod
+    def around(cls, node: Indices, space: fem.FunctionSpace, exterior: "Exterior") -> "Facets":
+        """Collects the facets around nodes of this process, given by global numbers (m,)."""
+        index_map, comm = space.dofmap.index_map, space.mesh.comm
+        first = index_map.local_range[0]
+        wanted = la.vector(index_map, 1)
+        wanted.array[:] = 0.0
+        wanted.array[node - first] = 1.0
+        wanted.scatter_forward()
+        facet, place = np.nonzero(wanted.array[exterior.nodes] > 0)
+        touched = index_map.local_to_global(exterior.nodes[facet, place].astype(np.int32))
+        touched, outward, size = (
+            np.concatenate(comm.allgather(part))
+            for part in (touched, exterior.outward[facet], exterior.size[facet])
+        )
+        order = np.argsort(node)
+        at = np.searchsorted(node[order], touched)
+        mine = at < len(node)
+        mine[mine] = node[order][at[mine]] == touched[mine]
+        return cls(order[at[mine]], outward[mine], size[mine], len(node))
+
+    def of(self, rows: Indices) -> "Facets":
+        """The facets around some of the points, which are numbered anew."""
+        number = np.full(self.points, -1)
+        number[rows] = np.arange(len(rows))
+        mine = number[self.point] >= 0
+        return Facets(number[self.point[mine]], self.outward[mine], self.size[mine], len(rows))
+
+    def cosines(self, normal: Array) -> Array:
+        """Least cosine (m,) between vectors (m, dim) and the outward normals around a point."""
+        least = np.full(self.points, np.inf)
+        np.minimum.at(least, self.point, np.sum(normal[self.point] * self.outward, axis=1))
+        return least
+
+    def sizes(self) -> Array:
+        """Size (m,) of the smallest facet around each point."""
+        least = np.full(self.points, np.inf)
+        np.minimum.at(least, self.point, self.size)
+        return least
+
+
+@dataclass(frozen=True)
+class Exterior:
+    """Exterior facets (f of them) of this process.
+
+    Args:
+        nodes: (f, k), local numbers of all nodes.
+        vertices: (f, l), of those at the corners.
+        corner: (f, l, dim), positions.
+        outward: (f, dim), unit normal at the middle.
+    """
+
+    nodes: npt.NDArray[np.int32]
+    vertices: npt.NDArray[np.int32]
+    corner: Array
+    outward: Array
+
+    @classmethod
+    def of(cls, space: fem.FunctionSpace) -> "Exterior":
+        """Collects the exterior facets of a space's mesh."""
+        mesh, dim = space.mesh, space.mesh.topology.dim
+        shape = mesh.ufl_domain().ufl_coordinate_element().basix_element
+        topology = mesh.topology
+        topology.create_connectivity(dim - 1, dim)
+        topology.create_connectivity(dim, dim - 1)
+        facets = exterior_facet_indices(topology)
+        behind = topology.connectivity(dim - 1, dim)
+        cell = behind.array[behind.offsets[facets]]
+        on_facet = np.array(basix.topology(shape.cell_type)[dim - 1])
+        own = topology.connectivity(dim, dim - 1).array.reshape(-1, len(on_facet))[cell]
+        side = np.argmax(own == facets[:, None], axis=1)
+
+        middles = basix.geometry(shape.cell_type)[on_facet].mean(axis=1)
+        x = mesh.geometry.x[cell_nodes(mesh)[cell]][:, :, :dim]
+        slopes = shape.tabulate(1, middles)[1:, :, :, 0][:, side]
+        jacobian = np.einsum("jfn,fni->fij", slopes, x)
+        reference = basix.cell.facet_outward_normals(shape.cell_type)[side]
+        outward = np.linalg.solve(np.swapaxes(jacobian, 1, 2), reference[:, :, None])[:, :, 0]
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+
+        element = space.element.basix_element
+        x_of, u_of = (
+            np.array([dofs[0] for dofs in e.entity_dofs[0]])[on_facet][side]
+            for e in (shape, element)
+        )
+        closure = np.array(element.entity_closure_dofs[dim - 1])[side]
+        rows = np.arange(len(cell))[:, None]
+        dofs = space.dofmap.list[cell]
+        return cls(dofs[rows, closure], dofs[rows, u_of], x[rows, x_of], outward)
+
+    @property
+    def size(self) -> Array:
+        """Largest distance (f,) of two corners."""
+        ends = combinations(range(self.corner.shape[1]), 2)
+        sides = [self.corner[:, a] - self.corner[:, b] for a, b in ends]
+        return np.asarray(np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0))
+
+    def exit(self, origin: Array, direction: Array, moved: Array) -> tuple[float, Array]:
+        """Finds where a ray leaves the body through a facet of this process that lies across it.
+
+        Args:
+            origin: (dim,), on the boundary.
+            direction: (dim,), a unit vector into the body.
+            moved: (f, l, dim), displacements of the corners.
+
+        Returns:
+            Distance, infinite if there is none, and displacement (dim,) there.
+        """
+        distance, there = np.inf, np.zeros(len(origin))
+        across = self.outward @ direction > _ACROSS
+        least = _NEAR * np.abs(self.corner).max(initial=0.0)
+        for corners in _SIMPLICES[self.corner.shape[1]]:
+            x, u = self.corner[across][:, corners], moved[across][:, corners]
+            edges = np.swapaxes(x[:, 1:] - x[:, :1], 1, 2)
+            rays = np.broadcast_to(-direction[:, None], (len(x), len(origin), 1))
+            matrix = np.concatenate([edges, rays], axis=2)
+            found = np.linalg.solve(matrix, (origin - x[:, 0])[:, :, None])[:, :, 0]
+            share, t = found[:, :-1], found[:, -1]
+            inside = (share >= -_NEAR).all(axis=1) & (share.sum(axis=1) <= 1 + _NEAR)
+            t = np.where(inside & (t > least), t, np.inf)
+            if len(t) and t.min() < distance:
+                k = int(np.argmin(t))
+                distance = float(t[k])
+                there = u[k, 0] + share[k] @ (u[k, 1:] - u[k, 0])
+        return distance, there
+
+
+class SurfacePassage:
+    """Looks for rigid surfaces that pass through a body.
+
+    Args:
+        interface: its contact points, nodes.
+        space: of the displacements.
+        exterior: facets of the body.
+        facets: around the points.
+    """
+
+    def __init__(
+        self,
+        interface: Interface,
+        space: fem.FunctionSpace,
+        exterior: Exterior,
+        facets: Facets,
+    ) -> None:
+        self._interface, self._space, self._comm = interface, space, interface.comm
+        self._exterior, self._facets = exterior, facets
+        rows = [np.flatnonzero(interface.pair == k) for k in range(interface.pairs)]
+        self._around = [facets.of(mine) for mine in rows]
+        self._finest = [
+            self._comm.allreduce(around.size.min(initial=np.inf), MPI.MIN)
+            for around in self._around
+        ]
+        self._rigid = [
+            not self._comm.allreduce(bool(np.any(interface.faced[mine] != RIGID)), MPI.LOR)
+            for mine in rows
+        ]
+
+    def check_way(self, past: Reference, translations: Array) -> None:
+        """Looks along the straight ways of the surfaces to translations (pairs, dim).
+
+        Raises:
+            SurfacePassed: where one goes through the body.
+        """
+        for k, rigid in enumerate(self._rigid):
+            way = translations[k] - past.translations[k]
+            if rigid and np.linalg.norm(way) > _WAY_STEP * self._finest[k]:
+                mine = self._interface.pair == k
+                wrong = np.zeros(len(mine), dtype=bool)
+                wrong[mine] = self._swallowed(k, past, way)
+                self._refuse(k, wrong, "passes through the body: it goes through the nodes at")
+
+    def check(self, now: Iterate, strain: float) -> None:
+        """Looks at the points in contact; `strain` is the body's largest.
+
+        Raises:
+            SurfacePassed: where a surface pushes the body outwards, or is through it.
+        """
+        closed = now.contact.active_set().status != OPEN
+        closed &= np.array(self._rigid)[self._interface.pair]
+        cosine = self._facets.cosines(now.contact.frame[:, 0])
+        for k in range(self._interface.pairs):
+            mine = closed & (self._interface.pair == k)
+            self._refuse(k, mine & (cosine > _OUTWARDS), "pushes the body outwards at")
+            if strain > _CRUSHING_STRAIN:
+                through = self._through(now, mine & (cosine < -_OUTWARDS))
+                self._refuse(k, through, "is through the whole thickness of the body at")
+
+    def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
+        """Points (m,) of a pair that its surface swallows from the wrong side on its way."""
+        interface, mine = self._interface, self._interface.pair == k
+        surface, around, size = interface.surfaces[k], self._around[k], self._finest[k]
+        x, before = interface.position[mine] - past.translations[k], past.displacement[mine]
+        length = float(np.linalg.norm(way))
+        step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)
+        # no sample just where a surface has no normal, such as the centre of a sphere
+        x = x + 1e-7 * size * np.sqrt(np.arange(2, 2 + x.shape[1]))
+
+        share, wrong = np.zeros(len(x)), np.zeros(len(x), dtype=bool)
+        with collective(self._comm):
+            while len(x):
+                place = x - share[:, None] * way
+                gap, normal = surface.gap(place), surface.normal(place)
+                depth = -(gap + np.sum(normal * before, axis=1))
+                wrong |= (depth > _SWALLOWED * size) & (around.cosines(normal) > _OUTWARDS)
+                if share.min() >= 1:
+                    break
+                # outside, the surface is a gap away at least; half of it, if that is no distance
+                stride = np.maximum(np.where(np.isfinite(gap), gap / 2, 0.0), step)
+                share = np.minimum(share + stride / length, 1.0)
+        return wrong
+
+    def _through(self, now: Iterate, chosen: Mask) -> Mask:
+        """Which of the chosen points (m,), or of the farthest pushed of them, are through."""
+        interface, comm = self._interface, self._comm
+        normal, a = now.contact.frame[:, 0], now.displacement
+        points = np.flatnonzero(chosen)
+        pushed = np.sum(normal * a, axis=1)[points]
+        size = comm.allreduce(np.abs(pushed).max(initial=0.0), MPI.MAX) or 1.0
+        keys = np.column_stack([interface.position[points], -np.round(pushed / size, 9)])
+        every = interface.gathered(keys)
+        first = sum(comm.allgather(len(points))[: comm.rank])
+        # where many are alike, the first by position
+        far = np.sort(np.lexsort(every.T)[:_MOST_CHORDS])
+        farthest = points[far[(far >= first) & (far < first + len(points))] - first]
+        moved = with_ghosts(self._space, self._interface.field.part(now.full))[
+            self._exterior.vertices
+        ]
+        origins, directions = (
+            interface.gathered(values[farthest]) for values in (interface.position, normal)
+        )
+        found = [self._exterior.exit(x, n, moved) for x, n in zip(origins, directions, strict=True)]
+        # of all processes, the nearest way out
+        ends = comm.allgather([(t, tuple(there)) for t, there in found])
+        nearest = [min(each) for each in zip(*ends, strict=True)]
+        first = sum(comm.allgather(len(farthest))[: comm.rank])
+        through = np.zeros(len(chosen), dtype=bool)
+        for point, (length, there) in zip(farthest, nearest[first:], strict=False):
+            left = length + normal[point] @ (np.array(there) - a[point])
+            through[point] = left <= _NO_CHORD * length < np.inf
+        return through
+
+    def _refuse(self, k: int, wrong: Mask, what: str) -> None:
+        places = self._interface.gathered(self._interface.position[wrong])
+        if len(places):
+            raise SurfacePassed(
+                f"the surface of contact pair {k} {what} {listed(places)}; contact is stated for "
+                "small displacements and surfaces that come from outside: move it less far, or "
+                "round the body in increments that stay clear of it"
+            )
+
+
+class SmallnessCheck:
+    """Checks that displacements stay small and surfaces outside of the body.
+
+    Args:
+        interface: its contact points, nodes.
+        space: of the displacements.
+    """
+
+    def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
+        exterior = Exterior.of(space)
+        facets = Facets.around(interface.node, space, exterior)
+        self._interface, self._sizes = interface, facets.sizes()
+        self._passage = SurfacePassage(interface, space, exterior, facets)
+        self._gradients = Gradients(space)
+
+    def before(self, increment: Increment) -> None:
+        """Looks at the motions that are prescribed, before anything is solved.
+
+        Raises:
+            SurfacePassed: if one of them leads through the body.
+        """
+        past = increment.past
+        known = np.isfinite(increment.prescribed)
+        translations = np.where(known, increment.prescribed, past.translations)
+        self._passage.check_way(past, translations)
+
+    def after(self, increment: Increment, now: Iterate, before: ContactState) -> Smallness:
+        """How small the displacements of a solution are; logs what no longer is, once.
+
+        Raises:
+            SurfacePassed: if a rigid surface has gone through the body, or pushes it outwards.
+        """
+        self._passage.check_way(increment.past, now.translations)
+        strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
+        self._passage.check(now, strain)
+        smallness = Smallness(strain, rotation, self._slip(increment, now))
+        if self._interface.comm.rank == 0:
+            _warn(smallness, before.smallness, before.increment)
+        return smallness
+
+    def _slip(self, increment: Increment, now: Iterate) -> float:
+        """Largest slip over the size of facets; of two bodies, that since the beginning."""
+        interface, contact, past = self._interface, now.contact, increment.past
+        moved = now.displacement - now.translations[interface.pair]
+        was = past.displacement - past.translations[interface.pair]
+        moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
+        slip = np.linalg.norm(np.einsum("nab,nb->na", contact.frame[:, 1:], moved), axis=1)
+        closed = contact.active_set().status != OPEN
+        largest = np.max(slip / self._sizes, where=closed, initial=0.0)
+        return float(interface.comm.allreduce(largest, MPI.MAX))
+
+
+def _warn(smallness: Smallness, before: Smallness, increment: int) -> None:
+    """Logs what has left the range of small displacements in an increment, counted from 0."""
+    left = [
+        f"largest {name} {value:.3g} (above {limit:g})"
+        for name, value in vars(smallness).items()
+        if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
+    ]
+    if left:
+        _logger.warning(
+            "increment %d leaves the range of small displacements: %s", increment, ", ".join(left)
+        )

@@ -1,0 +1,481 @@
+"""Increments of load and motion: `ContactProblem.step`; `solve_contact` is a loop over it.
+
+Small displacements: gap and normal belong to the *undeformed* body and the surface at its
+present place (initial place + translation U), so that for the displacement a of a node
+
+    g(a, U) = gap(x - U) + n(x - U)·a,
+
+and the slip of an increment is the tangential part of (a - U) less that at its start.
+Planes make this linear in U. For curved surfaces under force control it is linearised, the
+active set found, and gap and n then taken at the U so found, until nothing changes. Other loops
+over time join here: `step` changes no state. `solve_impact` needs no `step`.
+
+An increment may be made in parts, on the straight way from a state to what is asked for. History is
+true on that way: slip and friction follow each part. So a step that is cut may end in
+another state than the whole one would, had it been found, and says so by `ContactState.substates`.
+"""
+
+import logging
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from time import perf_counter
+from typing import Literal, TypeAlias
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from pw_elements.algebra import Reduction
+from pw_elements.checks import collective
+from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
+from pw_elements.contact.iteration import (
+    OPEN,
+    SLIP,
+    STICK,
+    ActiveSet,
+    ContactSystem,
+    Increment,
+    Iterate,
+    Kinematics,
+    LinearEquilibrium,
+    Policy,
+    Reference,
+    contact_state,
+    first_active_set,
+    first_unknowns,
+    newton,
+)
+from pw_elements.contact.model import (
+    ContactFailed,
+    ContactPair,
+    ContactState,
+    Free,
+    Motion,
+    NotFound,
+)
+from pw_elements.contact.rescue import Condensation, RigidMotions, rescue
+from pw_elements.contact.steps.smallness import SmallnessCheck
+from pw_elements.progress import doing, hush
+from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
+from pw_elements.spaces import Assembled
+
+Array = npt.NDArray[np.float64]
+
+log = logging.getLogger("pw_elements.contact")
+
+# Smallest part of an increment
+_SMALLEST = 1 / 16
+# What counts as no gap, over the extent of the contact nodes
+_TOUCHING = 1e-9
+
+# What is tried where the iteration fails: one without active sets, and smaller increments
+Remedy: TypeAlias = Literal["condensed", "cutback"]
+REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
+
+# Linear systems, and what they took
+Spent: TypeAlias = tuple[int, SolverReport]
+_NOTHING: Spent = (0, SolverReport("nothing", 0))
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is prescribed at the end of an increment, or of a part of one.
+
+    Args:
+        load: f (n,), in all.
+        translations: of the surfaces (pairs, dim), NaN where they are free.
+        forces: total forces of the surfaces (pairs, dim), of those that are free.
+        stated: share of the displacements that supports and interference prescribe.
+    """
+
+    load: PETSc.Vec
+    translations: Array
+    forces: Array
+    stated: float = 1.0
+
+    @classmethod
+    def of(
+        cls, load: PETSc.Vec, motions: Sequence[Motion | None], interface: Interface
+    ) -> "Target":
+        """As the user states it; surfaces without a motion rest."""
+        rest = np.zeros(interface.position.shape[1])
+        each = list(motions) or [None] * interface.pairs
+        return cls(
+            load,
+            np.array([rest if m is None else m.prescribed() for m in each]),
+            np.array([rest if m is None else m.forces() for m in each]),
+        )
+
+    @property
+    def free(self) -> Free:
+        """(pair, component) of each free translation."""
+        return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.translations)))
+
+    @property
+    def totals(self) -> Array:
+        """Forces of the free translations."""
+        return np.array([self.forces[at] for at in self.free])
+
+
+def held_by(state: ContactState, K: PETSc.Mat, interface: Interface) -> Target:
+    """What a state is in equilibrium with; forces of supports count as load, they do no work.
+
+    It follows from displacements and contact forces alone, f = K a - H r.
+    """
+    points = interface.force.createVecRight()
+    points.setArray(np.where(interface.equation >= 0, Reference.of(state, interface).force, 0.0))
+    load = K.createVecLeft()
+    K.mult(state.unknowns, load)
+    load.axpy(-1.0, interface.force * points)
+    return Target(
+        load,
+        state.translations,
+        np.array([pair.force for pair in state.pairs]),
+        1.0 if state.increment else 0.0,
+    )
+
+
+def between(start: Target, end: Target, share: float) -> Target:
+    """A share of the way from one to the other."""
+    if share == 1:
+        return end
+    load = start.load.copy()
+    load.scale(1 - share)
+    load.axpy(share, end.load)
+    return Target(
+        load,
+        (1 - share) * start.translations + share * end.translations,
+        (1 - share) * start.forces + share * end.forces,
+        (1 - share) * start.stated + share * end.stated,
+    )
+
+
+def homogeneous(state: ContactState) -> bool:
+    """Whether every part of a step from a state is like the whole, so that cutting it is idle.
+
+    That is so without forces and gaps: the undeformed body on surfaces that it touches all over.
+    """
+    if state.increment:
+        return False
+    extent = max(float(np.ptp(pair.position, axis=0).max()) for pair in state.pairs)
+    return all(
+        np.all(np.abs(pair.gap[np.isfinite(pair.gap)]) <= _TOUCHING * extent)
+        for pair in state.pairs
+    )
+
+
+def in_parts(
+    step: Callable[[ContactState, Target], ContactState],
+    state: ContactState,
+    start: Target,
+    end: Target,
+) -> ContactState | None:
+    """The state at the end of a step that fails as a whole, or None if its parts fail, too.
+
+    Args:
+        step: from a state to a target.
+        state: at the start.
+        start: what it is in equilibrium with.
+        end: what is asked for.
+    """
+    parts: list[tuple[float, ContactState]] = []
+    done, size, now = 0.0, 0.5, state
+    while done < 1:
+        share = min(1.0, done + size)
+        try:
+            now = replace(step(now, between(start, end, share)), increment=state.increment + 1)
+        except (ContactFailed, NoContactStated) as failed:
+            if now.displacement.comm.rank == 0:
+                log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
+            size /= 2
+            if size < _SMALLEST:
+                return None
+            continue
+        done = share
+        parts.append((share, now))
+    if now.displacement.comm.rank == 0:
+        log.info("the increment has been solved in %d parts", len(parts))
+    return _joined([part for _, part in parts], tuple(parts[:-1]))
+
+
+def _joined(
+    parts: Sequence[ContactState], substates: tuple[tuple[float, ContactState], ...]
+) -> ContactState:
+    """The last part, with the slip of all."""
+    last = parts[-1]
+    pairs = tuple(
+        replace(
+            pair,
+            slip=np.where(
+                (pair.status == 0)[:, None], 0.0, sum(part.pairs[k].slip for part in parts)
+            ),
+        )
+        for k, pair in enumerate(last.pairs)
+    )
+    return replace(last, pairs=pairs, substates=substates)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a contact computation is: after an iteration, or at the end of an increment.
+
+    Args:
+        increment: number of increments before this one: they count from 0, as in the errors of
+            `solve_contact`.
+        iteration: number of linear systems solved in this increment.
+        violation: largest violation of the laws of contact and friction, over its tolerance.
+        open: number of open nodes of all pairs; after an iteration, as it was assumed.
+        stick: number of sticking ones.
+        slip: number of slipping ones.
+        state: at the end of the increment; None after an iteration.
+    """
+
+    increment: int
+    iteration: int
+    violation: float
+    open: int
+    stick: int
+    slip: int
+    state: ContactState | None = None
+
+    def __str__(self) -> str:
+        return f"{self.open} open, {self.stick} stick, {self.slip} slip"
+
+
+Callback: TypeAlias = Callable[[Progress], object]
+
+
+def checked_callback(comm: MPI.Comm, callback: Callback | None) -> Callback | None:
+    """Checks the user's function.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    with collective(comm):
+        if not (callback is None or callable(callback)):
+            raise ValueError(f"callback: {type(callback).__name__} in place of a function")
+    return callback
+
+
+class Reporter:
+    """Tells of one increment: on all processes, which make it together.
+
+    Attributes:
+        wanted: whether anybody wants to know of iterations.
+        violation: of the last solution, as in `Progress`.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        increment: int,
+        callback: Callback | None,
+        more: Callable[[str], None] | None,
+    ) -> None:
+        self._comm, self._increment, self._callback, self._more = comm, increment, callback, more
+        logged = comm.rank == 0 and log.isEnabledFor(logging.DEBUG)
+        self.violation = 0.0
+        self.wanted: bool = comm.allreduce(bool(callback or logged or more), MPI.LOR)
+        if more:
+            more("iteration 1")
+
+    def iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
+        """Tells of an iteration."""
+        counts = self._comm.allreduce(np.bincount(active.status, minlength=3))
+        now = Progress(self._increment, iteration, violation, *_three(counts))
+        self._log(
+            logging.DEBUG, f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
+        )
+        self._call(now)
+        if self._more:
+            self._more(f"iteration {iteration + 1}")
+
+    def ended(self, state: ContactState, seconds: float) -> None:
+        """Tells of the end of the increment, which took some seconds."""
+        status = np.concatenate([pair.status for pair in state.pairs])
+        counts = np.bincount(status, minlength=3)
+        now = Progress(self._increment, state.iterations, self.violation, *_three(counts), state)
+        report = state.report
+        self._log(
+            logging.INFO,
+            f"{now.iteration} iterations, {now}, residual {state.residuals.largest():.1e}, "
+            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s",
+        )
+        if self.wanted:
+            self._call(now)
+
+    def _log(self, level: int, what: str) -> None:
+        if self._comm.rank == 0:
+            log.log(level, "increment %d: %s", self._increment, what)
+
+    def _call(self, now: Progress) -> None:
+        """Calls the user's function; what it raises on one process is raised on all."""
+        hush()
+        with collective(self._comm):
+            if self._callback is not None:
+                self._callback(now)
+
+
+def _three(counts: npt.NDArray[np.intp]) -> tuple[int, int, int]:
+    return int(counts[OPEN]), int(counts[STICK]), int(counts[SLIP])
+
+
+class Stepping:
+    """The increments of a `ContactProblem` by one linear solver.
+
+    Args:
+        K: stiffness (n, n), free.
+        reduction: supports, or condensation.
+        pairs: contact pairs.
+        space: trial space.
+        max_iterations: linear systems of one iteration.
+        callback: the user's function, if there is one.
+        remedies: what is tried where the iteration fails, as far as the solver lets it.
+        solver: of the linear systems.
+
+    Attributes:
+        interface: contact points.
+        space: of the displacements.
+    """
+
+    def __init__(
+        self,
+        K: PETSc.Mat,
+        reduction: Reduction,
+        pairs: Sequence[ContactPair],
+        space: fem.FunctionSpace,
+        max_iterations: int,
+        callback: Callback | None,
+        remedies: Collection[Remedy],
+        solver: LinearSolver,
+    ) -> None:
+        self.solver = solver
+        iterative = is_matrix_free(solver)
+        self._K = K
+        self._reduction = (reduction.masked() if iterative else reduction).equilibrated(K)
+        self._most, self._callback = max_iterations, callback
+        # others condense the body
+        self._remedies = [one for one in remedies if one == "cutback" or not iterative]
+        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K).sibling)
+        self._whole, self.space = space, self.interface.field.space
+        self._watch = SmallnessCheck(self.interface, self.space)
+        self._system: tuple[ContactSystem, RigidMotions] | None = None
+
+    def step(
+        self,
+        state: ContactState,
+        load: PETSc.Vec,
+        moved: Sequence[Motion | None],
+        guess: ContactState | None = None,
+    ) -> ContactState:
+        """The state at the end of one increment, as `ContactProblem.step` gives it."""
+        begun = perf_counter()
+        end = Target.of(load, moved, self.interface)
+        comm, what = self.interface.comm, f"contact increment {state.increment}"
+        with doing(comm, what) as more:
+            reporter = Reporter(comm, state.increment, self._callback, more)
+            before = self._spent(end.free)
+            try:
+                found = self._solved(state, end, guess, reporter)
+            except NotFound:
+                joined = self._cut(state, end, reporter)
+                if joined is None:
+                    raise
+                iterations, report = self._spent(end.free, before)
+                found = replace(joined, iterations=iterations, report=report)
+        reporter.ended(found, perf_counter() - begun)
+        return found
+
+    def _cut(self, state: ContactState, end: Target, reporter: Reporter) -> ContactState | None:
+        """The state at a target, in parts; None if it is not found that way."""
+        if "cutback" not in self._remedies or homogeneous(state):
+            return None
+        start = held_by(state, self._K, self.interface)
+        return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
+
+    def _solved(
+        self,
+        state: ContactState,
+        target: Target,
+        guess: ContactState | None = None,
+        reporter: Reporter | None = None,
+    ) -> ContactState:
+        """The state at a target, in one piece."""
+        increment, place, policy = self._begun(state, target, guess)
+        before, rigid = self._spent(target.free), self._bound(target.free)[1]
+        active = first_active_set(place, state, guess, rigid.left_free)
+        told = reporter.iterated if reporter and reporter.wanted else None
+        try:
+            now = newton(increment, active, place, policy(), self._most, told)
+        except (ContactFailed, NotConverged) as failure:
+            now = rescue(
+                failure,
+                increment,
+                place,
+                rigid,
+                (lambda: self._condensed) if "condensed" in self._remedies else None,
+                policy,
+                self._most,
+                state,
+                lambda: self._spent(target.free, before),
+            )
+        if reporter:
+            reporter.violation = increment.violation(now)
+        return self._ended(increment, now, state, before)
+
+    def _begun(
+        self, state: ContactState, target: Target, guess: ContactState | None = None
+    ) -> tuple[Increment, Kinematics, Callable[[], Policy]]:
+        """The equations from a state to a target, where they start, and a policy's maker."""
+        interface, prescribed = self.interface, target.translations
+        system, rigid = self._bound(target.free)
+        past = Reference.of(state, interface)
+        equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
+        increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
+        policy = partial(Policy.of, rigid.left_free, interface)
+        translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
+        system.start(lambda: first_unknowns(state, guess, self._whole), translations)
+        interface.check_supports(translations)
+        self._watch.before(increment)
+        place = increment.kinematics(translations, past.displacement, past.force)
+        return increment, place, policy
+
+    def _ended(
+        self, increment: Increment, now: Iterate, state: ContactState, before: Spent
+    ) -> ContactState:
+        """The state that a solution is."""
+        self.interface.check_supports(now.translations)
+        smallness = self._watch.after(increment, now, state)
+        iterations, report = self._spent(increment.system.free, before)
+        now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
+        return contact_state(increment, now, iterations, state, report, smallness)
+
+    def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
+        """Linear systems of iterations since before, and what they and condensing took."""
+        system, _ = self._bound(free)
+        report = system.report
+        if "_condensed" in vars(self):
+            report = self._condensed.report.after(report)
+        return system.solved - before[0], report.since(before[1])
+
+    @cached_property
+    def _condensed(self) -> Condensation:
+        return Condensation(self._K, self._reduction, self.interface, self.solver)
+
+    def release(self) -> None:
+        """Frees what the solver holds, on all processes; the next step makes it anew."""
+        if self._system is not None:
+            self._system[0].tangent.release()
+            self._system = None
+
+    def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
+        """System and rigid motions for these free translations; one factorisation is kept."""
+        if self._system is None or self._system[0].free != free:
+            self.release()
+            system = ContactSystem(self._K, self._reduction, self.interface, free, self.solver)
+            self._system = system, RigidMotions(system, self.space)
+        return self._system

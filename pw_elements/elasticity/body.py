@@ -1,0 +1,692 @@
+"""Isotropic linear elasticity as UFL forms over a trial/test pair.
+
+The equations of motion, Eq. (1), are div sigma + b - rho u'' = 0; the paper misprints the last
+sign, which its Eq. (2) has right. In weak form, Eq. (2), they are M a'' + K a = f, Eq. (9), with
+the forms of `Body`; accelerations are a field like displacements, Eq. (4), and UFL's gradients
+take the place of the matrices B, of shape functions, and of Eq. (8), of weight functions.
+
+Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say).
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from enum import Enum
+from typing import Literal, TypeAlias
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import default_scalar_type, fem
+from dolfinx.mesh import Mesh, MeshTags, meshtags
+from ufl.core.expr import Expr
+
+from pw_elements._compat import cell_nodes
+from pw_elements.algebra import check_problem
+from pw_elements.checks import (
+    agree,
+    arguments,
+    check_mesh,
+    collective,
+    is_number,
+    number,
+    vector,
+    whole,
+)
+from pw_elements.spaces import (
+    Assembled,
+    Marker,
+    Part,
+    Spaces,
+    SubSpace,
+    by_cell_tag,
+    cell_measure,
+    exterior_facets,
+    is_hybrid,
+    marked,
+)
+
+Scalar: TypeAlias = float | Expr
+Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
+
+# Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
+# of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
+_RATIONAL_DEGREE = 8
+# Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
+_HYBRID_NU = 0.48
+_LOCKING_NU = 0.49
+# Distance of a corner from where it would be in a parallelepiped, over the longest edge: round-off
+_PARALLEL = 1e-12
+_LOCKS = (
+    "nu = %g in displacements alone: they lock, and pressures oscillate. At 0.4999 they are some "
+    "50 times less accurate than with Spaces.hybrid(mesh), on tetrahedra some 150 times"
+)
+
+_JUMPS = (
+    "the material varies and the pressure is continuous: where the material jumps displacements "
+    "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
+)
+
+_logger = logging.getLogger("pw_elements")
+
+# A row sum of the mass matrix below this, over its diagonal entry, is zero
+_ZERO_MASS = 1e-12
+
+
+class StressState(Enum):
+    """State of stress and strain of a body.
+
+    `PLANE_STRESS`, `PLANE_STRAIN`, `AXISYMMETRIC` (coordinates r, z; the axis is r = 0) or `SOLID`;
+    their values are "plane stress", "plane strain", "axisymmetric" and "solid".
+    """
+
+    PLANE_STRESS = "plane stress"
+    PLANE_STRAIN = "plane strain"
+    AXISYMMETRIC = "axisymmetric"  # coordinates (r, z), the axis at r = 0
+    SOLID = "solid"
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic elastic material: numbers, or UFL expressions where it varies in space.
+
+        steel = Material(210e3, 0.3, 7.85e-9)  # N, mm, t, s
+
+    `by_tag` combines several materials in one mesh, of one body or of several.
+
+    Args:
+        youngs_modulus: E, positive, a stress.
+        poissons_ratio: nu, above -1 and at most 1/2, which plane stress and hybrid spaces allow.
+        density: positive, mass per volume.
+
+    Numbers, `fem.Constant`s and nodal values of Lagrange functions are checked; other expressions
+    cannot be.
+
+    Raises:
+        ValueError: for a modulus or density that is not positive, or nu outside (-1, 1/2].
+    """
+
+    youngs_modulus: Scalar
+    poissons_ratio: Scalar = 0.0
+    density: Scalar = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("youngs_modulus", "density"):
+            _set(self, name, _positive(name, getattr(self, name)))
+        nu = arguments.coefficient(
+            "poissons_ratio",
+            self.poissons_ratio,
+            lambda values: (values > -1) & (values <= 0.5),
+            "has to lie between -1 and 0.5",
+        )
+        _set(self, "poissons_ratio", nu)
+
+    @classmethod
+    def by_tag(
+        cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
+    ) -> "Material":
+        """Combines several materials, each in the cells with its tag.
+
+            material = Material.by_tag(mesh, cell_tags, {1: Material(210e3, 0.3), 2: rubber})
+
+        Args:
+            mesh: of the body.
+            cell_tags: tags of all of its cells.
+            materials: by tag; their constants are numbers.
+
+        Raises:
+            TypeError: for arguments of the wrong type.
+            ValueError: for tags of facets or of another mesh, cells without a tag, tags without a
+                material, materials without a cell, or constants that are not numbers.
+        """
+        arguments.mesh(mesh)
+        names = [field.name for field in fields(cls)]
+        with collective(mesh.comm):
+            arguments.of_type(
+                "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
+            )
+            constants = {}
+            for tag, one in materials.items():
+                of = f"the material of tag {tag}"
+                arguments.of_type(of, one, Material, "Material(E, nu) makes one")
+                constants[tag] = [number(f"{name} of {of}", getattr(one, name)) for name in names]
+        return cls(*by_cell_tag(mesh, cell_tags, constants, "material"))
+
+
+@dataclass(frozen=True)
+class Body:
+    """An elastic body: spaces, material, state of stress, and the forms that they make.
+
+    With the spaces of `Spaces.hybrid` the forms are those of displacements and a pressure p,
+
+        int 2 mu eps(u) : eps(w) - p div w = load(w),    int -q (div u + p/lambda) = 0,
+
+    where 1/lambda = (1 - 2 nu) / (2 mu nu) is zero for nu = 1/2. In `strain` and `stress`, `u` then
+    stands for both fields, such as a function of the mixed space.
+
+    Args:
+        spaces: trial and test space of the displacements, or of displacements and pressure.
+        material: elastic constants and density.
+        state: a `StressState`, or its value as a string: "plane stress", "plane strain",
+            "axisymmetric" or "solid".
+        thickness: t(x, y) of a plane body, number or UFL expression.
+        quadrature_degree: by default exact for straight simplices, parallelograms and
+            parallelepipeds with constant data; 3 points in each direction for other straight
+            quadrilaterals and hexahedra; 8 otherwise.
+
+    Raises:
+        ValueError: if the state does not suit the dimension; the mesh is a surface in space or
+            crosses the axis of rotation; an incompressible material is neither in plane stress
+            nor in hybrid spaces; hybrid spaces are in plane stress or have nu <= 0; or the
+            thickness is not positive.
+        DegenerateMesh: if the cells or the boundary are not those of a body.
+    """
+
+    spaces: Spaces
+    material: Material
+    state: StressState
+    thickness: Scalar = 1.0
+    quadrature_degree: int | None = None
+
+    def __post_init__(self) -> None:
+        arguments.of_type("spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some")
+        arguments.of_type("material", self.material, Material, "Material(E, nu) makes one")
+        try:
+            _set(self, "state", StressState(self.state))
+        except ValueError:
+            names = ", ".join(repr(state.value) for state in StressState)
+            raise ValueError(f"state {self.state!r}: the states are {names}") from None
+        mesh = self.spaces.mesh
+        dimension = mesh.geometry.dim
+        if mesh.topology.dim != dimension:
+            raise ValueError(
+                f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
+                "its nodes as many coordinates as its cells have dimensions (from Gmsh by "
+                f"from_gmsh(comm, source, dim={mesh.topology.dim}))"
+            )
+        if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
+            raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
+        shape = self.spaces.trial.ufl_element().reference_value_shape
+        hybrid = self.spaces.is_hybrid
+        if shape != (dimension + hybrid,):
+            raise ValueError(
+                f"the values of the spaces have the shape {shape}: displacements in {dimension}-D "
+                f"have {dimension} components"
+            )
+        check_mesh(mesh)
+        if self.state is StressState.AXISYMMETRIC:
+            r = mesh.geometry.x[:, 0]
+            radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
+            size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
+            if radius < -_ZERO_MASS * size:
+                raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
+        nu = self.material.poissons_ratio
+        if hybrid:
+            if self.state is StressState.PLANE_STRESS:
+                raise ValueError(
+                    "hybrid spaces are of no use in plane stress, where nothing locks: use "
+                    "Spaces.petrov_galerkin"
+                )
+            below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
+            arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
+            varies = not (is_number(nu) and is_number(self.material.youngs_modulus))
+            if varies and self.spaces.parts is None and mesh.comm.rank == 0:
+                _logger.warning(_JUMPS)
+        elif self.state is not StressState.PLANE_STRESS:
+            above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
+            arguments.coefficient(
+                "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
+            )
+            largest = _largest(nu, mesh.comm)
+            if largest > _LOCKING_NU and mesh.comm.rank == 0:
+                _logger.warning(_LOCKS, largest)
+        _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
+        if self.quadrature_degree is not None:
+            with collective(mesh.comm):
+                whole("quadrature_degree", self.quadrature_degree, 0)
+        plain = {name: value for name, value in vars(self).items() if name != "spaces"}
+        agree(mesh.comm, plain)
+
+    @classmethod
+    def on(
+        cls,
+        mesh: Mesh,
+        material: Material,
+        state: StressState | str,
+        formulation: Literal["displacements", "hybrid"] | None = None,
+        parts: MeshTags | None = None,
+        thickness: Scalar = 1.0,
+    ) -> "Body":
+        """Makes a body with the element that its material needs.
+
+            body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
+            U = body.spaces.trial
+
+        Args:
+            mesh: of the body.
+            material: constants and density.
+            state: as of `Body`.
+            formulation: "displacements" for `Spaces.petrov_galerkin`, "hybrid" for
+                `Spaces.hybrid`. By default "hybrid" if Poisson's ratio exceeds 0.48 anywhere
+                (which is logged), except in plane stress.
+            parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
+            thickness: of a plane body.
+
+        Raises:
+            TypeError: for arguments of the wrong type.
+            ValueError: for an unknown name, and as `Body`.
+        """
+        arguments.mesh(mesh)
+        arguments.of_type("material", material, Material, "Material(E, nu) makes one")
+        names = ("displacements", "hybrid")
+        with collective(mesh.comm):
+            if formulation not in (None, *names):
+                raise ValueError(f"formulation {formulation!r}: use {' or '.join(names)}")
+        agree(mesh.comm, {"the formulation": formulation})
+        if formulation is None:
+            largest = _largest(material.poissons_ratio, mesh.comm)
+            plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
+            formulation = "hybrid" if largest > _HYBRID_NU and not plane_stress else "displacements"
+            if formulation == "hybrid" and mesh.comm.rank == 0:
+                _logger.info("hybrid: nu = %g, displacements alone would lock", largest)
+        hybrid = formulation == "hybrid"
+        spaces = Spaces.hybrid(mesh, parts) if hybrid else Spaces.petrov_galerkin(mesh)
+        return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
+
+    def strain(self, u: Expr) -> Expr:
+        """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r.
+
+        Args:
+            u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+
+        Raises:
+            TypeError: for anything but such an expression.
+        """
+        arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
+        u, _ = self._split(u)
+        plane = ufl.sym(ufl.grad(u))
+        if self.state is not StressState.AXISYMMETRIC:
+            return plane
+        hoop = u[0] / self._radius()
+        return ufl.as_tensor(
+            [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, hoop]]
+        )
+
+    def stress(self, u: Expr) -> Expr:
+        """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape.
+
+        Args:
+            u: displacement, a function or an argument of a form; of hybrid spaces both fields.
+        """
+        E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
+        mu = E / (2 * (1 + nu))
+        if self.spaces.is_hybrid:
+            strain, (_, p) = self.strain(u), self._split(u)
+            return 2 * mu * strain - p * ufl.Identity(strain.ufl_shape[0])
+        if self.state is StressState.PLANE_STRESS:
+            lame = E * nu / (1 - nu**2)
+        else:
+            lame = E * nu / ((1 + nu) * (1 - 2 * nu))
+        strain = self.strain(u)
+        return lame * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0]) + 2 * mu * strain
+
+    def von_mises(self, u: Expr) -> Expr:
+        """Von Mises' equivalent stress of displacements u, for pictures and assessment.
+
+        In plane strain the out-of-plane stress is included.
+
+        Args:
+            u: displacement, a function; of hybrid spaces both fields.
+        """
+        stress = self.stress(u)
+        trace, squares = ufl.tr(stress), ufl.inner(stress, stress)
+        if self.state is StressState.PLANE_STRAIN:
+            _, p = self._split(u)
+            third = self._value(self.material.poissons_ratio) * trace if p is None else -p
+            trace, squares = trace + third, squares + third**2
+        return ufl.sqrt((3 * squares - trace**2) / 2)
+
+    def stiffness(self) -> ufl.Form:
+        """The bilinear form of the stiffness, Eq. (10)."""
+        u, v = self._arguments()
+        work = self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
+        if not self.spaces.is_hybrid:
+            return work
+        E, nu = self._value(self.material.youngs_modulus), self._value(self.material.poissons_ratio)
+        flexibility = (1 + nu) * (1 - 2 * nu) / (E * nu)
+        (_, p), (_, q) = self._split(u), self._split(v)
+        volume = ufl.tr(self.strain(u)) + flexibility * p
+        return work + self._integral(-q * volume, 2)
+
+    def mass(self) -> ufl.Form:
+        """The bilinear form of the consistent mass, Eq. (11)."""
+        (u, _), (v, _) = map(self._split, self._arguments())
+        return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
+
+    def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
+        """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
+
+        Loads of several measures are added as vectors; a form may have one of them.
+
+        Args:
+            traction: (dim,), numbers or an expression.
+            surface: measure of a part of the boundary.
+
+        Raises:
+            TypeError, ValueError: for anything but a measure of exterior facets of the body's mesh,
+                or a traction of the wrong size.
+        """
+        arguments.of_type(
+            "surface", surface, ufl.Measure, "boundary_measure(mesh, where) makes one"
+        )
+        if surface.integral_type() != "exterior_facet":
+            raise ValueError(
+                f"the measure is one of {surface.integral_type()}s: boundary_measure makes the "
+                "exterior facets' that a surface load needs"
+            )
+        if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
+            raise ValueError("the measure is one of another mesh: make it on the body's")
+        v, _ = self._split(ufl.TestFunction(self.spaces.test))
+        return ufl.inner(self._vector("traction", traction), v) * self._depth() * surface
+
+    def body_load(self, force: Vector) -> ufl.Form:
+        """Load of a body force vector (force per volume), Eq. (12).
+
+        Args:
+            force: (dim,), numbers or an expression.
+        """
+        v, _ = self._split(ufl.TestFunction(self.spaces.test))
+        return self._integral(ufl.inner(self._vector("force", force), v), 2)
+
+    def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
+        """Initial stress form, Eq. (25) and Eq. (26), for a prestress tensor.
+
+        Args:
+            stress: tensor of the strain's shape, e.g. `body.stress(prestress_displacement)`.
+            form: "G" is the paper's, grad(v) : grad(u) S; "J" takes 2 S : (eps(v) eps(u)) off,
+                as continuum elements with an objective stress rate do.
+
+        Raises:
+            ValueError: for an unknown form, or a tensor of the wrong shape.
+        """
+        arguments.of_type("stress", stress, Expr, "body.stress(u) makes one")
+        u, v = self._arguments()
+        if stress.ufl_shape != (shape := self.strain(u).ufl_shape):
+            raise ValueError(f"stress has the shape {stress.ufl_shape}: the strain's is {shape}")
+        if form not in ("G", "J"):
+            raise ValueError(f"geometric stiffness {form!r}: the forms are 'G' and 'J'")
+        integrand = ufl.inner(ufl.dot(self._gradient(u), stress), self._gradient(v))
+        if form == "J":
+            integrand -= 2 * ufl.inner(stress, ufl.dot(self.strain(v), self.strain(u)))
+        return self._bilinear(integrand, 3, in_box=5)
+
+    def _arguments(self) -> tuple[Expr, Expr]:
+        return ufl.TrialFunction(self.spaces.trial), ufl.TestFunction(self.spaces.test)
+
+    def _split(self, u: Expr) -> tuple[Expr, Expr]:
+        """Displacement, and pressure: None of one field, or a displacement alone."""
+        dimension = self.spaces.mesh.geometry.dim
+        if not (self.spaces.is_hybrid and u.ufl_shape == (dimension + 1,)):
+            return u, None
+        return ufl.as_vector([u[k] for k in range(dimension)]), u[dimension]
+
+    def _gradient(self, u: Expr) -> Expr:
+        u, _ = self._split(u)
+        grad = ufl.grad(u)
+        if self.state is not StressState.AXISYMMETRIC:
+            return grad
+        hoop = u[0] / self._radius()
+        return ufl.as_tensor(
+            [[grad[0, 0], grad[0, 1], 0], [grad[1, 0], grad[1, 1], 0], [0, 0, hoop]]
+        )
+
+    def _radius(self) -> Expr:
+        return ufl.SpatialCoordinate(self.spaces.mesh)[0]
+
+    def _depth(self) -> Scalar:
+        """The factor that makes a volume of an area of the mesh."""
+        if self.state is StressState.AXISYMMETRIC:
+            return 2 * np.pi * self._radius()
+        if self.state is StressState.SOLID:
+            return 1.0
+        return self._value(self.thickness)
+
+    def _bilinear(self, integrand: Expr, exact_degree: int, in_box: int = 3) -> ufl.Form:
+        """Integrates a product of trial and test functions; linear weights take a degree less."""
+        if self.spaces.test is self.spaces.trial:
+            return self._integral(integrand, exact_degree)
+        return self._integral(integrand, exact_degree - 1, in_box)
+
+    def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
+        """Integrates a form over the body's volume.
+
+        Args:
+            integrand: with test functions.
+            exact_degree: the integrand's on a straight simplex.
+            in_box: its degree in each direction of a parallelepiped, if that is odd.
+        """
+        degree = self.quadrature_degree
+        if degree is None:
+            degree = self._sufficient_degree(exact_degree, in_box)
+        return integrand * self._depth() * cell_measure(self.spaces.test, degree)
+
+    def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
+        geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
+        material = self.material
+        data = (
+            material.youngs_modulus,
+            material.poissons_ratio,
+            material.density,
+            self.thickness,
+        )
+        curved = geometry.degree > 1
+        if curved or self.state is StressState.AXISYMMETRIC or not all(map(_constant, data)):
+            return _RATIONAL_DEGREE
+        if self.spaces.mesh.topology.cell_name() in ("interval", "triangle", "tetrahedron"):
+            return exact_degree
+        return in_box if _parallel(self.spaces.mesh) else 5
+
+    def _value(self, value: Scalar) -> Expr:
+        """A number as a constant of the form, so that a new number compiles nothing anew."""
+        if not is_number(value):
+            return value
+        return fem.Constant(self.spaces.mesh, default_scalar_type(value))
+
+    def _vector(self, name: str, value: Vector) -> Expr:
+        mesh = self.spaces.mesh
+        with collective(mesh.comm):
+            vector = arguments.components(name, value, mesh.geometry.dim)
+        agree(mesh.comm, {name: value})
+        if isinstance(vector, Expr):
+            return vector
+        return fem.Constant(mesh, vector.astype(default_scalar_type))
+
+
+def _parallel(mesh: Mesh) -> bool:
+    """Whether all quadrilaterals or hexahedra, of all processes, are parallelograms or the like."""
+    x = mesh.geometry.x[cell_nodes(mesh)]
+    corners = x.shape[1]
+    bits = np.arange(corners)[:, None] >> np.arange(corners.bit_length() - 1) & 1
+    edges = x[:, 1 << np.arange(bits.shape[1])] - x[:, :1]
+    off = np.abs(x - x[:, :1] - np.einsum("vk,cki->cvi", bits, edges)).max(initial=0.0)
+    parallel = off <= _PARALLEL * np.abs(edges).max(initial=0.0)
+    return bool(mesh.comm.allreduce(parallel, MPI.LAND))
+
+
+def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
+    """Surface measure of a part of the boundary, for `Body.surface_load` and other forms.
+
+    Args:
+        mesh: the mesh.
+        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
+            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
+        quadrature_degree: of the facet integrals.
+
+    Raises:
+        ValueError: if no exterior facet is marked, the marker fails or does not return truth
+            values, or a number does not belong to a facet.
+    """
+    arguments.mesh(mesh)
+    with collective(mesh.comm):
+        whole("quadrature_degree", quadrature_degree, 0)
+    agree(mesh.comm, {"quadrature_degree": quadrature_degree})
+    dimension = mesh.topology.dim - 1
+    facets = exterior_facets(mesh, where)
+    if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
+        raise ValueError("the marker holds on no exterior facet of the mesh: nothing to load")
+    tags = meshtags(mesh, dimension, facets, np.ones(len(facets), dtype=np.int32))
+    return ufl.Measure(
+        "ds",
+        domain=mesh,
+        subdomain_data=tags,
+        subdomain_id=1,
+        metadata={"quadrature_degree": quadrature_degree},
+    )
+
+
+def prescribe(
+    space: fem.FunctionSpace,
+    component: int | Literal["pressure"],
+    where: Marker,
+    value: float | fem.Constant = 0.0,
+) -> fem.DirichletBC:
+    """Prescribes one displacement component at all nodes, mid-side ones too, that a marker selects.
+
+        held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
+
+    On tagged facets `fem.dirichletbc` prescribes, see the guide's page on meshes and tags.
+
+    Args:
+        space: trial space.
+        component: counted from 0; or "pressure" of a hybrid space, whose nodes are the vertices.
+        where: marker of the nodes' positions as columns (3, n).
+        value: of the component; the value of a `fem.Constant` may change later.
+
+    Raises:
+        ValueError: if there is no such node or no such component, the marker fails or does not
+            return truth values, or the value is not a finite number.
+    """
+    arguments.space(space)
+    comm, hybrid = space.mesh.comm, is_hybrid(space)
+    fluid = hybrid and component == "pressure"
+    field = SubSpace.pressure(space) if fluid else SubSpace.displacements(space)
+    components = field.unknowns.shape[1]
+    with collective(comm):
+        if not (fluid or (is_number(component) and component in range(components))):
+            raise ValueError(f"component {component}: the space has {components}, counted from 0")
+        held = value if isinstance(value, fem.Constant) else None
+        now = number("the prescribed value", value if held is None else held.value)
+    agree(comm, {"the component": component, "the prescribed value": now})
+    axis = 0 if fluid else int(component)
+    dofs = field.unknowns[_nodes(field.space, where, "the prescribed nodes"), axis]
+    part = space.sub(int(fluid)) if hybrid else space
+    if part.num_sub_spaces:
+        part = part.sub(axis)
+    prescribed = default_scalar_type(now) if held is None else held
+    return fem.dirichletbc(prescribed, np.ascontiguousarray(dofs), part)
+
+
+def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
+    """Load vector of a concentrated force at each node that a marker selects.
+
+    It is the same for every test space with W_i(x_i) = 1.
+
+    Args:
+        space: trial space.
+        where: marker of the nodes' positions as columns (3, n).
+        force: (components,), on each of the nodes.
+
+    Raises:
+        ValueError: if there is no such node, the marker fails or does not return truth values, or
+            the force has another number of components than the space, or one that is not finite.
+    """
+    arguments.space(space)
+    comm, field = space.mesh.comm, SubSpace.displacements(space)
+    with collective(comm):
+        vector("nodal force", force, field.unknowns.shape[1])
+    agree(comm, {"the nodal force": force})
+    nodes = _nodes(field.space, where, "the loaded nodes")
+    nodes = nodes[nodes < len(field.owned)]
+    values = np.zeros(field.owned.shape)
+    values[nodes] = force
+    load = PETSc.Vec().createMPI(field.rows, comm=comm)
+    load.setArray(field.spread(values.ravel()))
+    return load
+
+
+def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
+    """Diagonal matrix (n, n) of the row sums of a mass matrix.
+
+    They are integrals of density times test function: positive with piecewise-linear weights
+    (A/12 and A/4 on a 6-node triangle, V/32 and 7V/48 on a 10-node tetrahedron), zero at the
+    vertices of the standard triangle.
+
+    In explicit dynamics combine it with a symmetric stiffness, preferably that of the `Sibling`,
+    whose own mass has positive row sums, too. With the unsymmetric stiffness the upper spectrum is
+    complex, and undamped vibrations grow whatever the time step (section V9 of the study).
+
+    Args:
+        M: mass (n, n), free.
+        space: trial space.
+
+    Raises:
+        ValueError: if a row sum is not positive (it names the nodes), or the matrix is not one of
+            the space.
+    """
+    arguments.space(space)
+    check_problem({"the mass matrix": M}, space=space)
+    if is_hybrid(space):
+        raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
+    mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
+    ones.set(1.0)
+    M.mult(ones, mass)
+    bad = mass.array_r <= _ZERO_MASS * diagonal.array_r
+    nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
+    count = space.mesh.comm.allreduce(len(nodes), MPI.SUM)
+    if count > 0:
+        places = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
+        named = [tuple(x.round(6).tolist()) for x in np.concatenate(places)[:3]]
+        raise ValueError(
+            f"{count} nodes have no positive lumped mass, among them those at "
+            f"{', '.join(map(str, named))}: row sums serve elements with piecewise-linear weights"
+        )
+    lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
+    lumped.setDiagonal(mass)
+    lumped.assemble()
+    return Assembled(Assembled.of(M).form).mark(lumped)
+
+
+def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:
+    """Local node numbers (ghosts too) at which the marker holds."""
+    comm = space.mesh.comm
+    with collective(comm):
+        holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)
+    nodes = np.flatnonzero(holds).astype(np.int32)
+    if comm.allreduce(len(nodes), MPI.SUM) == 0:
+        raise ValueError("the marker holds at no node of the space: check its coordinates")
+    return nodes
+
+
+def _constant(value: Scalar) -> bool:
+    """Whether a value is one number in each cell."""
+    if isinstance(value, fem.Function):
+        return value.function_space.ufl_element().embedded_superdegree == 0
+    return is_number(value) or isinstance(value, fem.Constant)
+
+
+def _positive(name: str, value: Scalar, comm: MPI.Comm = MPI.COMM_SELF) -> Scalar:
+    return arguments.coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
+
+
+def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
+    """The largest value of a coefficient, as far as its values are known."""
+    values = arguments.known_values(ratio)
+    return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
+
+
+def _set(instance: object, name: str, value: object) -> None:
+    """Sets a field of a frozen dataclass while it is made."""
+    object.__setattr__(instance, name, value)

@@ -1,0 +1,581 @@
+"""Nodal forces: their redistribution matrix T, their reading at nodes, pressures, sawtooth.
+
+Three measures of contact pressure (and shear) are in use, and they must never be mixed:
+
+1. the nodal force itself;
+2. the nodal force over the integral of the node's own test function over the surface;
+3. the nodal force over the geometric tributary area of the node: of the surface's once halved
+   cells, each node gets equal parts of those around it.
+
+Under uniform pressure the standard quadratic element shows a sawtooth in 1 and 3 and none in 2; on
+the faces of 10-node tetrahedra its corners have no weight, and 2 does not exist there. With
+piecewise-linear test functions 2 and 3 are the same on straight sides.
+
+Reactions are fluxes where a field is prescribed. Heat, seepage, current: r = K a - f at a
+prescribed node is what enters the body there, weighted by the node's test function; over an area
+it is a flux (of vectors, a traction). It is far more accurate than the gradient of the solution,
+and conserves: reactions and sources add up to zero.
+
+Which area? Piecewise-linear weights integrate to the node's geometric share, and reactions are as
+even as the flux. A standard quadratic element's are not: over geometric areas they zigzag by a
+third (in space corners of tetrahedra get nothing at all), over own weights they do not, where there
+is one. T evens them out afterwards, see `force_transfer`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, get_args
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh, exterior_facet_indices
+from scipy.spatial import cKDTree
+
+from pw_elements.algebra import is_finite
+from pw_elements.checks import agree, arguments, collective, is_number
+from pw_elements.elasticity.body import Body, Material, Scalar, boundary_measure
+from pw_elements.spaces import (
+    Marker,
+    Part,
+    Spaces,
+    assemble_vector,
+    exterior_facets,
+    marked,
+    quadratic_element,
+    scalar_space,
+)
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+Weights: TypeAlias = Callable[[ufl.Measure], ufl.Form]  # their integral over a surface
+
+# Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
+_STAYS = 3 / 4
+_GOES = 1 / 8
+
+Area = Literal["geometric", "own"]
+
+
+def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
+    """T, (n, n): nodal forces of the standard quadratic element, evened out.
+
+    Three quarters of a mid-side node's force stay with it and an eighth goes to either vertex; on
+    quadrilaterals and hexahedra T is the tensor product of this rule for intervals. Under uniform
+    tractions on straight sides the result is the nodal forces of the piecewise-linear weights: T
+    f_G = f_PW on every cell.
+
+    On straight-sided triangles with constant D and t, in plane stress or strain, K_PW = T K_G,
+    too, since piecewise-linear and quadratic weight functions see the same averages of a linear
+    stress field. The identity has no counterpart on other cells: there T K_G is another
+    stiffness than K_PW, though both even out forces. A transformation of this form, but with 1/5
+    in place of 1/8, gives quadratic mortar methods their dual multipliers (A. Popp et al.,
+    https://doi.org/10.1137/110848190).
+
+        even = force_transfer(U) * reactions(K, a, f)  # of the standard element
+
+    Args:
+        space: quadratic Lagrange trial space, of any cell.
+
+    Raises:
+        ValueError: if the space is not quadratic, with a node in the middle of each edge (and of
+            each face and cell of quadrilaterals and hexahedra).
+    """
+    return transposed_transfer(space).transpose()
+
+
+def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
+    """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`.
+
+    Args:
+        space: quadratic Lagrange trial space, of any cell.
+        inverse: T^-T in place of T^T.
+
+    Raises:
+        ValueError: as that.
+    """
+    arguments.space(space)
+    element = space.element.basix_element
+    sizes = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
+    if element.dim != sizes.get(element.cell_type.name):
+        raise ValueError("the force transfer T exists for quadratic Lagrange spaces only")
+    # what the middle of an interval keeps and gives: T = [1, b; 0, a], and so is its inverse
+    keeps = (1 / _STAYS, -_GOES / _STAYS) if inverse else (_STAYS, _GOES)
+    shares = sp.csr_matrix(_shares(element, *keeps)).tocoo()
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    cells, owned = space.dofmap.list, index_map.size_local
+    goes, comes = cells[:, shares.row].ravel(), cells[:, shares.col].ravel()
+    own = comes < owned  # some cell here has each of them, and whatever they give to
+    transposed, first = np.unique(np.stack([comes[own], goes[own]]), axis=1, return_index=True)
+    value = np.tile(shares.data, len(cells))[own][first]
+    column = index_map.local_to_global(transposed[1].astype(np.int32))
+    shape = (owned, index_map.size_global)
+    rows = sp.kron(sp.csr_matrix((value, (transposed[0], column)), shape), np.eye(block), "csr")
+    local = (owned * block, index_map.size_global * block)
+    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+    return PETSc.Mat().createAIJ((local, local), bsize=block, csr=csr, comm=space.mesh.comm)
+
+
+def _shares(element: basix.finite_element.FiniteElement, keeps: float, gives: float) -> Array:
+    """T of one cell: of the node of each column, what goes to the node of each row."""
+    inside = np.zeros(element.dim, dtype=int)  # dimension of each node's entity
+    for dimension, of_dimension in enumerate(element.entity_dofs):
+        inside[[dof for dofs in of_dimension for dof in dofs]] = dimension
+    T = np.zeros((element.dim, element.dim))
+    for dimension, of_dimension in enumerate(element.entity_dofs):
+        for entity, dofs in enumerate(of_dimension):
+            closure = element.entity_closure_dofs[dimension][entity]
+            for dof in dofs:  # in the middle of the entity, along each of its directions
+                kept = inside[closure]
+                T[closure, dof] = keeps**kept * gives ** (dimension - kept)
+    return T
+
+
+@dataclass(frozen=True)
+class BoundaryForces:
+    """Nodal forces along a boundary line, ordered by position.
+
+    Args:
+        position: (m, 3) node coordinates.
+        force: (m, components).
+    """
+
+    position: npt.NDArray[np.float64]
+    force: npt.NDArray[np.float64]
+
+
+def forces_along(
+    space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker, axis: int = 0
+) -> BoundaryForces:
+    """Nodal forces at the nodes that a marker selects, sorted along a coordinate axis.
+
+        held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
+        axes.plot(held.position[:, 1], held.force)
+
+    Every process gets the whole line.
+
+    Args:
+        space: trial space.
+        forces: vector (n,) of nodal forces.
+        where: marker of the nodes' positions as columns (3, n).
+        axis: along which they are sorted, counted from 0; where the line does not extend along it,
+            they are sorted along the next one.
+
+    Raises:
+        ValueError: if there is no such node or no such axis, the marker fails or does not return
+            truth values, or the vector does not belong to the space.
+    """
+    arguments.space(space)
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
+    with collective(comm):
+        if not (is_number(axis) and axis in range(3)):
+            raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
+        arguments.petsc_vector("the vector of forces", forces)
+        arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
+        nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
+    agree(comm, {"axis": axis})
+    nodes = nodes[nodes < index_map.size_local]
+    position = comm.allgather(x[nodes])
+    force = comm.allgather(forces.array_r.reshape(-1, block)[nodes])
+    position, force = np.concatenate(position), np.concatenate(force)
+    if not len(position):
+        raise ValueError("the marker holds at no node of the space: check its coordinates")
+    order = by_position(np.roll(position, -axis, axis=1))
+    return BoundaryForces(position[order], force[order])
+
+
+@dataclass(frozen=True)
+class SurfaceNodes:
+    """Nodes of a part of the boundary, in the order of `by_position`, on every process.
+
+    Areas are lengths times thickness in the plane, and of the whole circumference in
+    axisymmetry.
+
+    Args:
+        position: (m, dim).
+        own_area: (m,), integral of each node's test function.
+        tributary_area: (m,), integral of the piecewise-linear function of each node.
+        edges: (e, 3), mid-side node and both corners of each edge of the surface.
+        rim: (m,), nodes at the ends of the line or on the edge of the face.
+        node: (m,), global numbers in the space, of this number of processes.
+        facets: (f, k), the nodes of each facet, in Basix' order (corners first).
+    """
+
+    position: Array
+    own_area: Array
+    tributary_area: Array
+    edges: Indices
+    rim: npt.NDArray[np.bool_]
+    node: npt.NDArray[np.int64]
+    facets: Indices
+
+    @classmethod
+    def of(cls, body: Body, where: Part) -> "SurfaceNodes":
+        """Nodes of a part of the boundary.
+
+        A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
+
+        Args:
+            body: whose boundary it is.
+            where: marker of points as columns (3, n), which has to hold at every vertex of a facet;
+                or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
+
+        Raises:
+            ValueError: if there are none, the marker fails or does not return truth values, or a
+                number is none of a facet.
+        """
+        arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
+        # areas are no matter of the material, which may be incompressible
+        body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
+        pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
+        up = np.eye(body.spaces.mesh.geometry.dim)[-1]
+
+        def weights(of: Body) -> Weights:
+            return lambda surface: of.surface_load(up, surface)
+
+        return cls._of(body.spaces.trial, weights(body), pw.spaces.trial, weights(pw), where)
+
+    @classmethod
+    def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
+        """Nodes of a part of the boundary of a scalar problem.
+
+        Args:
+            spaces: of the scalar.
+            where: part of the boundary, as in `of`.
+            depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
+
+        Raises:
+            ValueError: as `of`, or if the spaces are not scalar.
+        """
+        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+        if spaces.trial.ufl_element().reference_value_shape != ():
+            raise ValueError("the spaces have components: it takes those of a scalar")
+        depth = arguments.coefficient(
+            "depth", depth, lambda values: values > 0, "has to be positive", spaces.mesh.comm
+        )
+        pw = Spaces.petrov_galerkin(spaces.mesh, 0)
+
+        def weights(of: Spaces) -> Weights:
+            return lambda surface: depth * ufl.TestFunction(of.test) * surface
+
+        return cls._of(spaces.trial, weights(spaces), pw.trial, weights(pw), where)
+
+    @classmethod
+    def _of(
+        cls,
+        space: fem.FunctionSpace,
+        weights: Weights,
+        halved: fem.FunctionSpace,
+        halved_weights: Weights,
+        where: Part,
+    ) -> "SurfaceNodes":
+        """Makes the nodes from integrals of a space's weights, and of those of the halved cells."""
+        position, own, node = _areas(space, where, weights)
+        other, tributary, _ = _areas(halved, where, halved_weights)
+        tree = cKDTree(other)
+        facets = _facets(space, where, node)
+        edges, rim_nodes = _edges(facets, space.mesh)
+        rim = np.zeros(len(position), dtype=bool)
+        rim[rim_nodes] = True
+        return cls(position, own, tributary[tree.query(position)[1]], edges, rim, node, facets)
+
+    def pressure(self, force: Array) -> Array:
+        """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight.
+
+        Args:
+            force: nodal forces (m,) or (m, components).
+
+        Raises:
+            ValueError: if they are not one for each node.
+        """
+        force = self._checked(force)
+        weightless = self.own_area < 1e-9 * self.tributary_area
+        area = np.where(weightless, np.nan, self.own_area)
+        return (force.T / area).T
+
+    def tributary_pressure(self, force: Array) -> Array:
+        """Measure 3 of forces (m,) or (m, components).
+
+        Args:
+            force: nodal forces (m,) or (m, components).
+
+        Raises:
+            ValueError: if they are not one for each node.
+        """
+        force = self._checked(force)
+        return (force.T / self.tributary_area).T
+
+    def sawtooth(self, force: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
+        """Median ratio of mid-side nodes' forces to the mean of both corners'.
+
+        2 in the plane for the standard element under uniform pressure, 1 for even forces; NaN
+        without an edge to judge by.
+
+        Args:
+            force: (m,), raw normal nodal forces, measure 1.
+            closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
+
+        Raises:
+            ValueError: if they are not one for each node.
+        """
+        middle, mean = self._inner(force, closed)
+        with np.errstate(divide="ignore"):  # corners of 10-node tetrahedra
+            return float(np.median(middle / mean)) if len(middle) else np.nan
+
+    def unevenness(self, values: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
+        """Median size of mid-side value less the mean of both corners', over the median value.
+
+        A second difference: zero for values (m,) (forces or pressures) that vary linearly.
+
+        Args:
+            values: forces or pressures (m,).
+            closed: (m,), nodes in contact; edges that have an open or a rim node do not count.
+
+        Raises:
+            ValueError: if they are not one for each node.
+        """
+        middle, mean = self._inner(values, closed)
+        if not len(middle):
+            return np.nan
+        return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
+
+    def _inner(self, values: Array, closed: npt.NDArray[np.bool_] | None) -> tuple[Array, Array]:
+        """Mid-side values, and means of both corners', of edges that count."""
+        values = self._checked(values, scalar=True)
+        counts = ~self.rim
+        if closed is not None:
+            closed = np.asarray(closed)
+            if closed.shape != self.rim.shape or closed.dtype != bool:
+                raise ValueError(f"closed: it has to be True or False for {len(self.rim)} nodes")
+            counts = counts & closed
+        edges = self.edges[counts[self.edges].all(axis=1)]
+        return values[edges[:, 0]], values[edges[:, 1:]].mean(axis=1)
+
+    def _checked(self, values: Array, scalar: bool = False) -> Array:
+        """Raises ValueError if there is not one value, or one vector, for each node."""
+        given, count = np.asarray(values), len(self.position)
+        if given.dtype.kind not in "iuf" or given.ndim not in ((1,) if scalar else (1, 2)):
+            raise ValueError(
+                f"values are {given.dtype} of the shape {given.shape}: they have to be numbers "
+                f"({count},)" + ("" if scalar else f" or ({count}, components)")
+            )
+        if len(given) != count:
+            raise ValueError(
+                f"{len(given)} values for the {count} nodes of the surface: the "
+                "marker of a contact pair has to end at vertices to have the surface's nodes"
+            )
+        return given
+
+
+def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.intp]:
+    """Order of nodes (m, dim) by their first coordinate, then the next.
+
+    Round-off of mid-side positions depends on the partition; the order does not. Nodes that
+    coincide are in the order of a second position `beside`, if it is given.
+
+    Raises:
+        ValueError: if positions are not rows (m, dim) of numbers, or not as many beside.
+    """
+    for given in (position,) if beside is None else (position, beside):
+        rows = np.asarray(given)
+        if rows.ndim != 2 or rows.dtype.kind not in "iuf" or len(rows) != len(position):
+            raise ValueError(
+                f"positions are {rows.dtype} of the shape {rows.shape}: they have to be rows "
+                "(m, dim) of numbers"
+            )
+    size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
+    keys = position if beside is None else np.hstack([position, beside])
+    return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
+
+
+def facet_nodes(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
+    cells, places = facets_in_cells(space, facets)
+    return np.asarray(space.dofmap.list[cells[:, None], places])
+
+
+def facets_in_cells(
+    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """The cell (f,) of each exterior facet, and the places (f, k) of its nodes in that cell."""
+    dim = space.mesh.topology.dim
+    topology, layout = space.mesh.topology, space.dofmap.dof_layout
+    topology.create_connectivity(dim - 1, dim)
+    topology.create_connectivity(dim, dim - 1)
+    of_facet = topology.connectivity(dim - 1, dim)
+    of_cell = topology.connectivity(dim, dim - 1)
+    count = len(basix.topology(space.mesh.basix_cell())[dim - 1])
+    cells = of_facet.array[of_facet.offsets[facets]]
+    local = (of_cell.array.reshape(-1, count)[cells] == facets[:, None]).argmax(axis=1)
+    closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(count)])
+    return cells, closure[local]
+
+
+def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+    """Local numbers of the exterior facets of owned cells that have all their nodes among these.
+
+    Args:
+        space: whose nodes they are.
+        nodes: (m,), global numbers, the same on every process.
+    """
+    index_map, topology = space.dofmap.index_map, space.mesh.topology
+    local = index_map.global_to_local(nodes)
+    among = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+    among[local[local >= 0]] = True
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    facets = exterior_facet_indices(topology)
+    return np.asarray(facets[among[facet_nodes(space, facets)].all(axis=1)])
+
+
+def _areas(
+    space: fem.FunctionSpace, where: Part, weights: Weights
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Positions (m, dim) of the nodes of a surface, integrals (m,) of their functions, numbers.
+
+    Of vectors it is the last component that is integrated.
+    """
+    mesh = space.mesh
+    dim, block = mesh.geometry.dim, space.dofmap.index_map_bs
+    area = assemble_vector(weights(boundary_measure(mesh, where)))
+    facets = exterior_facets(mesh, where)
+    nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
+    nodes = nodes[nodes < space.dofmap.index_map.size_local]
+    comm = mesh.comm
+    position = np.concatenate(comm.allgather(space.tabulate_dof_coordinates()[nodes, :dim]))
+    areas = np.concatenate(comm.allgather(area.array_r.reshape(-1, block)[nodes, -1]))
+    numbers = nodes + np.int64(space.dofmap.index_map.local_range[0])
+    node = np.concatenate(comm.allgather(numbers))
+    order = by_position(position)
+    return position[order], areas[order], node[order]
+
+
+def _facets(space: fem.FunctionSpace, where: Part, node: npt.NDArray[np.int64]) -> Indices:
+    """Facets (f, k) of all processes as places of their nodes among `node` (m,)."""
+    facets = facet_nodes(space, exterior_facets(space.mesh, where))
+    numbers = space.dofmap.index_map.local_to_global(facets.ravel()).reshape(facets.shape)
+    order = np.argsort(node)
+    every = np.concatenate(space.mesh.comm.allgather(numbers))
+    return np.unique(order[np.searchsorted(node, every, sorter=order)], axis=0)
+
+
+def _edges(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
+    """Edges (e, 3) of a surface, mid-side node first, and its rim's nodes.
+
+    The rim consists of the ends of facets (vertices in 2-D, edges in 3-D) that no other facet
+    of the surface shares.
+    """
+    dim = mesh.topology.dim
+    sub = basix.topology(basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0])
+    corners = len(sub[0])
+    edges = np.concatenate([facets[:, [corners + e, *ends]] for e, ends in enumerate(sub[1])])
+    edges[:, 1:].sort(axis=1)
+    ends = edges if dim == 3 else facets[:, :corners].reshape(-1, 1)
+    rim, count = np.unique(ends, axis=0, return_counts=True)
+    return np.unique(edges, axis=0), np.unique(rim[count == 1])
+
+
+@dataclass(frozen=True)
+class NodalFlux:
+    """Fluxes at the nodes of a part of the boundary, the same on every process.
+
+    Args:
+        surface: the nodes, their positions, areas, edges and rim.
+        reaction: (m,) or (m, components), the flow into the body at each node.
+        flux: (m,) or (m, components), the same per area; NaN where a node has no area.
+    """
+
+    surface: SurfaceNodes
+    reaction: Array
+    flux: Array
+
+
+def nodal_flux(
+    spaces: Spaces,
+    reactions: PETSc.Vec,
+    where: Part,
+    area: Area = "geometric",
+    evened: bool = False,
+    depth: Scalar = 1.0,
+) -> NodalFlux:
+    """Flux into a body at the nodes of a boundary where its field is prescribed.
+
+        K, f = assemble_matrix(k * inner(grad(u), grad(v)) * dx), assemble_vector(q * v * dx)
+        a = solve(K, f, Reduction.dirichlet(spaces.trial, conditions))
+        heat = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[0], 0.0))
+        heat.surface.position, heat.flux
+
+    Where the part ends at another one with prescribed values, the reactions at the nodes on its rim
+    belong to both: leave them out (`surface.rim`), or treat both parts as one.
+
+    Args:
+        spaces: of the field, scalar or with components.
+        reactions: vector (n,), of `reactions` or `PetrovGalerkinProblem.reactions`.
+        where: part of the boundary, as in `boundary_measure`.
+        area: by which reactions are divided: the node's share of the geometry, or the integral of
+            its own test function; with piecewise-linear weights on flat boundaries both agree.
+        evened: whether reactions of a standard quadratic element are first evened out by T.
+        depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
+
+    Raises:
+        TypeError: for arguments of the wrong type.
+        ValueError: for a vector that is not finite or of another space, an unknown area, T with
+            another element or own areas, a depth that is not positive, or a part of the
+            boundary that is none.
+    """
+    with collective(arguments.processes(spaces.trial if isinstance(spaces, Spaces) else None)):
+        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
+        arguments.petsc_vector("the vector of reactions", reactions)
+        sizes = reactions.getSizes()
+        arguments.same_sizes("the vector of reactions", sizes, "the space", spaces.trial)
+        if area not in get_args(Area):
+            raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
+        arguments.flag("evened", evened)
+        if evened and (area == "own" or not _standard(spaces)):
+            raise ValueError(
+                "T evens out reactions of the standard quadratic element, for geometric areas: "
+                "other elements and own areas do without"
+            )
+    space = spaces.trial
+    agree(space.mesh.comm, {"area": area, "evened": bool(evened)})
+    if not is_finite(reactions):
+        raise ValueError("the vector of reactions is not finite")
+    if evened:
+        reactions = force_transfer(space) * reactions
+    surface = SurfaceNodes.scalar(_scalar(spaces), where, depth)
+    reaction = _at(reactions, surface.node, space.dofmap.index_map_bs)
+    if not space.num_sub_spaces:
+        reaction = reaction[:, 0]
+    read = surface.pressure if area == "own" else surface.tributary_pressure
+    return NodalFlux(surface, reaction, read(reaction))
+
+
+def _standard(spaces: Spaces) -> bool:
+    element = spaces.trial.ufl_element()
+    cell = spaces.mesh.topology.cell_name()
+    quadratic = quadratic_element(cell, tuple(element.reference_value_shape))
+    return spaces.test is spaces.trial and element == quadratic
+
+
+def _scalar(spaces: Spaces) -> Spaces:
+    """The spaces of a component; nodes are numbered alike."""
+    if not spaces.trial.num_sub_spaces:
+        return spaces
+    trial = scalar_space(spaces.trial)
+    return Spaces(trial, trial if spaces.test is spaces.trial else scalar_space(spaces.test))
+
+
+def _at(vector: PETSc.Vec, node: npt.NDArray[np.int64], block: int) -> Array:
+    """Entries (m, block) of nodes (m,) by global numbers, on every process."""
+    first, last = (end // block for end in vector.getOwnershipRange())
+    own = (first <= node) & (node < last)
+    values = np.zeros((len(node), block))
+    values[own] = vector.array_r.reshape(-1, block)[node[own] - first]
+    vector.comm.tompi4py().Allreduce(MPI.IN_PLACE, values)
+    return values

@@ -1,0 +1,37 @@
+"""Linear solvers: factors, Krylov methods and multigrid."""
+
+from pw_elements.solvers.direct import (
+    Direct,
+    FreePressure,
+    LinearSolver,
+    MatrixFree,
+    NotConverged,
+    PreparedSolver,
+    SingularSystem,
+    SolverReport,
+    is_matrix_free,
+)
+from pw_elements.solvers.iterative import (
+    NO_SUPPORTS,
+    Iterative,
+    Krylov,
+    SaddlePoint,
+    Solver,
+    by_chosen,
+    chosen,
+    free_motion,
+)
+from pw_elements.solvers.matrices import (
+    Masked,
+    Projection,
+    Supports,
+    Ties,
+    collect_garbage,
+    connected_pieces,
+    destroy,
+    python_matrix,
+    selection,
+    unbalanced,
+    unblocked,
+)
+from pw_elements.solvers.multigrid import Multigrid

@@ -1,0 +1,363 @@
+"""Linear solvers: what `solve`, `solve_contact`, `vibration_modes` and `buckling` take as `solver`.
+
+A `LinearSolver` is a statement, such as `Direct({"mat_mumps_icntl_14": 50})`; `prepare` binds it
+to one matrix. Any object with these methods is one: nothing asks for its class.
+"""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from time import perf_counter
+from typing import Any, ClassVar, Protocol, TypeGuard
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from pw_elements.checks import collective, of_type, processes
+from pw_elements.checks import matrix as check_matrix
+
+log = logging.getLogger("pw_elements.linear_solver")
+
+# A known solution comes back with a relative error of condition number x round-off: above
+# this, fewer than four digits of any answer would be meant.
+_LOST = 1e-4
+# Corrections of old factors: an iteration per changed row is exact, for the change has that
+# rank; round-off needs some more
+_SPARE = 5
+_CONVERGED = 1e-13
+# Operations of a factorisation are done faster than those of a solve, by about this (measured)
+_FASTER = 6
+
+
+class SingularSystem(RuntimeError):
+    """The system has no unique solution, usually because supports are missing."""
+
+
+class FreePressure(SingularSystem):
+    """The pressure of an incompressible body that is held all around is known up to a constant."""
+
+    def __init__(self, words: str = "") -> None:
+        super().__init__(
+            words
+            or "an incompressible body whose whole boundary is held has a pressure that is known "
+            'up to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
+        )
+
+
+class NotConverged(RuntimeError):
+    """Newton's method, or an iterative linear solver, has not reached its tolerance."""
+
+
+@dataclass(frozen=True)
+class SolverReport:
+    """How a problem was solved, and at what cost.
+
+    Args:
+        method: in words, "LU by mumps" say.
+        factorisations: of matrices.
+        krylov_iterations: by which old factors were corrected, or of an iterative solver.
+    """
+
+    method: str
+    factorisations: int
+    krylov_iterations: int = 0
+
+    def after(self, before: "SolverReport") -> "SolverReport":
+        """Adds what was done before.
+
+        Args:
+            before: what was done before.
+        """
+        return SolverReport(
+            self.method,
+            before.factorisations + self.factorisations,
+            before.krylov_iterations + self.krylov_iterations,
+        )
+
+    def since(self, before: "SolverReport") -> "SolverReport":
+        """What was done after an earlier report of the same solver.
+
+        Args:
+            before: an earlier report.
+        """
+        return SolverReport(
+            self.method,
+            self.factorisations - before.factorisations,
+            self.krylov_iterations - before.krylov_iterations,
+        )
+
+
+class PreparedSolver(Protocol):
+    """A solver of systems with one matrix, whose entries may change between solutions.
+
+    `solve` and contact need `solve`, `solve_changed`, `report`, `orientations` and `release` of
+    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides.
+    """
+
+    ksp: PETSc.KSP
+
+    @property
+    def report(self) -> SolverReport:
+        """What has been done so far."""
+        ...
+
+    @property
+    def orientations(self) -> frozenset[int]:
+        """Signs of the determinants met so far; empty if the solver knows none."""
+        ...
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """Number of negative eigenvalues of a symmetric matrix; None if the solver knows not."""
+        ...
+
+    def set_up(self) -> None:
+        """Makes ready for the matrix as it is now; `ksp` then solves with it.
+
+        Raises:
+            SingularSystem: if there is no unique solution.
+        """
+        ...
+
+    def solve(self, right: PETSc.Vec) -> PETSc.Vec:
+        """Solution (n,) for the matrix as it is now.
+
+        Raises:
+            SingularSystem: if there is no unique one.
+        """
+        ...
+
+    def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
+        """Solution after `rows` rows have changed since `solve`, if that is cheaper; or None."""
+        ...
+
+    def release(self) -> None:
+        """Frees what it holds, on all processes."""
+        ...
+
+
+class LinearSolver(Protocol):
+    """How linear systems are solved."""
+
+    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> PreparedSolver:
+        """Binds the solver to a square matrix (n, n); it factorises when it first has to.
+
+        Args:
+            matrix: square (n, n).
+            symmetric: whether it is.
+        """
+        ...
+
+
+class MatrixFree(Protocol):
+    """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
+
+    Right-hand sides and solutions are zero where displacements are prescribed.
+    """
+
+    matrix_free: ClassVar[bool]  # true
+
+    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False, supports: Any = None) -> Any:  # noqa: ANN401
+        """Binds the solver to a free matrix (n, n) under `Supports`; gives a `PreparedSolver`.
+
+        Args:
+            matrix: square (n, n), free.
+            symmetric: whether it is.
+            supports: of `Reduction.dirichlet`; None where the reduction is another one.
+        """
+        ...
+
+
+def is_matrix_free(solver: object) -> TypeGuard[MatrixFree]:
+    """Whether a solver takes the free matrix and supports, and does without a reduced one."""
+    return bool(getattr(solver, "matrix_free", False))
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Factorisation, LU or, for symmetric matrices, LDL^T; by MUMPS unless options say otherwise.
+
+    Args:
+        options: PETSc options of the solver without prefix and hyphen, such as
+            `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`. PETSc
+            reports unknown ones at the end of the program. Other packages than MUMPS tell neither
+            zero pivots (a singular matrix is recognised all the same) nor the determinant, so that
+            contact does not check uniqueness.
+
+    Raises:
+        TypeError, ValueError: for invalid options.
+    """
+
+    options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        of_type("options", self.options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+        for name, value in self.options.items():
+            if not isinstance(name, str) or not name.strip("- "):
+                raise ValueError(f"option {name!r}: its name has to be a string")
+            kinds = (str, int, float, np.number)
+            of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+
+    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
+        """Binds the solver to a square matrix (n, n).
+
+        Args:
+            matrix: square (n, n).
+            symmetric: whether it is, so that LDL^T will do.
+
+        Raises:
+            TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
+        """
+        with collective(processes(matrix)):
+            check_matrix("the matrix", matrix)
+        try:
+            return Factors(matrix, symmetric, self.options)
+        except PETSc.Error as error:
+            raise _refused(self.options, error) from error
+
+
+class Factors:
+    """Factors of a matrix: made anew where it has changed, corrected where few of its rows have."""
+
+    def __init__(
+        self,
+        matrix: PETSc.Mat,
+        symmetric: bool = False,
+        options: Mapping[str, str | int | float | bool] | None = None,
+    ) -> None:
+        self._matrix, self._options = matrix, options or {}
+        self._orientations: set[int] = set()
+        self._factorisations = self._iterations = 0
+        self._worthwhile = -1.0
+        self.ksp = PETSc.KSP().create(matrix.comm)
+        self.ksp.setOperators(matrix)
+        self.ksp.setType("preonly")
+        self._preconditioner = self.ksp.getPC()
+        if symmetric:
+            matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._preconditioner.setType("cholesky" if symmetric else "lu")
+        self._preconditioner.setFactorSolverType("mumps")
+        if options:
+            set_options(self.ksp, options)
+        self._kind = self.ksp.getType()
+        self._preconditioner.setFactorSetUpSolverType()
+        package = self._preconditioner.getFactorSolverType()
+        self._method = f"{'LDL^T' if symmetric else 'LU'} by {package}"
+        self._mumps = package == "mumps"
+        if self._mumps:
+            factor = self._preconditioner.getFactorMatrix()
+            factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by
+            factor.setMumpsIcntl(33, 1)  # determinant
+
+    @property
+    def report(self) -> SolverReport:
+        """What has been done so far."""
+        return SolverReport(self._method, self._factorisations, self._iterations)
+
+    @property
+    def orientations(self) -> frozenset[int]:
+        """Signs of the determinants of all matrices factorised so far, as far as MUMPS did it."""
+        return frozenset(self._orientations)
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """Number of negative eigenvalues of a symmetric matrix (its inertia), by MUMPS alone."""
+        if not self._mumps:
+            return None
+        return int(self._preconditioner.getFactorMatrix().getInertia()[0])
+
+    def set_up(self) -> None:
+        """Factorises the matrix as it is now, and makes sure that the factors serve.
+
+        Raises:
+            SingularSystem: if a pivot is zero or a known solution does not come back.
+        """
+        self.ksp.setType(self._kind)
+        self._preconditioner.setReusePreconditioner(False)
+        self._worthwhile = -1.0
+        begun, comm = perf_counter(), self._matrix.comm.tompi4py()
+        what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            raise _refused(self._options, error) from error
+        self._factorisations += 1
+        self._check()
+        if comm.rank == 0:
+            log.debug("%s: %.2f s", what, perf_counter() - begun)
+        if self._mumps:
+            factor = self._preconditioner.getFactorMatrix()
+            operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
+            entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
+            self._worthwhile = operations / (4 * entries) / _FASTER
+            self._orientations.add(int(np.sign(factor.getMumpsRinfog(12))))
+
+    def solve(self, right: PETSc.Vec) -> PETSc.Vec:
+        """Solution (n,) with new factors.
+
+        Raises:
+            SingularSystem: if a pivot is zero or a known solution does not come back.
+        """
+        self.set_up()
+        solution = right.duplicate()
+        self.ksp.solve(right, solution)
+        return solution
+
+    def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
+        """Solution by GMRES with the last factors, `rows` rows having changed since.
+
+        None if new factors would cost less, or it takes more iterations than it should.
+        """
+        if rows > self._worthwhile:
+            return None
+        self.ksp.setType("gmres")
+        self.ksp.setGMRESRestart(rows + _SPARE)
+        self.ksp.setTolerances(rtol=_CONVERGED, atol=0.0, max_it=rows + _SPARE)
+        self._preconditioner.setReusePreconditioner(True)
+        solution = right.duplicate()
+        self.ksp.solve(right, solution)
+        self._iterations += self.ksp.getIterationNumber()
+        return solution if self.ksp.getConvergedReason() > 0 else None
+
+    def release(self) -> None:
+        """Frees the factors, on all processes."""
+        self.ksp.destroy()
+
+    def _check(self) -> None:
+        """Raises SingularSystem if MUMPS met zero pivots, or a known solution does not return."""
+        known = self._matrix.createVecRight()
+        first, last = known.getOwnershipRange()
+        known.setArray(np.cos(np.arange(first, last, dtype=float)))  # no rigid motion, nor any mode
+        image, back = self._matrix.createVecLeft(), known.duplicate()
+        self._matrix.mult(known, image)
+        self.ksp.solve(image, back)
+        back.axpy(-1.0, known)
+        error = back.norm() / known.norm()
+        null_pivots = 0
+        if self._mumps:
+            null_pivots = self._preconditioner.getFactorMatrix().getMumpsInfog(28)
+        if null_pivots > 0:
+            raise SingularSystem(f"the system matrix is singular, it has {null_pivots} zero pivots")
+        if not error <= _LOST:
+            raise SingularSystem(
+                "the system matrix is singular or too badly conditioned, a known solution came "
+                f"back with the relative error {error:.1e}"
+            )
+
+
+def _refused(options: Mapping[str, str | int | float | bool], error: PETSc.Error) -> ValueError:
+    said = str(error).strip().splitlines()[-1]
+    return ValueError(f"PETSc cannot factorise with the options {dict(options)}: {said}")
+
+
+def set_options(ksp: PETSc.KSP, options: Mapping[str, str | int | float | bool]) -> None:
+    """Gives options to a solver under a prefix that is the same for the same options."""
+    words = sorted(f"{name} {value}" for name, value in options.items())
+    prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"
+    database = PETSc.Options(prefix)
+    for name, value in options.items():
+        database[name.lstrip("-")] = value
+    ksp.setOptionsPrefix(prefix)
+    ksp.setFromOptions()

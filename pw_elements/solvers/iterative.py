@@ -1,0 +1,586 @@
+"""Krylov's method with two-level p-multigrid.
+
+In space, factors of quadratic elements take memory that grows faster than the power 4/3 of the
+number of unknowns; this method takes a few times that of the matrix, and time in proportion to it.
+
+The preconditioner of the hybrid element is a block triangle. With A the stiffness of
+displacements, B that of volume and S the pressure's mass over its moduli, -(1/(2 mu) + 1/lambda),
+the triangle [A 0; B S] takes the place of the matrix: A by multigrid, S by a Chebyshev polynomial.
+It is linear, so that plain GMRES does. See H. Elman, D. Silvester, A. Wathen, "Finite Elements and
+Fast Iterative Solvers" (2014), 4.2; of mass matrices, A. Wathen, IMA J. Numer. Anal. 7 (1987),
+doi:10.1093/imanum/7.4.449.
+
+Solver "auto" chooses between factors and Krylov's method. Factors serve every body, as long as
+there is memory for them; Krylov's method takes little, and may give up where supports or contact
+hardly hold the body. Then factors go on, if they fit.
+"""
+
+import logging
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+from typing import ClassVar, Literal, TypeAlias, TypeVar
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix, assemble_vector
+
+from pw_elements.solvers.direct import (
+    Direct,
+    FreePressure,
+    LinearSolver,
+    NotConverged,
+    SingularSystem,
+    SolverReport,
+    set_options,
+)
+from pw_elements.solvers.matrices import (
+    Masked,
+    Projection,
+    Supports,
+    connected_pieces,
+    destroy,
+    galerkin_product,
+    python_matrix,
+)
+from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
+from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
+
+Array = npt.NDArray[np.float64]
+
+# Eigenvalues of P1 or Q1 mass matrices over their diagonal, and the polynomial's degree
+_MASS = {
+    "triangle": (0.5, 2.0, 6),
+    "quadrilateral": (0.25, 2.25, 9),
+    "tetrahedron": (0.5, 2.5, 6),
+    "hexahedron": (0.125, 3.375, 12),
+}
+
+Solver: TypeAlias = LinearSolver | Literal["auto"] | None
+
+NO_SUPPORTS = (
+    "Iterative() solves under the supports of Reduction.dirichlet alone: static condensation and "
+    "other reductions, and a pressure that is split, need Direct()"
+)
+
+# Iterations allowed, and vectors kept to be orthogonal to
+_MOST, _KEPT = 1000, 100
+# The true residual over what the method takes it for
+_DRIFT = 10
+_EPSILON = float(np.finfo(float).eps)
+# Stiffness of a rigid motion over that of an arbitrary one: as good as none below
+_FREE = 1e-8
+
+# Bytes of MUMPS' LU factors and work space in space: coefficient and power of the unknowns,
+# fitted to what MUMPS says of blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
+_BYTES, _POWER = 160.0, 1.42
+
+T = TypeVar("T")
+
+log = logging.getLogger("pw_elements")
+
+# Unknowns in space from which on "auto" takes Krylov's method; for modes, which take some 50
+# solutions, it is slower than factors until these take several gigabytes
+_MANY, _MANY_FOR_MODES = 15_000, 200_000
+# Memory that has to be left, over what factors are expected to take, which is a fit
+_ROOM = 2.0
+
+
+class SaddlePoint:
+    """The levels for one matrix of hybrid spaces, in the place of a `Multigrid`.
+
+    Pressures are scaled to lengths, as by `equilibration`.
+
+    Args:
+        K: (n, n), all rows and columns free.
+        supports: of its space.
+
+    Attributes:
+        operator: Pi s K s Pi + (1 - Pi), with the scale s.
+        scaled: s K s.
+        displacements: among the unknowns.
+        elastic: A in blocks, and its supports.
+        levels: of A.
+        inner: preconditioner of A by them, or one that has more to do.
+    """
+
+    def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
+        space, comm = supports.space, K.comm
+        self.displacements, self._p = SubSpace.displacements(space), SubSpace.pressure(space)
+        scale, every = equilibration(space, K), np.ones_like(supports.free)
+        self.operator, self.scaled = (
+            python_matrix(K.getSizes(), Masked(K, Projection(free, 1), scale), comm)
+            for free in (supports.free, every)
+        )
+        u, p = (field.selection() for field in (self.displacements, self._p))
+        columns = u.transpose(PETSc.Mat()), p.transpose(PETSc.Mat())
+        of_equilibrium, of_volume = u.matMult(K), p.matMult(K)
+        plain = of_equilibrium.matMult(columns[0])
+        plain.setBlockSize(space.mesh.geometry.dim)
+        A = plain.convert("baij", PETSc.Mat())
+        destroy(of_equilibrium, plain)
+        self._B = of_volume.matMult(columns[0])
+        own = supports.free[self.displacements.owned.ravel()]
+        self.elastic = A, Supports(self.displacements.space, own)
+        self.levels = Multigrid(*self.elastic)
+        self._free = supports.free[self._p.owned.ravel()].astype(float)
+        scales = self._p.part(scale)
+        S = _mass(self.displacements.space, self._p.space, A, self._B)
+        S.axpy(-1.0, of_volume.matMult(columns[1]), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        S.diagonalScale(scales, scales)
+        self._B.diagonalScale(scales)
+        self._pressure = _chebyshev(S, space.mesh.topology.cell_name())
+        self.inner = PETSc.PC().create(comm)
+        self._given, self._found = A.createVecs()
+        self._pressed, self._rest = S.createVecs()
+
+    def set_up(self, preconditioner: PETSc.PC) -> None:
+        """Makes a preconditioner this one; its options prefix is the multigrid's, too."""
+        self.inner.setOptionsPrefix(preconditioner.getOptionsPrefix())
+        self.inner.setOperators(self.levels.operator)
+        self.levels.set_up(self.inner)
+        self.inner.setFromOptions()
+        preconditioner.setType("python")
+        preconditioner.setPythonContext(self)
+
+    def release(self) -> None:
+        """Frees what Python objects are in, on all processes."""
+        destroy(self.inner, self.operator, self.scaled)
+        self.levels.release()
+
+    def ready(self) -> None:
+        """Makes the multigrid's coarse level.
+
+        Raises:
+            SingularSystem: if a constant pressure acts on no displacement, nor on a volume.
+        """
+        if self.free_pressure(self.operator):
+            raise FreePressure
+        self.levels.ready()
+
+    def free_pressure(self, operator: PETSc.Mat) -> bool:
+        """Whether a constant pressure does nothing under an operator (n, n), or a larger one.
+
+        Its other unknowns come last.
+        """
+        constant, effect = operator.createVecs()
+        pressures = self._p.spread(self._free)
+        constant.array[: len(pressures)] = pressures
+        operator.mult(constant, effect)
+        largest = PETSc.NormType.INFINITY
+        return bool(effect.norm(largest) <= NOTHING * self.elastic[0].norm(largest))
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x."""
+        values = x.array_r
+        self._given.setArray(values[self.displacements.owned.ravel()])
+        self.inner.apply(self._given, self._found)
+        self._B.mult(self._found, self._rest)
+        wanted = values[self._p.owned.ravel()]
+        self._rest.setArray((self._rest.array_r - wanted) * self._free)
+        self._pressure.solve(self._rest, self._pressed)
+        out = self.displacements.spread(self._found.array_r)
+        p = np.where(self._free > 0, self._pressed.array_r, wanted)
+        y.setArray(out + self._p.spread(p))
+
+
+def _mass(
+    displacements: fem.FunctionSpace, pressures: fem.FunctionSpace, A: PETSc.Mat, B: PETSc.Mat
+) -> PETSc.Mat:
+    """Mass matrix of pressures over twice the shear modulus, which A and B tell at vertices.
+
+    A's product with linear functions is the stiffness of linear elements; B's with a unit strain,
+    integrals of the vertices' functions. They have the thickness of plane bodies, and the radius.
+    """
+    mesh = displacements.mesh
+    linear, P = linear_interpolation(displacements)
+    u, v = ufl.TrialFunction(linear), ufl.TestFunction(linear)
+    unit = assemble_matrix(fem.form(2 * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx))
+    unit.assemble()
+    dim = mesh.geometry.dim
+    mine, theirs = (
+        matrix.getDiagonal().array_r.reshape(-1, dim).sum(axis=1)
+        for matrix in (galerkin_product(A, P), unit)
+    )
+    q = ufl.TestFunction(pressures)
+    areas = assemble_vector(fem.form(q * ufl.dx))
+    areas.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+    strained, volumes = B.createVecs()
+    x = displacements.tabulate_dof_coordinates()[: strained.getLocalSize() // dim]
+    strained.array.reshape(-1, dim)[:, -1] = x[:, dim - 1]
+    B.mult(strained, volumes)
+    thickness, modulus = np.abs(volumes.array_r / areas.array_r), np.abs(mine / theirs)
+    weight = fem.Function(pressures)
+    weight.x.array[: len(modulus)] = thickness**2 / (2 * modulus)
+    weight.x.scatter_forward()
+    mass = assemble_matrix(fem.form(weight * ufl.TrialFunction(pressures) * q * ufl.dx))
+    mass.assemble()
+    return mass
+
+
+def _chebyshev(matrix: PETSc.Mat, cell: str) -> PETSc.KSP:
+    """A polynomial for a mass matrix over its diagonal."""
+    least, largest, degree = _MASS[cell]
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOperators(matrix)
+    ksp.setType("chebyshev")
+    ksp.setNormType(PETSc.KSP.NormType.NONE)
+    ksp.setTolerances(max_it=degree)
+    ksp.getPC().setType("jacobi")
+    set_options(ksp, {"ksp_chebyshev_eigenvalues": f"{least},{largest}"})
+    return ksp
+
+
+@dataclass(frozen=True)
+class Iterative:
+    """Right-preconditioned GMRES with two-level p-multigrid, for quadratic elements.
+
+    The coarse level is the stiffness of linear elements, P^T K P, under one cycle of algebraic
+    multigrid that knows the rigid motions; the smoother treats nodes as blocks. It takes some
+    25 iterations for ten digits whatever the size of the mesh, at a Poisson's ratio of 0.3, and
+    several times as many near 1/2; in hybrid spaces some 50 are enough at any ratio. It accepts
+    the supports of `Reduction.dirichlet`, but no condensation, and computes no determinants.
+
+    Args:
+        tolerance: on the residual over the load, both in the Euclidean norm. Contact has its own,
+            relative to the largest nodal contact force.
+        options: PETSc options without prefix and hyphen, such as
+            `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
+            the method and `ksp_max_it` its iterations.
+
+    Raises:
+        ValueError: for a tolerance that is not between 0 and 1.
+    """
+
+    matrix_free: ClassVar[bool] = True
+    tolerance: float = 1e-11
+    options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance < 1:
+            raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
+
+    def prepare(
+        self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
+    ) -> "Krylov":
+        """Binds the method to a free matrix (n, n) under supports.
+
+        Args:
+            matrix: free (n, n).
+            symmetric: whether the pair of an eigenvalue problem is to be taken as symmetric.
+            supports: of `Reduction.dirichlet`.
+
+        Raises:
+            ValueError: without supports, or for a symmetric pair of eigenvalue problems.
+        """
+        if supports is None:
+            raise ValueError(NO_SUPPORTS)
+        if symmetric:
+            raise ValueError(
+                "Iterative() does not count negative pivots, without which a symmetrised pair is "
+                "not known to be positive definite: use Direct()"
+            )
+        return Krylov(matrix, supports, self)
+
+
+class Krylov:
+    """Iterative solutions with one matrix under supports.
+
+    Args:
+        matrix: (n, n), all rows and columns free.
+        supports: of its space.
+        how: tolerance and options.
+
+    Attributes:
+        ksp: PETSc's solver; its matrix is Pi K Pi + (1 - Pi) of all n unknowns.
+        multigrid: its preconditioner.
+        operator: that matrix.
+        elastic: the stiffness of displacements, free, and their supports.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, supports: Supports, how: Iterative) -> None:
+        self._how, self._matrix = how, matrix
+        self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
+        self.multigrid: Multigrid | SaddlePoint
+        if hybrid := is_hybrid(supports.space):
+            self.multigrid = SaddlePoint(matrix, supports)
+            self.elastic = self.multigrid.elastic
+        else:
+            self.multigrid = Multigrid(matrix, supports)
+            self.elastic = matrix, supports
+        self.operator = self.multigrid.operator
+        self.ksp = self._method_for(self.operator)
+        # the levels take over the prefix
+        self.multigrid.set_up(self.ksp.getPC())
+        self.ksp.getPC().setFromOptions()
+        how_inside = " in a block triangle" if hybrid else ""
+        self._method = f"{self.ksp.getType().upper()} with p-multigrid{how_inside}"
+
+    def preconditioned(self, operator: PETSc.Mat, preconditioner: object) -> PETSc.KSP:
+        """The same method with another matrix, and a preconditioner in Python."""
+        ksp = self._method_for(operator)
+        ksp.getPC().setType("python")
+        ksp.getPC().setPythonContext(preconditioner)
+        return ksp
+
+    def release(self) -> None:
+        """Frees solver and levels, on all processes: see `matrices.destroy`."""
+        destroy(self.ksp, self.operator)
+        self.multigrid.release()
+
+    def _method_for(self, operator: PETSc.Mat) -> PETSc.KSP:
+        ksp = PETSc.KSP().create(operator.comm)
+        ksp.setOperators(operator)
+        ksp.setType("gmres")
+        ksp.setGMRESRestart(_KEPT)
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        ksp.setTolerances(rtol=self._how.tolerance, atol=0.0, max_it=_MOST)
+        counted = self._counted  # a method would make a cycle that is never freed
+        ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
+        # residuals are judged here, not by an error of PETSc's
+        set_options(ksp, {"ksp_converged_maxits": True} | dict(self._how.options))
+        return ksp
+
+    @property
+    def report(self) -> SolverReport:
+        """What has been done so far."""
+        return SolverReport(self._method, 0, sum(self._counted))
+
+    @property
+    def orientations(self) -> frozenset[int]:
+        """None: determinants are not known."""
+        return frozenset()
+
+    @property
+    def negative_pivots(self) -> None:
+        """None: GMRES knows no pivots."""
+        return
+
+    def set_up(self) -> None:
+        """Refuses a body that supports do not hold.
+
+        Raises:
+            SingularSystem: if a rigid motion is free.
+        """
+        if free_motion(*self.elastic):
+            raise SingularSystem("the system matrix is singular")
+        self.multigrid.ready()
+
+    def solve(self, right: PETSc.Vec) -> PETSc.Vec:
+        """Solution (n,); the right-hand side is zero where values are prescribed.
+
+        Raises:
+            SingularSystem: if a rigid motion is free.
+            NotConverged: if the residual does not become small.
+        """
+        self.set_up()
+        solution, step = right.duplicate(), right.duplicate()
+        rest, size = right.copy(), right.norm()
+        # Rounding makes the residual that GMRES updates drift from the true one
+        for _ in range(2):
+            self.ksp.solve(rest, step)
+            solution.axpy(1.0, step)
+            self.operator.mult(solution, rest)
+            rest.aypx(-1.0, right)
+            left = rest.norm()
+            if left <= self._how.tolerance * size:
+                break
+        if not left <= _DRIFT * self._how.tolerance * size + self.round_off(solution.norm()):
+            raise self.not_converged(left / size)
+        return solution
+
+    def round_off(self, size: float) -> float:
+        """Residual that may be nothing but round-off, of a solution with the norm `size`."""
+        stiffness = self.elastic[0].norm(PETSc.NormType.INFINITY)
+        return float(_DRIFT * _EPSILON * stiffness * size)
+
+    def not_converged(self, left: float) -> NotConverged:
+        """What is to be raised where the relative residual `left` remains."""
+        dofs = self._matrix.getSize()[0]
+        return NotConverged(
+            f"{self.report.method} left the relative residual {left:.1e} after "
+            f"{self.ksp.getIterationNumber()} iterations: Poisson's ratio near 1/2, flat cells or "
+            "supports that hardly hold make it slow; use Direct() "
+            f"(some {memory_of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
+        )
+
+    def solve_changed(self, right: PETSc.Vec, rows: int) -> None:  # noqa: ARG002
+        """Nothing: there are no old factors."""
+        return
+
+
+def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
+    """Whether a rigid motion of a connected piece meets neither supports nor stiffness.
+
+    A field that is no displacement has its constants in place of rigid motions.
+    """
+    space = supports.space
+    comm: MPI.Comm = space.mesh.comm
+    owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
+    dim = space.mesh.geometry.dim
+    piece, count = connected_pieces(space)
+    piece = piece[:owned]
+    x = space.tabulate_dof_coordinates()[:owned, :dim]
+    sums = np.zeros((count, dim + 2))
+    np.add.at(sums, piece, np.column_stack([x, np.sum(x**2, axis=1), np.ones(owned)]))
+    comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+    centre, square = sums[:, :dim] / sums[:, -1:], sums[:, dim] / sums[:, -1]
+    radius = np.sqrt(np.maximum(square - np.sum(centre**2, axis=1), 0.0))
+    s = (x - centre[piece]) / radius[piece][:, None]
+    planes = list(combinations(range(dim), 2)) if block == dim else []
+    modes = np.zeros((owned, block, block + len(planes)))
+    modes[:, :, :block] = np.eye(block)
+    for k, (i, j) in enumerate(planes):
+        modes[:, i, block + k], modes[:, j, block + k] = -s[:, j], s[:, i]
+    size = K.getDiagonal().norm(PETSc.NormType.INFINITY)
+    held = ~supports.free.reshape(owned, block)
+    forces = np.empty_like(modes)
+    motion, image = K.createVecs()
+    for k in range(modes.shape[2]):
+        motion.setArray(np.where(held, 0.0, modes[:, :, k]).ravel())
+        K.mult(motion, image)
+        forces[:, :, k] = image.array_r.reshape(owned, block) / size
+    rows = np.where(held[:, :, None], modes, forces)
+    order = np.argsort(piece, kind="stable")
+    ends = np.cumsum(np.bincount(piece, minlength=count))[:-1]
+    width = modes.shape[2]
+    triangles = []
+    for part in np.split(rows[order], ends):
+        own = np.linalg.qr(part.reshape(-1, width), mode="r")
+        triangles.append(np.vstack([own, np.zeros((width - len(own), width))]))
+    every = np.concatenate(comm.allgather(np.array(triangles)), axis=1)
+    least = np.linalg.svd(every, compute_uv=False)[:, -1]
+    return bool(np.any(least < _FREE * np.sqrt(width)))
+
+
+def memory_of_factors(dofs: int) -> float:
+    """Bytes that LU factors in space take, by a fit: within a factor of two."""
+    return float(_BYTES * dofs**_POWER)
+
+
+def free_memory(comm: MPI.Comm) -> float:
+    """Bytes that the machines of all processes have left, the same on all of them."""
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    # one process of each machine speaks for it; limits of single processes' groups count there
+    own = machine.allreduce(_free_here(), MPI.MIN)
+    total = comm.allreduce(own if machine.rank == 0 else 0.0, MPI.SUM)
+    machine.Free()
+    return float(total)
+
+
+def _free_here() -> float:
+    """Bytes left on this machine, to a container or job of a limited memory."""
+    try:
+        told = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+        left = 1024.0 * int(told["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):  # no Linux
+        left = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    try:
+        group = Path("/proc/self/cgroup").read_text().rpartition("0::/")[2].strip()
+        limits = Path("/sys/fs/cgroup") / group
+        most, taken = ((limits / f"memory.{name}").read_text() for name in ("max", "current"))
+        return min(left, float(most) - float(taken))
+    except (OSError, ValueError):  # none, or "max"
+        return left
+
+
+def chosen(
+    solver: Solver, supports: Supports | None, needs_factors: str = "", modes: bool = False
+) -> LinearSolver:
+    """The solver that is meant: factors in the plane and of small bodies by "auto", or None.
+
+    Args:
+        solver: as the user gives it.
+        supports: of the problem; None where its reduction is more than supports.
+        needs_factors: why only factors will do, if so.
+        modes: whether eigenvalues are looked for.
+
+    Raises:
+        ValueError: for another word.
+    """
+    if solver is not None and not isinstance(solver, str):
+        return solver
+    if solver not in (None, "auto"):
+        raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
+    if supports is None:
+        return Direct()
+    mesh, dofs = supports.space.mesh, _unknowns(supports)
+    if mesh.geometry.dim < 3 or dofs < (_MANY_FOR_MODES if modes else _MANY):
+        return Direct()
+    taken: LinearSolver = Direct() if needs_factors else Iterative()
+    if mesh.comm.rank == 0:
+        log.info(
+            "auto: %s for %d unknowns in space%s; factors take some %.2g GB",
+            type(taken).__name__,
+            dofs,
+            f" ({needs_factors})" if needs_factors else "",
+            memory_of_factors(dofs) / 1e9,
+        )
+    return taken
+
+
+def by_chosen(
+    taken: LinearSolver,
+    solver: Solver,
+    supports: Supports | None,
+    compute: Callable[[LinearSolver], T],
+) -> T:
+    """What a computation gives with the solver that was `chosen`, or with `factors_instead`.
+
+    Args:
+        taken: that solver.
+        solver: as the user gives it.
+        supports: of the problem.
+        compute: of a solver.
+
+    Raises:
+        NotConverged: as `factors_instead` says.
+    """
+    try:
+        return compute(taken)
+    except NotConverged as failure:
+        instead = factors_instead(solver, supports, failure)
+    return compute(instead)  # whatever the first attempt took has been freed
+
+
+def factors_instead(solver: Solver, supports: Supports | None, failure: NotConverged) -> Direct:
+    """Factors, where Krylov's method has given up that "auto" had taken.
+
+    Args:
+        solver: as the user gives it.
+        supports: of the problem.
+        failure: of the method.
+
+    Raises:
+        NotConverged: the failure, if the user named the method, or if there is not twice
+            the memory that factors are expected to take.
+    """
+    if supports is None or solver not in (None, "auto"):
+        raise failure
+    comm = supports.space.mesh.comm
+    taken, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
+    if not _ROOM * taken <= left:
+        raise NotConverged(
+            f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
+        ) from failure
+    if comm.rank == 0:
+        log.info(
+            "auto: Iterative gave up, Direct goes on; factors take some %.2g of %.2g GB",
+            taken / 1e9,
+            left / 1e9,
+        )
+    return Direct()
+
+
+def _unknowns(supports: Supports) -> int:
+    """Number of unknowns, prescribed ones among them."""
+    dofmap = supports.space.dofmap
+    return int(dofmap.index_map.size_global * dofmap.index_map_bs)

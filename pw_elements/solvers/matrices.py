@@ -1,0 +1,375 @@
+"""Matrix formats and products that petsc4py has not, connected pieces, and what is held.
+
+What supports or contact hold is taken out of vectors; nothing of K is changed or copied.
+
+Nodes may also move with others where they are held. Where contact closes, a node of one body moves
+as the means O b of the other's nodes around do, in the directions H that are held; forces are
+handed on by the same weights. With W = 1 + H O, which acts on displacements b that vanish in H,
+W^T K W is the stiffness of both bodies in one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from scipy import sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from pw_elements.spaces import Assembled
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Sizes = tuple[int, int]
+
+# Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
+# and the most parts in which it is done, for their sum takes time
+_AT_ONCE, _PARTS = 12_000, 32
+
+
+def is_blocked(matrix: PETSc.Mat) -> bool:
+    """Whether a matrix is stored in blocks of nodes."""
+    return "baij" in matrix.getType()
+
+
+def galerkin_product(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
+    """P^T K P; PETSc has no such product of matrices in blocks: parts of them are converted."""
+    if not is_blocked(K):
+        product = K.ptap(P)
+        made = product.copy()
+        product.destroy()  # which keeps what it was made by
+        return made
+    comm, first, rows = K.comm, K.getOwnershipRange()[0], K.getLocalSize()[0]
+    most = comm.tompi4py().allreduce(rows, MPI.MAX)
+    at_once = _AT_ONCE * max(1, -(-most // (_AT_ONCE * _PARTS)))
+    sets = [
+        PETSc.IS().createStride(last - start, start, 1, comm=comm)
+        for start, last in (K.getOwnershipRangeColumn(), P.getOwnershipRangeColumn())
+    ]
+    total = None
+    for begin in range(0, most, at_once):
+        start, last = min(begin, rows), min(begin + at_once, rows)
+        mine = PETSc.IS().createStride(last - start, first + start, 1, comm=comm)
+        K_part, P_part = (
+            matrix.createSubMatrix(mine, columns)
+            for matrix, columns in zip((K, P), sets, strict=True)
+        )
+        plain = K_part.convert("aij", PETSc.Mat())
+        destroy(K_part)
+        half = plain.matMult(P)
+        some = P_part.transposeMatMult(half)
+        if total is None:
+            total = some.copy()
+            destroy(some)
+        else:
+            add(total, 1.0, some)
+        destroy(plain, half, P_part, mine)
+    destroy(*sets)
+    return total
+
+
+def add(
+    total: PETSc.Mat, factor: float, some: PETSc.Mat, last: bool = True, within: bool = False
+) -> None:
+    """Adds a multiple of a matrix, which is destroyed then if that was its last use.
+
+    Where its entries are `within` those of the sum, the latter keeps its pattern: that is faster.
+    """
+    structure = PETSc.Mat.Structure
+    pattern = structure.SUBSET_NONZERO_PATTERN if within else structure.DIFFERENT_NONZERO_PATTERN
+    total.axpy(factor, some, pattern)
+    if last:
+        destroy(some)
+
+
+def destroy(*things: PETSc.Object) -> None:
+    """Frees what Python alone would not on several processes, see `collect_garbage`.
+
+    What Python objects inside of PETSc's hold is freed by neither, unless those go first by this.
+    """
+    for thing in things:
+        thing.destroy()
+
+
+def collect_garbage(*like: PETSc.Object) -> None:
+    """Frees objects that have gone out of use and live where these do; collective.
+
+    On several processes petsc4py leaves them alone until then: Python may drop them in any order.
+    """
+    for thing in like:
+        PETSc.garbage_cleanup(thing.comm)
+
+
+def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> PETSc.Mat:
+    """Matrix of blocks (nodes, b, b) along its diagonal; `sizes` local and global."""
+    n, b = blocks.shape[:2]
+    first = comm.tompi4py().exscan(n) or 0
+    indptr = b * np.arange(n * b + 1, dtype=PETSc.IntType)
+    columns = np.arange(first * b, (first + n) * b).reshape(n, 1, b).repeat(b, axis=1)
+    csr = (indptr, columns.ravel().astype(PETSc.IntType), blocks.ravel())
+    return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
+
+
+def selection(free: npt.NDArray[np.bool_], rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+    """Columns of the identity that belong to those of the owned rows that are free.
+
+    Those of the others are left out, or else zero.
+    """
+    comm = rows.comm.tompi4py()
+    count = int(free.sum()) if renumbered else len(free)
+    first = comm.scan(count) - count
+    indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
+    columns = np.arange(count) if renumbered else np.flatnonzero(free)
+    return PETSc.Mat().createAIJ(
+        (rows.getSizes(), (count, PETSc.DETERMINE)),
+        csr=(indptr, (first + columns).astype(PETSc.IntType), np.ones(len(columns))),
+        comm=rows.comm,
+    )
+
+
+def python_matrix(
+    sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm
+) -> PETSc.Mat:
+    """Matrix whose products a Python object makes."""
+    matrix = PETSc.Mat().createPython(sizes, context, comm=comm)
+    matrix.setUp()
+    return matrix
+
+
+def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
+    """The matrix, or a copy of one stored in blocks, in the format that products need."""
+    if not is_blocked(matrix):
+        return matrix
+    return Assembled.of(matrix).mark(matrix.convert("aij", PETSc.Mat()))
+
+
+def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
+    """K a - f."""
+    r = f.duplicate()
+    K.mult(a, r)
+    r.axpy(-1.0, f)
+    return r
+
+
+def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
+    """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
+    comm, cells = space.mesh.comm, space.dofmap.list
+    index_map = space.dofmap.index_map
+    local = index_map.size_local + index_map.num_ghosts
+    others = cells[:, 1:]  # a cell's first node links them
+    edges = (np.repeat(cells[:, 0], others.shape[1]), others.ravel())
+    graph = sp.csr_matrix((np.ones(others.size, dtype=np.int8), edges), (local, local))
+    count, part = connected_components(graph, directed=False)
+    first = sum(comm.allgather(count)[: comm.rank])
+    # parts of two processes are one piece if they share a node: the owner's number tells which
+    number = la.vector(index_map, 1)
+    number.array[:] = part + first
+    number.scatter_forward()
+    ghosts = np.arange(index_map.size_local, local)
+    ends = np.stack([part[ghosts] + first, number.array[ghosts].astype(np.int64)])
+    total = comm.allreduce(count, MPI.SUM)
+    links = np.unique(np.concatenate(comm.allgather(ends), axis=1), axis=1)
+    graph = sp.csr_matrix((np.ones(links.shape[1]), links), (total, total))
+    pieces, piece = connected_components(graph, directed=False)
+    return piece[part + first].astype(np.int64), int(pieces)
+
+
+class Ties:
+    """W and its transpose, for some nodes (k) of this process.
+
+    Args:
+        opposite: O, (points block, n), rows of other nodes' weights.
+        nodes: (k,), local.
+        block: unknowns of a node.
+        rows: (k,), local numbers of their rows of O, in blocks; all in turn unless given.
+
+    Attributes:
+        opposite, nodes: as given.
+    """
+
+    def __init__(
+        self, opposite: PETSc.Mat, nodes: Indices, block: int, rows: Indices | None = None
+    ) -> None:
+        self.opposite, self.nodes, self._block = opposite, nodes, block
+        self._rows = np.arange(len(nodes)) if rows is None else rows
+        self._around, self._mean = opposite.createVecs()
+        self._held: Array = np.zeros((len(nodes), block, block))
+
+    def hold(self, held: Array) -> None:
+        """Takes over projectors (k, block, block) onto what is held."""
+        self._held = held
+
+    def follow(self, x: PETSc.Vec) -> None:
+        """W x in place of x (n,)."""
+        x.copy(self._around)
+        self.opposite.mult(self._around, self._mean)
+        mean = self._mean.array_r.reshape(-1, self._block)[self._rows]
+        x.array.reshape(-1, self._block)[self.nodes] += np.einsum("nij,nj->ni", self._held, mean)
+
+    def hand_on(self, y: PETSc.Vec) -> None:
+        """W^T y in place of y (n,)."""
+        force = y.array_r.reshape(-1, self._block)[self.nodes]
+        self._mean.set(0.0)
+        at = self._mean.array.reshape(-1, self._block)
+        at[self._rows] = np.einsum("nji,nj->ni", self._held, force)
+        self.opposite.multTranspose(self._mean, self._around)
+        y.axpy(1.0, self._around)
+
+    def followed(self, rows: Indices, local: int, opposite: PETSc.Mat | None = None) -> PETSc.Mat:
+        """H O, (local block here, n), at local rows (k,) in blocks; O may be another one."""
+        return scattered(self._held, rows, local, self._rows, opposite or self.opposite)
+
+
+def scattered(
+    blocks: Array, rows: Indices, local: int, columns: Indices, factor: PETSc.Mat
+) -> PETSc.Mat:
+    """Blocks (k, b, b) at local rows (k,) of `local` and at columns (k,), times a matrix."""
+    comm: MPI.Comm = factor.comm.tompi4py()
+    k, b = blocks.shape[:2]
+    order = np.argsort(rows)
+    number = np.zeros(local, dtype=PETSc.IntType)
+    number[rows] = 1
+    indptr = np.append(0, np.cumsum(np.repeat(b * number, b))).astype(PETSc.IntType)
+    first = factor.getOwnershipRange()[0]
+    column = first + b * columns[order, None, None] + np.arange(b)
+    column = np.broadcast_to(column, (k, b, b)).ravel().astype(PETSc.IntType)
+    sizes = ((local * b, PETSc.DETERMINE), factor.getSizes()[0])
+    placed = PETSc.Mat().createAIJ(sizes, csr=(indptr, column, blocks[order].ravel()), comm=comm)
+    product = placed.matMult(factor)
+    placed.destroy()
+    return product
+
+
+def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
+    """Local numbers (k,) of the nodes with entries on the diagonal, and their blocks there."""
+    indptr, column, value = matrix.getValuesCSR()
+    row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    column = column - matrix.getOwnershipRange()[0]
+    own = (column // block == row // block) & (column >= 0)
+    row, column, value = row[own], column[own], value[own]
+    nodes, at = np.unique(row // block, return_inverse=True)
+    blocks = np.zeros((len(nodes), block, block))
+    blocks[at, row % block, column % block] = value
+    return nodes.astype(np.int64), blocks
+
+
+@dataclass(frozen=True)
+class Supports:
+    """Which degrees of freedom of a space are free, the others being prescribed.
+
+    Args:
+        space: of the trial functions.
+        free: (owned dofs,).
+    """
+
+    space: fem.FunctionSpace
+    free: npt.NDArray[np.bool_]
+
+
+class Projection:
+    """Takes the held parts out of vectors: whole unknowns, and directions at some nodes."""
+
+    def __init__(self, free: npt.NDArray[np.bool_], block: int) -> None:
+        self._free, self._block = free.reshape(-1, block), block
+        self._prescribed: Indices = np.flatnonzero(~free)
+        none = np.empty(0)
+        self.hold(none.astype(np.int64), none.reshape(0, block, block), none)
+
+    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+        """Holds at local nodes (m,) what the projectors (m, block, block) leave of a vector.
+
+        They get the stiffness `weight` (m,), prescribed unknowns 1.
+        """
+        self._nodes, self._held, self._weight = nodes, held, weight[:, None]
+        self._of_free = held * self._free[nodes][:, None, :]
+
+    def take_out(self, values: Array) -> None:
+        """Leaves what is free of a vector (owned dofs,)."""
+        values[self._prescribed] = 0.0
+        if len(self._nodes):
+            at = values.reshape(-1, self._block)
+            at[self._nodes] -= np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
+
+    def put_back(self, values: Array, given: Array) -> None:
+        """Adds what is held of a given vector, weighted."""
+        values[self._prescribed] += given[self._prescribed]
+        if len(self._nodes):
+            at, to = given.reshape(-1, self._block), values.reshape(-1, self._block)
+            back = np.einsum("nij,nj->ni", self._of_free, at[self._nodes])
+            to[self._nodes] += self._weight * back
+
+    def blocks(self, others: Sequence[int] | Indices = ()) -> tuple[Indices, Array, Array]:
+        """Nodes with anything held, projectors (k, block, block) onto what is free, and the rest.
+
+        The latter is weighted; `others` are nodes that are wanted, too.
+        """
+        held = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
+        some = np.union1d(held, np.asarray(others, dtype=np.int64))
+        blocks = np.eye(self._block) * self._free[some][:, None, :]
+        rest = np.eye(self._block) - blocks
+        at = np.searchsorted(some, self._nodes)
+        blocks[at] -= self._held
+        rest[at] += self._weight[:, :, None] * self._held
+        return some, blocks, rest
+
+    def all_blocks(self) -> Array:
+        """The projectors (nodes, block, block) onto what is free."""
+        return self.blocks_at(np.arange(len(self._free)))
+
+    def blocks_at(self, some: Indices) -> Array:
+        """The same at some nodes (k,), in ascending order."""
+        every = np.tile(np.eye(self._block), (len(some), 1, 1))
+        nodes, free, _ = self.blocks()
+        mine = np.isin(nodes, some)
+        every[np.searchsorted(some, nodes[mine])] = free[mine]
+        return every
+
+
+class Masked:
+    """Pi s W^T K W s Pi + (1 - Pi), for `PETSc.Mat.createPython`.
+
+    W is one without ties, and so are the scales s where none are given.
+    """
+
+    def __init__(
+        self, K: PETSc.Mat, projection: Projection, scale: PETSc.Vec | None = None
+    ) -> None:
+        self._K, self._projection, self._scale = K, projection, scale
+        self.ties: Ties | None = None
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x."""
+        self._K.mult(self._kept(x), y)
+        self._finish(x, y)
+
+    def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x under the transposed matrix."""
+        self._K.multTranspose(self._kept(x), y)
+        self._finish(x, y)
+
+    def _kept(self, x: PETSc.Vec) -> PETSc.Vec:
+        kept = self._work
+        x.copy(kept)
+        self._projection.take_out(kept.array)
+        if self._scale is not None:
+            kept.array *= self._scale.array_r
+        if self.ties:
+            self.ties.follow(kept)
+        return kept
+
+    def _finish(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        if self.ties:
+            self.ties.hand_on(y)
+        self._projection.take_out(y.array)
+        if self._scale is not None:
+            y.array *= self._scale.array_r
+        self._projection.put_back(y.array, x.array_r)
+
+    @cached_property
+    def _work(self) -> PETSc.Vec:
+        return self._K.createVecRight()  # contact hardly needs it

@@ -1,0 +1,502 @@
+"""Two-level p-multigrid: quadratic functions on the fine level, linear ones on the coarse.
+
+With P the interpolation of vertex values to all nodes, P^T K P is the stiffness of linear
+elements, for standard and new elements alike. Nothing of K is copied or changed by supports:
+what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi), or moves
+with other nodes, see `Ties`.
+"""
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from pw_elements.solvers.matrices import (
+    Masked,
+    Projection,
+    Supports,
+    Ties,
+    add,
+    block_diagonal,
+    collect_garbage,
+    destroy,
+    diagonal_blocks,
+    galerkin_product,
+    is_blocked,
+    python_matrix,
+)
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+# Part of the held nodes whose change is worth a new coarse level, and new aggregates below it
+_RENEWED, _AGGREGATED = 0.1, 0.5
+# Change of a projector that counts: open to closed is one
+_TURNED = 0.3
+
+
+def linear_space(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices]:
+    """Linear functions on a space's mesh, and the local node of the space at each owned vertex."""
+    mesh = space.mesh
+    shape = space.ufl_element().reference_value_shape
+    linear = fem.functionspace(mesh, ("Lagrange", 1, tuple(shape)))
+    corner = [dofs[0] for dofs in space.element.basix_element.entity_dofs[0]]
+    owned = linear.dofmap.index_map.size_local
+    node = np.empty(owned + linear.dofmap.index_map.num_ghosts, dtype=np.int64)
+    node[linear.dofmap.list] = space.dofmap.list[:, corner]
+    return linear, node[:owned]
+
+
+def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, PETSc.Mat]:
+    """Linear functions on a space's mesh, and the matrix of their values at its nodes."""
+    linear, _ = linear_space(space)
+    sizes = (
+        each.dofmap.index_map.size_local * each.dofmap.index_map_bs for each in (space, linear)
+    )
+    return linear, interpolation_matrix(linear, space, *(np.ones(n, dtype=bool) for n in sizes))
+
+
+def interpolation_matrix(
+    linear: fem.FunctionSpace,
+    space: fem.FunctionSpace,
+    free: npt.NDArray[np.bool_],
+    at_vertices: npt.NDArray[np.bool_],
+) -> PETSc.Mat:
+    """Values at free nodes from those at free vertices; DOLFINx's has a cell's zeros, too."""
+    element, corners = space.element.basix_element, linear.element.basix_element
+    values = corners.tabulate(0, np.asarray(element.points))[0, :, :, 0]
+    weights: Array = np.round(np.asarray(element.interpolation_matrix) @ values, 12)
+    cells, block = space.dofmap.list, space.dofmap.index_map_bs
+    owned = space.dofmap.index_map.size_local
+    index_map = linear.dofmap.index_map
+    entry = np.empty(owned + space.dofmap.index_map.num_ghosts, dtype=np.int64)
+    entry[cells] = np.arange(cells.size).reshape(cells.shape)
+    cell, place = np.divmod(entry[:owned], cells.shape[1])
+    vertices = linear.dofmap.list[cell]
+    columns = index_map.local_to_global(vertices.ravel()).reshape(vertices.shape)
+    columns = columns.astype(PETSc.IntType)
+    order = np.argsort(columns, axis=1)
+    columns = np.take_along_axis(columns, order, axis=1)
+    weight = np.take_along_axis(weights[place], order, axis=1)
+    shape = (owned, block, columns.shape[1])
+    some = np.broadcast_to((weight != 0)[:, None], shape)
+    components = np.arange(block, dtype=PETSc.IntType)[:, None]
+    indices = (columns[:, None] * block + components)[some]
+    data = np.broadcast_to(weight[:, None], shape)[some]
+    indptr = np.zeros(owned * block + 1, dtype=PETSc.IntType)
+    np.cumsum(some.sum(axis=2).ravel(), out=indptr[1:])
+    sizes = tuple(
+        (m.size_local * block, m.size_global * block) for m in (space.dofmap.index_map, index_map)
+    )
+    P = PETSc.Mat().createAIJ(sizes, csr=(indptr, indices, data), comm=space.mesh.comm)
+    coarse, fine = P.createVecs()
+    fine.setArray(free.astype(float))
+    coarse.setArray(at_vertices.astype(float))
+    P.diagonalScale(fine, coarse)
+    return P
+
+
+def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
+    """Rigid motions; None for fields that are no displacements, of which constants are known."""
+    block, dim = linear.dofmap.index_map_bs, linear.mesh.geometry.dim
+    if block != dim or dim == 1:
+        return None
+    index_map = linear.dofmap.index_map
+    sizes = (index_map.size_local * block, index_map.size_global * block)
+    places = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear.mesh.comm)
+    places.setArray(linear.tabulate_dof_coordinates()[: index_map.size_local, :dim].ravel())
+    return PETSc.NullSpace().createRigidBody(places)
+
+
+class LinearLevel:
+    """Linear functions, and what they make of K under what is held on both levels.
+
+    The matrix is P^T Pi K Pi P between the vertices' projections, with multiples of one where
+    these hold. It is made once; then only the part near nodes that are held at times is exchanged.
+
+    Args:
+        K: (n, n), all rows and columns free.
+        supports: of its space.
+        fine: what is held at all nodes.
+
+    Attributes:
+        interpolation: from vertices to nodes, without what is held on either side.
+    """
+
+    def __init__(self, K: PETSc.Mat, supports: Supports, fine: Projection) -> None:
+        space = supports.space
+        self._K, self._fine, self._space = K, fine, space
+        self._block = space.dofmap.index_map_bs
+        linear, self._vertex_node = linear_space(space)
+        free = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
+        self._held = Projection(free, self._block)
+        self._P = interpolation_matrix(linear, space, supports.free, free)
+        self._near_null = near_null_space(linear)
+        self._moved = _Interpolation(self._P, fine, self._held)
+        self.interpolation = python_matrix(self._P.getSizes(), self._moved, K.comm)
+        self._ties: Ties | None = None
+        self._tied: PETSc.Mat | None = None
+        self._near: _Near | None = None
+        self._matrix: PETSc.Mat | None = None
+        self._exchanged: PETSc.Mat | None = None  # the part of it that is
+
+    def tie(self, ties: Ties) -> None:
+        """Has what is held of nodes follow others from now on, see `Multigrid.tie`."""
+        vertex, at = self._vertices_of(ties.nodes)
+        self._ties = ties
+        self._moved.ties = Ties(ties.opposite.matMult(self._P), vertex, self._block, at)
+
+    def watch(self, nodes: Indices) -> None:
+        """Says which local nodes are held at times."""
+        if self._near is None:
+            self._near = _Near.of(self._K, self._P, self._space, nodes)
+            self._matrix = None
+
+    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+        """Holds at the vertices what is held at local nodes (m,), always the same ones."""
+        vertex, at = self._vertices_of(nodes)
+        self._held.hold(vertex, held[at], weight[at])
+        if self._moved.ties:
+            self._moved.ties.hold(held[at])
+
+    def carried(self) -> tuple[Indices, Array]:
+        """Nodes (k,) that others follow, and the blocks (k, block, block) of K they so get."""
+        ties, near = self._ties, self._near
+        if ties is None:
+            return np.empty(0, dtype=np.int64), np.empty((0, self._block, self._block))
+        assert near is not None, "what is held at times is known before"
+        if self._tied is None:
+            first = near.K.getOwnershipRange()[0] // self._block
+            rows = first + np.searchsorted(near.nodes, np.sort(ties.nodes))
+            numbers = rows.astype(PETSc.IntType)
+            held = PETSc.IS().createBlock(self._block, numbers, comm=self._K.comm)
+            self._tied = near.K.createSubMatrix(held, held)
+        order = np.argsort(np.argsort(ties.nodes))
+        followed = ties.followed(order, len(order))
+        carried = self._tied.ptap(followed)
+        found = diagonal_blocks(carried, self._block)
+        destroy(carried, followed)
+        return found
+
+    def _vertices_of(self, nodes: Indices) -> tuple[Indices, Indices]:
+        """Local vertices (k,) among local nodes (m,), and which of the nodes they are."""
+        vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
+        order = np.argsort(nodes)
+        return vertex, order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+
+    @property
+    def keeps_pattern(self) -> bool:
+        """Whether `matrix` has the same entries again, whatever is held."""
+        return self._ties is None
+
+    def matrix(self) -> PETSc.Mat:
+        """The matrix under what is held now, always the same object."""
+        near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
+        again = self._matrix is not None and self.keeps_pattern
+        if self._matrix is None:
+            self._matrix = galerkin_product(self._K, self._P)
+            self._exchanged = galerkin_product(near.K, near.P) if near else None
+        if self._exchanged is not None:
+            add(self._matrix, -1.0, self._exchanged, within=again)
+        free = self._held.all_blocks()
+        part = None
+        if near is not None:
+            P = self._moved_near(near, free)
+            part = galerkin_product(near.K, P)
+            destroy(P)
+            add(self._matrix, 1.0, part, last=False, within=again)
+        size = self._matrix.getDiagonal().sum() / columns[1]
+        rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
+        add(self._matrix, 1.0, rest, last=False, within=again)
+        if part is None:
+            part = rest
+        else:
+            add(part, 1.0, rest)
+        self._exchanged = part
+        self._matrix.setBlockSize(self._block)
+        if self._near_null is not None:
+            self._matrix.setNearNullSpace(self._near_null)
+        return self._matrix
+
+    def _moved_near(self, near: "_Near", coarse: Array) -> PETSc.Mat:
+        """What linear functions, (vertices, block, block) of which are free, move near contact."""
+        columns, comm = self._P.getSizes()[1], self._K.comm
+        left = block_diagonal(self._fine.blocks_at(near.nodes), near.P.getSizes()[0], comm)
+        right = block_diagonal(coarse, columns, comm)
+        at_nodes, at_vertices = self._ties, self._moved.ties
+        if at_vertices is not None:
+            followed = at_vertices.followed(at_vertices.nodes, len(coarse))
+            add(right, 1.0, followed.matMult(right))
+            destroy(followed)
+        half = left.matMult(near.P)
+        P = half.matMult(right)
+        if at_nodes is not None and at_vertices is not None:
+            rows = np.searchsorted(near.nodes, at_nodes.nodes)
+            followed = at_nodes.followed(rows, len(near.nodes), at_vertices.opposite)
+            add(P, 1.0, followed.matMult(right))
+            destroy(followed)
+        destroy(left, right, half)
+        return P
+
+
+class _Interpolation:
+    """Pi P Pi_c, for `PETSc.Mat.createPython`."""
+
+    def __init__(self, P: PETSc.Mat, fine: Projection, coarse: Projection) -> None:
+        self._P, self._fine, self._coarse = P, fine, coarse
+        self._on_coarse, self._on_fine = P.createVecs()
+        self.ties: Ties | None = None
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Values y at all nodes from x at vertices."""
+        x.copy(self._on_coarse)
+        self._coarse.take_out(self._on_coarse.array)
+        if self.ties:
+            self.ties.follow(self._on_coarse)
+        self._P.mult(self._on_coarse, y)
+        self._fine.take_out(y.array)
+
+    def multAdd(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec, z: PETSc.Vec) -> None:
+        """The same, added to y."""
+        self.mult(_, x, self._on_fine)
+        z.array[:] = y.array_r + self._on_fine.array_r
+
+    def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Forces y at vertices from x at all nodes."""
+        x.copy(self._on_fine)
+        self._fine.take_out(self._on_fine.array)
+        self._P.multTranspose(self._on_fine, y)
+        if self.ties:
+            self.ties.hand_on(y)
+        self._coarse.take_out(y.array)
+
+
+@dataclass(frozen=True)
+class _Near:
+    """The part of K at nodes whose interpolation may be held, and at those that they couple to.
+
+    Args:
+        nodes: (k,), local, ascending.
+        K: (k block, k block).
+        P: rows of the interpolation.
+    """
+
+    nodes: Indices
+    K: PETSc.Mat
+    P: PETSc.Mat
+
+    @classmethod
+    def of(cls, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> "_Near":
+        """Around the local nodes that are held at times."""
+        index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+        owned = index_map.size_local
+        fine, coarse = P.createVecLeft(), P.createVecRight()
+        fine.array.reshape(-1, block)[held] = 1.0
+        P.multTranspose(fine, coarse)
+        P.mult(coarse, fine)  # all nodes that see a vertex which a held node sees
+        touched = la.vector(index_map, 1)
+        touched.array[:] = 0.0
+        touched.array[:owned] = fine.array_r.reshape(-1, block).max(axis=1) > 0
+        touched.array[held] = 1.0
+        touched.scatter_forward()
+        topology = space.mesh.topology
+        cells = space.dofmap.list[: topology.index_map(topology.dim).size_local]
+        around = cells[(touched.array[cells] > 0).any(axis=1)]
+        touched.array[:] = 0.0
+        touched.array[around] = 1.0
+        touched.scatter_reverse(la.InsertMode.add)
+        nodes = np.flatnonzero(touched.array[:owned]).astype(np.int64)
+        numbers = (nodes + index_map.local_range[0]).astype(PETSc.IntType)
+        rows = PETSc.IS().createBlock(block, numbers, comm=K.comm)
+        start, last = P.getOwnershipRangeColumn()
+        columns = PETSc.IS().createStride(last - start, start, 1, comm=K.comm)
+        part = K.createSubMatrix(rows, rows)
+        near = part
+        if is_blocked(part):
+            near = part.convert("aij", PETSc.Mat())
+            destroy(part)
+        made = cls(nodes, near, P.createSubMatrix(rows, columns))
+        destroy(fine, coarse, rows, columns)
+        return made
+
+
+class _NodeBlocks:
+    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python.
+
+    Raises:
+        ValueError: if a node has no stiffness.
+    """
+
+    def __init__(self, K: PETSc.Mat, block: int) -> None:
+        self._K, self._block = K, block
+        finite = bool(np.isfinite(self._inverse()).all())
+        if not K.comm.tompi4py().allreduce(finite, MPI.LAND):
+            raise ValueError("a node has no stiffness")
+        self._every = PETSc.PC().create(K.comm)
+        self._every.setOperators(K)
+        self._every.setType("pbjacobi")
+        self._every.setUp()
+        self._nodes: Indices = np.empty(0, dtype=np.int64)
+        self._other: Array = np.empty((0, block, block))
+
+    def update(self, projection: Projection, nodes: Indices, carried: Array) -> None:
+        """Takes over what is held; only those nodes differ, and those (k,) that others follow.
+
+        The latter carry blocks (k, block, block) of the others.
+        """
+        self._nodes, free, rest = projection.blocks(nodes)
+        own = np.linalg.inv(self._inverse()[self._nodes])
+        own[np.searchsorted(self._nodes, nodes)] += carried
+        self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Image y of x."""
+        self._every.apply(x, y)
+        given = x.array_r.reshape(-1, self._block)[self._nodes]
+        image = np.einsum("nij,nj->ni", self._other, given)
+        y.array.reshape(-1, self._block)[self._nodes] = image
+
+    def _inverse(self) -> Array:
+        """Inverse blocks (nodes, block, block) of K, which PETSc keeps: not to be changed."""
+        inverse: Array = self._K.invertBlockDiagonal()
+        return inverse.reshape(-1, self._block, self._block)
+
+
+class Multigrid:
+    """The levels for one matrix, and PETSc's preconditioner that runs through them.
+
+    Smoother: Chebyshev polynomial of degree 2 with the inverse blocks of nodes. On the coarse
+    level one cycle of algebraic multigrid that knows the rigid motions.
+
+    The blocks are those of Pi K Pi + (1 - Pi), but what is smoothed, and whose residual goes to
+    the coarse level, is the operator that is solved: that matrix of a linear problem, E K + C of
+    contact. With the former alone, contact takes four tenths more iterations.
+
+    Args:
+        K: (n, n), all rows and columns free.
+        supports: of its space.
+
+    Attributes:
+        operator: Pi W^T K W Pi + (1 - Pi); W is one unless `tie` says more.
+        blocked: K in blocks, with which it multiplies.
+
+    Raises:
+        ValueError: if a node has no stiffness.
+    """
+
+    def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
+        self._block = supports.space.dofmap.index_map_bs
+        # twice as fast
+        copied = self._block > 1 and not is_blocked(K)
+        self.blocked = K.convert("baij", PETSc.Mat()) if copied else K
+        self._projection = Projection(supports.free, self._block)
+        self._masked = Masked(self.blocked, self._projection)
+        self.operator = python_matrix(K.getSizes(), self._masked, K.comm)
+        self._smoother = _NodeBlocks(self.blocked, self._block)
+        self._linear = LinearLevel(K, supports, self._projection)
+        self._smoother.update(self._projection, *self._linear.carried())
+        self._held_before: Array | None = None  # when the coarse level was made
+        self._aggregated: Array | None = None  # and when aggregates below it were
+        self._coarse: PETSc.Mat | None = None
+        self._preconditioner: PETSc.PC | None = None
+        self._estimated = False
+
+    @property
+    def coarse(self) -> PETSc.Mat:
+        """Linear elements' matrix under what is held, as it was last made."""
+        if self._coarse is None:
+            self._coarse = self._linear.matrix()
+        return self._coarse
+
+    def ready(self) -> None:
+        """Gives the coarse level to the preconditioner."""
+        if self._preconditioner is None:
+            return
+        self._preconditioner.getMGCoarseSolve().setOperators(self.coarse)
+        if not self._estimated:
+            self._preconditioner.setUp()
+            # it would keep the vectors with which it has estimated eigenvalues
+            smoother = self._preconditioner.getMGSmoother(1)
+            operators = smoother.getOperators()
+            smoother.reset()
+            smoother.setOperators(*operators)
+            self._estimated = True
+
+    def set_up(self, preconditioner: PETSc.PC) -> None:
+        """Makes a preconditioner one of these levels; its options prefix has been set."""
+        preconditioner.setType("mg")
+        preconditioner.setUseAmat(True)
+        preconditioner.setMGLevels(2)
+        preconditioner.setMGInterpolation(1, self._linear.interpolation)
+        smoother = preconditioner.getMGSmoother(1)
+        smoother.setType("chebyshev")
+        smoother.setTolerances(max_it=2)
+        smoother.getPC().setType("python")
+        smoother.getPC().setPythonContext(self._smoother)
+        coarse = preconditioner.getMGCoarseSolve()
+        coarse.setType("preonly")
+        coarse.getPC().setType("gamg")
+        self._preconditioner = preconditioner
+
+    def tie(self, nodes: Indices, opposite: PETSc.Mat) -> Ties:
+        """Has what is held of local nodes (m,) follow others from now on, by (m block, n) weights.
+
+        A body that nothing else holds is then held by the other one.
+        """
+        self._masked.ties = Ties(opposite, nodes, self._block)
+        self._linear.tie(self._masked.ties)
+        return self._masked.ties
+
+    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+        """Holds directions at local nodes (m,), always the same ones, besides the supports.
+
+        The coarse level is made anew where it would differ at more than some of them.
+
+        Args:
+            nodes: (m,).
+            held: projectors (m, dim, dim) onto what is held, zero for what is free.
+            weight: (m,), stiffness of what is held.
+        """
+        self._projection.hold(nodes, held, weight)
+        if self._masked.ties:
+            self._masked.ties.hold(held)
+        first = self._held_before is None
+        if self._held_before is None or self._aggregated is None:
+            self._held_before = self._aggregated = np.zeros_like(held)
+        some = np.abs(held).max(axis=(1, 2), initial=0.0) > 0
+        since, other = (
+            np.abs(held - before).max(axis=(1, 2), initial=0.0) > _TURNED
+            for before in (self._aggregated, self._held_before)
+        )
+        counts = np.array([some.sum(), other.sum(), since.sum()])
+        self.blocked.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
+        self._linear.watch(nodes)
+        self._smoother.update(self._projection, *self._linear.carried())
+        if first or counts[1] > _RENEWED * counts[0]:
+            self._held_before = held
+            self._linear.hold(nodes, held, weight)
+            anew = first or counts[2] > _AGGREGATED * counts[0] or not self._linear.keeps_pattern
+            if anew:
+                self._aggregated = held
+            self._forget(hierarchy=anew)
+        self.ready()
+
+    def release(self) -> None:
+        """Frees what PETSc's objects hold of Python's, on all processes."""
+        if self._preconditioner is not None:
+            destroy(self._preconditioner)
+        destroy(self.operator, self._linear.interpolation)
+
+    def _forget(self, hierarchy: bool) -> None:
+        """Has the coarse level made anew.
+
+        The hierarchy below it is forgotten, too, or keeps its aggregates, which is cheaper.
+        """
+        if hierarchy and self._coarse is not None and self._preconditioner is not None:
+            self._preconditioner.getMGCoarseSolve().reset()
+        self._coarse = None
+        collect_garbage(self.blocked)

@@ -1,0 +1,45 @@
+"""Elements, spaces, parts of bodies, quadrature and assembly."""
+
+from pw_elements.spaces.assembly import (
+    Assembled,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    compiled_form,
+)
+from pw_elements.spaces.elements import (
+    PAPER_NODES,
+    composite_element,
+    macro_element,
+    one_cut_element,
+    quadratic_element,
+    serendipity_element,
+)
+from pw_elements.spaces.hybrid import (
+    NOTHING,
+    SubSpace,
+    equilibration,
+    fields_of,
+    is_hybrid,
+    is_split,
+    positions,
+    tied,
+)
+from pw_elements.spaces.parts import (
+    Marker,
+    Part,
+    by_cell_tag,
+    exterior_facets,
+    marked,
+    nodes_of,
+    numbered,
+)
+from pw_elements.spaces.quadrature import cell_measure, with_cell_rules, with_degrees
+from pw_elements.spaces.spaces import (
+    NumberingError,
+    Spaces,
+    as_function,
+    scalar_space,
+    split,
+    test_space,
+)

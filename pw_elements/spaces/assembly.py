@@ -1,0 +1,148 @@
+"""Free assembly of forms, with the rules that their functions need."""
+
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
+from dolfinx.fem.petsc import assemble_vector as _assemble_vector
+from dolfinx.fem.petsc import create_matrix
+
+from pw_elements.checks import arguments
+from pw_elements.progress import doing
+from pw_elements.spaces.quadrature import with_cell_rules
+
+T = TypeVar("T", PETSc.Mat, PETSc.Vec)
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """What a matrix (n, n) or vector (n,) was made of, so that what does not go together is told.
+
+    Args:
+        form: compiled; None of what was made by hand.
+        sibling: the symmetric sibling that transformed it; None of what was assembled plainly.
+    """
+
+    form: fem.Form | None = None
+    sibling: Any = None
+
+    @classmethod
+    def of(cls, thing: PETSc.Mat | PETSc.Vec) -> "Assembled":
+        """What is known of a matrix or vector: nothing if it was made by hand."""
+        return thing.getAttr("assembled") or cls()
+
+    def mark(self, thing: T) -> T:
+        """The thing, of which this is known from now on; the form lives as long as it does."""
+        thing.setAttr("assembled", self)
+        return thing
+
+    @property
+    def mesh(self) -> Any:  # noqa: ANN401
+        """C++ mesh of the form, None if it is not known."""
+        return None if self.form is None else self.weights.mesh
+
+    @property
+    def weights(self) -> Any:  # noqa: ANN401
+        """C++ space of the form's test functions."""
+        assert self.form is not None
+        return self.form.function_spaces[0]
+
+
+def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
+    """Matrix of a bilinear form, all rows and columns free.
+
+    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
+    The form (and by it mesh and spaces) lives as long as the matrix.
+
+    Args:
+        form: of trial and test functions.
+        blocked: stores a vector field's matrix by nodes (PETSc's BAIJ), in 0.7 of the memory, as
+            `Iterative` needs it: another format is copied by it. Everything else converts it.
+            Scalar and hybrid ones have no blocks.
+
+    Raises:
+        TypeError: if it is not a UFL form.
+        ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
+            that is wrong for it.
+    """
+    compiled = compiled_form(form, 2, "a matrix")
+    nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
+    matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
+    _assemble_matrix(matrix, compiled)
+    matrix.assemble()
+    return Assembled(compiled).mark(matrix)
+
+
+def assemble_vector(form: ufl.Form) -> PETSc.Vec:
+    """Vector (n,) of a linear form, contributions of all processes added.
+
+    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
+
+    Args:
+        form: of a test function.
+
+    Raises:
+        TypeError: if it is not a UFL form.
+        ValueError: if it is not linear, cannot be compiled, or has a measure that names a rule
+            that is wrong for it.
+    """
+    compiled = compiled_form(form, 1, "a vector")
+    vector = _assemble_vector(compiled)
+    vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+    return Assembled(compiled).mark(vector)
+
+
+def assemble_scalar(form: ufl.Form) -> float:
+    """Value of a functional (an energy, an error's square), summed over all processes.
+
+        area = assemble_scalar(1.0 * boundary_measure(mesh, where))
+
+    Integrals of piecewise-linear functions over tetrahedra get the quadrature rule that they need.
+
+    Args:
+        form: without arguments.
+
+    Raises:
+        TypeError: if it is not a UFL form.
+        ValueError: if it has a test function, belongs to no mesh, cannot be compiled, or has a
+            measure that names a rule that is wrong for it.
+    """
+    compiled = compiled_form(form, 0, "a functional")
+    return float(compiled.mesh.comm.allreduce(fem.assemble_scalar(compiled), MPI.SUM))
+
+
+def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
+    """A form of the right rank on one mesh, compiled."""
+    arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
+    kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
+    found = len(form.arguments())
+    if found != rank:
+        needed = f"a {kinds[rank]} form" if rank else "a form without test functions"
+        raise ValueError(f"{of} needs {needed}; this one is {kinds.get(found, found)}")
+    spaces = [argument.ufl_function_space() for argument in form.arguments()]
+    for space in spaces:
+        arguments.space(space, "the space of a form's argument")
+    functions = [f for f in form.coefficients() if isinstance(f, fem.Function)]
+    meshes = [thing.mesh for thing in (*spaces, *(f.function_space for f in functions))]
+    domains = form.ufl_domains()
+    if any(mesh is not meshes[0] for mesh in meshes) or len(domains) != 1:
+        raise ValueError("the form mixes meshes: its functions and measures have to share one")
+    if (mesh := domains[0].ufl_cargo()) is None:
+        raise ValueError("the form belongs to no mesh: give its measure a domain")
+    for kind, marked in form.subdomain_data()[domains[0]].items():
+        if any(other is not marked[0] for other in marked):
+            raise ValueError(
+                f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
+                "takes one: assemble a form of each and add the results"
+            )
+    ruled = with_cell_rules(form)
+    try:
+        with doing(mesh.comm, "compiling a form"):
+            return fem.form(ruled)
+    except Exception as error:
+        raise ValueError(f"the form cannot be compiled: {error}") from error

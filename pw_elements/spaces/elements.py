@@ -1,0 +1,396 @@
+"""The elements: quadratic trial functions and piecewise-linear weight functions.
+
+Weight functions are built from the four principles of section 3 of the paper:
+1) a weight function lives on the sub-cells around its node only, 2) it is linear on each
+of them, 3) it is continuous, 4) it is 1 at its node and 0 at all others.
+Principles 2 and 3 name a space, Basix's macro polynomials of degree 1; principle 4 names
+its basis, point evaluation at the nodes of the quadratic element; principle 1 then follows.
+
+On tetrahedra the weights are the mean over the three cuts of the octahedron inside. Mid-sides cut
+a tetrahedron into four corner ones and an octahedron, which one of three diagonals cuts into four
+more. Which one is arbitrary, and nodal forces would depend on it. All three meet in the
+octahedron's centre: the mean of the three sets of weights is linear on *twelve* tetrahedra, the
+corner ones and one between the centre and each face of the octahedron, and its value in the centre
+is the mean of the mid-sides'. Faces, and with them all traces, do not know the cut.
+"""
+
+import functools
+import itertools
+import math
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from basix import (
+    CellType,
+    ElementFamily,
+    LagrangeVariant,
+    MapType,
+    PolysetType,
+    QuadratureType,
+    SobolevSpace,
+)
+from basix.polynomials import tabulate_polynomial_set
+
+from pw_elements.checks import extents
+
+Array = npt.NDArray[np.float64]
+
+_CELL = CellType.tetrahedron
+# Points nearer to a side than this, of cells of size one, lie on it
+_ON_SIDE = 1e-10
+
+_SIMPLICES = ("triangle", "tetrahedron")
+CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
+
+# Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
+PAPER_NODES = (0, 1, 2, 5, 3, 4)
+
+
+def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
+    """Quadrature points (12 n, 3) and weights (12 n,) of the reference tetrahedron.
+
+    All points lie within the twelve cells. Basix's default rules of degree 4, 5 and 7 have some
+    on a cell's sides, where slopes are two-valued.
+
+    Args:
+        degree: of the polynomials that are integrated exactly on each of the cells.
+    """
+    points, weights = basix.make_quadrature(_CELL, degree)
+    if not _within(points).all():
+        points, weights = basix.make_quadrature(_CELL, degree, rule=QuadratureType.xiao_gimbutas)
+    hats = np.column_stack([1 - points.sum(axis=1), points])
+    corners = _corners()
+    size = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
+    return (hats @ corners).reshape(-1, 3), np.outer(size, weights).ravel()
+
+
+class TwelveCellElement(basix.ufl._BasixElement):
+    """The one-cut element, tabulated as the mean of the three cuts; FFCx tabulates through it.
+
+    FFCx by itself would integrate over the eight cells of one cut, which is wrong here: points
+    of such rules are refused.
+    """
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()}, mean of the three cuts"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, TwelveCellElement) and super().__eq__(other)
+
+    def __hash__(self) -> int:
+        return super().__hash__()
+
+    def tabulate(self, nderivs: int, points: Array) -> Array:
+        """Values and derivatives at points (n, 3): (derivatives, n, 10).
+
+        Slopes on a side between two of the twelve cells are those of one of them.
+
+        Raises:
+            ValueError: for slopes at points within the tetrahedron that are not equally many
+                in each of the twelve cells, and for values at the points of Basix's rules.
+        """
+        inverse, nodal = _barycentric_maps(), _corner_values()
+        hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
+        depth = hats.min(axis=2)
+        _check_points(nderivs, points, depth)
+        cell, own = depth.argmax(axis=0), np.arange(len(points))
+        table = np.zeros((math.comb(nderivs + 3, 3), len(points), nodal.shape[2]))
+        table[0] = np.einsum("qj,qjn->qn", hats[cell, own], nodal[cell])
+        if nderivs > 0:
+            table[1:4] = np.einsum("cij,cjn->icn", inverse[:, 1:], nodal)[:, cell]
+        return table
+
+
+def _check_points(nderivs: int, points: Array, depth: Array) -> None:
+    """Depth (12, n): least barycentric coordinate of the points in each of the twelve cells."""
+    within = _within(points)
+    # values may be asked for anywhere, by an interpolation say
+    if not (within.any() if nderivs else _is_rule(points)):
+        return
+    inner = depth[:, within] > _ON_SIDE
+    counts = inner.sum(axis=1)
+    if np.any(counts != counts[0]) or counts.sum() != within.sum():
+        raise ValueError(
+            "piecewise-linear functions on tetrahedra are linear on twelve sub-cells, and these "
+            "points are not equally many in each: an integral would be wrong. Assemble with "
+            "pw_elements.assemble_matrix or assemble_vector, or integrate over "
+            "pw_elements.cell_measure(space, degree)"
+        )
+
+
+def _within(points: Array) -> npt.NDArray[np.bool_]:
+    """Which points (n, 3) are neither on a side of the reference tetrahedron nor outside."""
+    return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _ON_SIDE
+
+
+def _is_rule(points: Array) -> bool:
+    """Whether these are the points of a rule that FFCx takes, of the cell or of the one-cut one."""
+    return any(np.allclose(points, rule, atol=_ON_SIDE) for rule in _rules().get(len(points), []))
+
+
+@functools.cache
+def _rules() -> dict[int, list[Array]]:
+    """Points of Basix's rules by their number."""
+    rules: dict[int, list[Array]] = {}
+    schemes = (QuadratureType.default, QuadratureType.gauss_jacobi)
+    polysets = (PolysetType.standard, PolysetType.macroedge)
+    for scheme, polyset, degree in itertools.product(schemes, polysets, range(31)):
+        points, _ = basix.make_quadrature(_CELL, degree, rule=scheme, polyset_type=polyset)
+        rules.setdefault(len(points), []).append(points)
+    return rules
+
+
+@functools.cache
+def _cells() -> tuple[tuple[int, ...], ...]:
+    """Nodes of the twelve cells; 10 is the octahedron's centre."""
+    edges = [frozenset(edge) for edge in basix.topology(_CELL)[1]]
+    middle = {edge: 4 + number for number, edge in enumerate(edges)}
+    centre, cells = 10, []
+    for v in range(4):
+        others = [w for w in range(4) if w != v]
+        around = tuple(middle[frozenset((v, w))] for w in others)
+        opposite = tuple(middle[frozenset(pair)] for pair in itertools.combinations(others, 2))
+        cells += [(v, *around), (centre, *around), (centre, *opposite)]
+    return tuple(cells)
+
+
+@functools.cache
+def _corners() -> Array:
+    """Corners (12, 4, 3) of the twelve cells."""
+    nodes = basix.create_element(ElementFamily.P, _CELL, 2).points
+    centre = nodes[4:].mean(axis=0)
+    return np.vstack([nodes, centre])[np.array(_cells())]
+
+
+@functools.cache
+def _corner_values() -> Array:
+    """Weights (12, 4, 10) of the ten nodes in the corners of the twelve cells."""
+    centre = np.repeat([0.0, 1 / 6], (4, 6))
+    return np.vstack([np.eye(10), centre])[np.array(_cells())]
+
+
+@functools.cache
+def _barycentric_maps() -> Array:
+    """Matrices (12, 4, 4) from (1, x) to a cell's barycentric coordinates."""
+    corners = _corners()
+    return np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), corners], axis=2))
+
+
+def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Piecewise-linear weight functions on the cell halved once, Eq. (15) to Eq. (20).
+
+    On tetrahedra they are the mean over the three ways to cut the octahedron inside, linear on
+    twelve sub-cells, and do not depend on the order of the vertices. Integrals need a quadrature
+    rule for these: `assemble_matrix` and `assemble_vector` choose it themselves; DOLFINx's own
+    assembly needs `cell_measure`, without which it raises an error. `Function.eval` and DOLFINx's
+    interpolation use the one-cut element, which has the same values at nodes and on faces.
+
+    Args:
+        cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
+            sub-cells), "tetrahedron" (10) or "hexahedron" (27). The nodes and their order
+            are those of the quadratic Lagrange element.
+        shape: value shape, () for a scalar, (d,) for a vector field.
+
+    Raises:
+        ValueError: for any other cell.
+    """
+    shape = extents("shape", shape)
+    element = _halved_element(_cell(cell))
+    if cell == "tetrahedron":
+        element = TwelveCellElement(element._element)
+    elif cell not in _SIMPLICES:
+        element = _HalvedTensorElement(element._element)
+    return _blocked(element, shape)
+
+
+def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Piecewise-linear weights on tetrahedra cut into eight, P1-iso-P2; for comparisons.
+
+    The order of a cell's vertices determines along which of three diagonals the octahedron inside
+    is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
+    are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
+
+    Args:
+        shape: value shape, () for a scalar, (d,) for a vector field.
+    """
+    return _blocked(_halved_element(CellType.tetrahedron), extents("shape", shape))
+
+
+def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Quadratic Lagrange shape functions, the trial functions of the paper's elements.
+
+    Args:
+        cell: "interval", "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
+        shape: value shape, () for a scalar, (d,) for a vector field.
+
+    Raises:
+        ValueError: for any other cell.
+    """
+    _cell(cell)
+    return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
+
+
+def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
+
+    Basix's own serendipity element has integral moments for degrees of freedom; nodal
+    forces need point evaluations. The space is that of all quadratics, x²y and xy².
+
+    Args:
+        shape: value shape, () for a scalar, (d,) for a vector field.
+    """
+    shape = extents("shape", shape)
+    celltype = CellType.quadrilateral
+    nodes, entities = _quadratic_nodes(celltype)
+    entities = [*entities[:2], [[]]]
+    x, M = _point_evaluations(nodes, entities)
+
+    points, weights = basix.make_quadrature(celltype, 5)
+    orthonormal = tabulate_polynomial_set(celltype, PolysetType.standard, 2, 0, points)[0]
+    px, py = points.T
+    monomials = np.array([px**0, px, py, px**2, px * py, py**2, px**2 * py, px * py**2])
+    coefficients = np.linalg.qr(((monomials * weights) @ orthonormal.T).T)[0].T
+    element = basix.ufl.custom_element(
+        celltype,
+        [],
+        np.ascontiguousarray(coefficients),
+        x,
+        M,
+        0,
+        MapType.identity,
+        SobolevSpace.H1,
+        False,
+        2,
+        2,
+    )
+    return _blocked(element, shape)
+
+
+def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Composite triangle: four linear triangles with one linear gradient over all of them.
+
+    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets
+    the L2 projection of the piecewise constant one onto linear functions of the macro
+    triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko,
+    E. A. Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47
+    (2000), for small strains. Projecting on the reference triangle is right for straight sides.
+
+    Args:
+        shape: value shape, () for a scalar, (d,) for a vector field.
+    """
+    shape = extents("shape", shape)
+    return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)
+
+
+class _AssumedGradientElement(basix.ufl._BasixElement):
+    """Macro triangle that tabulates projected gradients; FFCx tabulates through it."""
+
+    def __init__(self, element: basix.finite_element.FiniteElement) -> None:
+        super().__init__(element)
+        triangle, macro = CellType.triangle, PolysetType.macroedge
+        # an orthonormal basis of linear functions makes the projection a sum of integrals
+        points, weights = basix.make_quadrature(triangle, 2, polyset_type=macro)
+        slopes = element.tabulate(1, points)[1:, :, :, 0]
+        linear = tabulate_polynomial_set(triangle, PolysetType.standard, 1, 0, points)[0]
+        self._moments = np.einsum("dpn,kp,p->dkn", slopes, linear, weights)
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()}, assumed gradient"
+
+    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values and projected first derivatives at points (n, 2): (derivatives, n, nodes)."""
+        if nderivs > 1:
+            raise NotImplementedError("the composite triangle has first derivatives only")
+        values = super().tabulate(0, points)
+        if nderivs == 0:
+            return values
+        linear = tabulate_polynomial_set(
+            CellType.triangle, PolysetType.standard, 1, 0, np.ascontiguousarray(points)
+        )[0]
+        return np.concatenate([values, np.einsum("dkn,kp->dpn", self._moments, linear)])
+
+
+class _HalvedTensorElement(basix.ufl._BasixElement):
+    """Macro element on an interval, quadrilateral or hexahedron, tabulated sub-cell by sub-cell.
+
+    Basix 0.9 tabulates wrong macro derivatives on these cells: in each upper half it subtracts
+    in unsigned arithmetic, and a slope of -6 comes out as 1e20. Values and simplices are right.
+    FFCx tabulates through this class.
+    """
+
+    def __repr__(self) -> str:
+        # part of a form's signature: what was compiled with the wrong slopes is not found again
+        return f"{super().__repr__()}, by sub-cells"
+
+    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values and derivatives at points (n, dim): (derivatives, n, nodes)."""
+        cell = self._element.cell_type
+        linear = basix.create_element(ElementFamily.P, cell, 1)
+        upper = points >= 0.5
+        table = linear.tabulate(nderivs, 2 * points - upper)[..., 0]
+        for derivative in itertools.product(range(nderivs + 1), repeat=points.shape[1]):
+            if sum(derivative) <= nderivs:
+                table[basix.index(*derivative)] *= 2 ** sum(derivative)
+
+        nodes = self._element.points
+        result = np.zeros((len(table), len(points), len(nodes)))
+        for half in itertools.product((0, 1), repeat=points.shape[1]):
+            inside = np.flatnonzero((upper == half).all(axis=1))
+            for corner, vertex in enumerate(linear.points):
+                place = (vertex + half) / 2
+                node = int(np.abs(nodes - place).sum(axis=1).argmin())
+                result[:, inside, node] = table[:, inside, corner]
+        return result
+
+
+def _halved_element(cell: CellType) -> basix.ufl._BasixElement:
+    """Basix's macro polynomials of degree 1 with point evaluations at the quadratic nodes."""
+    nodes, entities = _quadratic_nodes(cell)
+    x, M = _point_evaluations(nodes, entities)
+    return basix.ufl.custom_element(
+        cell,
+        [],
+        np.eye(len(nodes)),  # the whole macro space: linear on sub-cells and continuous
+        x,
+        M,
+        0,
+        MapType.identity,
+        SobolevSpace.H1,
+        False,
+        1,
+        1,
+        polyset_type=PolysetType.macroedge,
+    )
+
+
+def _cell(name: str) -> CellType:
+    if name not in CELLS:
+        raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
+    return CellType[name]
+
+
+def _quadratic_nodes(cell: CellType) -> tuple[npt.NDArray[np.float64], list[list[list[int]]]]:
+    """Node coordinates (n, dim) of the quadratic element and the node numbers per entity."""
+    lagrange = basix.create_element(ElementFamily.P, cell, 2, LagrangeVariant.gll_warped)
+    return lagrange.points, lagrange.entity_dofs
+
+
+def _point_evaluations(
+    nodes: npt.NDArray[np.float64], entities: list[list[list[int]]]
+) -> tuple[list[list[npt.NDArray[np.float64]]], list[list[npt.NDArray[np.float64]]]]:
+    """Interpolation points and matrices of nodal dofs, in the arrays Basix asks for."""
+    dimension = nodes.shape[1]
+    x: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
+    M: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
+    for d, of_dimension in enumerate(entities):
+        for dofs in of_dimension:
+            n = len(dofs)
+            x[d].append(np.ascontiguousarray(nodes[dofs]).reshape(n, dimension))
+            M[d].append(np.eye(n).reshape(n, 1, n, 1))
+    return x, M
+
+
+def _blocked(element: basix.ufl._ElementBase, shape: tuple[int, ...]) -> basix.ufl._ElementBase:
+    return basix.ufl.blocked_element(element, shape=shape) if shape else element

@@ -1,0 +1,224 @@
+"""Spaces of the hybrid element: displacements and a continuous pressure in one mixed space.
+
+Taylor and Hood's pair, u in P2 and p in P1 (Q1 on quadrilaterals and hexahedra), is weighted by
+Bercovier and Pironneau's: piecewise-linear weights beside the same P1.
+"""
+
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from dolfinx.mesh import MeshTags
+
+from pw_elements.checks import collective
+
+# What a constant pressure does, over the largest stiffness, that is round-off
+NOTHING = 1e-10
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+
+def mixed_element(
+    displacement: basix.ufl._ElementBase, split: bool = False
+) -> basix.ufl._ElementBase:
+    """A vector element and, beside it, a pressure of degree 1, continuous or to be tied."""
+    cell = displacement.cell_type.name
+    pressure = basix.ufl.element("Lagrange", cell, 1, discontinuous=split)
+    return basix.ufl.mixed_element([displacement, pressure])
+
+
+def is_hybrid(space: fem.FunctionSpace) -> bool:
+    """Whether its functions are displacements and a pressure."""
+    element = space.ufl_element()
+    if not isinstance(element, basix.ufl._MixedElement) or element.num_sub_elements != 2:
+        return False
+    vector, scalar = (part.reference_value_shape for part in element.sub_elements)
+    return len(vector) == 1 and scalar == ()
+
+
+def is_split(space: fem.FunctionSpace) -> bool:
+    """Whether the pressure is one of each cell alone, which has to be tied within parts."""
+    return is_hybrid(space) and bool(space.ufl_element().sub_elements[1].discontinuous)
+
+
+@dataclass(frozen=True)
+class SubSpace:
+    """A field of its own space among the unknowns of a space, which may be that very space.
+
+    Nodes are owned by the same processes in both.
+
+    Args:
+        space: of the field alone, numbered as if there were no other.
+        unknowns: (nodes, components), local numbers among the unknowns, ghosts too.
+        rows: sizes of vectors of unknowns, own and global.
+    """
+
+    space: fem.FunctionSpace
+    unknowns: Indices
+    rows: tuple[int, int]
+
+    @classmethod
+    def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
+        """The displacements of a space: all of it, or of a hybrid one the first field."""
+        if is_hybrid(space):
+            return cls._of(space, 0)
+        index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+        nodes = index_map.size_local + index_map.num_ghosts
+        numbers = np.arange(nodes * block, dtype=np.int32).reshape(nodes, block)
+        return cls(space, numbers, _sizes(space))
+
+    @classmethod
+    def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
+        """The pressure of a hybrid space."""
+        return cls._of(space, 1)
+
+    @classmethod
+    def _of(cls, space: fem.FunctionSpace, number: int) -> "SubSpace":
+        alone = fem.functionspace(space.mesh, space.ufl_element().sub_elements[number])
+        index_map, block = alone.dofmap.index_map, alone.dofmap.index_map_bs
+        unknowns = np.zeros((index_map.size_local + index_map.num_ghosts, block), dtype=np.int32)
+        cells = space.sub(number).dofmap.list
+        unknowns[alone.dofmap.list.ravel()] = cells.reshape(-1, block)
+        return cls(alone, unknowns, _sizes(space))
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Sizes of vectors of the field alone, own and global."""
+        return _sizes(self.space)
+
+    @property
+    def is_all(self) -> bool:
+        """Whether there are no other unknowns."""
+        return self.sizes == self.rows
+
+    @property
+    def owned(self) -> Indices:
+        """(owned nodes, components), those of the nodes that this process owns."""
+        return self.unknowns[: self.space.dofmap.index_map.size_local]
+
+    def part(self, values: PETSc.Vec) -> PETSc.Vec:
+        """The field's vector in a vector of all unknowns."""
+        if self.is_all:
+            return values
+        own = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
+        own.setArray(values.array_r[self.owned.ravel()])
+        return own
+
+    def spread(self, values: Array) -> Array:
+        """Values of this process among those of its unknowns, all others being zero."""
+        every = np.zeros(self.rows[0])
+        every[self.owned.ravel()] = values
+        return every
+
+    def selection(self) -> PETSc.Mat:
+        """Matrix (field's, unknowns) of ones that does what `part` does."""
+        comm = self.space.mesh.comm
+        first = comm.scan(self.rows[0]) - self.rows[0]
+        columns = (self.owned.ravel() + first).astype(PETSc.IntType)
+        pointers = np.arange(len(columns) + 1, dtype=PETSc.IntType)
+        csr = (pointers, columns, np.ones(len(columns)))
+        return PETSc.Mat().createAIJ((self.sizes, self.rows), csr=csr, comm=comm)
+
+
+def _sizes(space: fem.FunctionSpace) -> tuple[int, int]:
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    return index_map.size_local * block, index_map.size_global * block
+
+
+def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
+    """Vector (n,) that is 1 at displacements and, at pressures, K's stiffness over a facet's area.
+
+    Pressures over it are lengths as displacements are. None where there is no pressure.
+    """
+    if not is_hybrid(space):
+        return None
+    fields = SubSpace.displacements(space), SubSpace.pressure(space)
+    u, p = (field.selection() for field in fields)
+    largest = PETSc.NormType.INFINITY
+    of_volume = p.matMult(K).matMult(u.transpose(PETSc.Mat())).norm(largest)
+    of_equilibrium = fields[0].part(K.getDiagonal()).norm(largest)
+    modulus = of_equilibrium / (of_volume or 1.0) or 1.0
+    scale = K.createVecRight()
+    scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
+    return scale
+
+
+def fields_of(space: fem.FunctionSpace) -> list[SubSpace]:
+    """The displacements (or whatever a space that is not hybrid has), and the pressure."""
+    fields = [SubSpace.displacements(space)]
+    return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
+
+
+def positions(space: fem.FunctionSpace) -> Array:
+    """Positions (n, 3) of this process' own unknowns, those of mixed spaces too."""
+    fields = fields_of(space)
+    x = np.zeros((fields[0].rows[0], 3))
+    for field in fields:
+        places = field.space.tabulate_dof_coordinates()
+        for component in field.owned.T:
+            x[component] = places[: len(component)]
+    return x
+
+
+def tied(
+    space: fem.FunctionSpace, parts: MeshTags | None, free: npt.NDArray[np.bool_]
+) -> PETSc.Mat:
+    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part.
+
+    Args:
+        space: whose pressure is split.
+        parts: tags of all cells.
+        free: which of this process' own unknowns are not prescribed.
+
+    Raises:
+        ValueError: without parts, or with cells that belong to none.
+    """
+    mesh = space.mesh
+    comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
+    with collective(comm):
+        if parts is None:
+            raise ValueError(
+                "the pressure of this space is split: Reduction.dirichlet needs both spaces, "
+                "Reduction.dirichlet(body.spaces, conditions)"
+            )
+        if parts.dim != mesh.topology.dim or np.sum(parts.indices < owned) < owned:
+            raise ValueError("parts: the tags have to be those of cells, and of all of them")
+    displacements = SubSpace.displacements(space).owned.ravel()
+    moved = np.sort(displacements[free[displacements]])
+    column = np.full(len(free), -1, dtype=np.int64)
+    column[moved] = np.arange(len(moved))
+    count, field = len(moved), SubSpace.pressure(space)
+    vertices = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
+    numbers = []
+    for value in np.unique(np.concatenate(comm.allgather(np.unique(parts.values)))):
+        cells = parts.find(value)[parts.find(value) < owned]
+        rows = field.unknowns[field.space.dofmap.list[cells], 0]
+        corners = vertices.list[cells]
+        # how many cells of the part a vertex has, and how many of them prescribe its pressure
+        found = la.vector(vertices.index_map, 2)
+        found.array[:] = 0.0
+        sums = found.array.reshape(-1, 2)
+        np.add.at(sums[:, 0], corners, 1.0)
+        np.add.at(sums[:, 1], corners, np.where(free[rows], 0.0, 1.0))
+        found.scatter_reverse(la.InsertMode.add)
+        own = sums[: vertices.index_map.size_local]
+        kept = (own[:, 0] > 0) & (own[:, 1] == 0)
+        own[:, 0] = np.where(kept, count + np.cumsum(kept) - 1, -1.0)
+        count += int(kept.sum())
+        numbers.append((rows, corners, found))
+    first = comm.scan(count) - count
+    column[moved] += first
+    for rows, corners, found in numbers:
+        own = found.array.reshape(-1, 2)[: vertices.index_map.size_local, 0]
+        own[own >= 0] += first
+        found.scatter_forward()
+        column[rows] = found.array.reshape(-1, 2)[corners, 0].astype(np.int64)
+    stated = column >= 0
+    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+    csr = (pointers, column[stated].astype(PETSc.IntType), np.ones(int(stated.sum())))
+    return PETSc.Mat().createAIJ((field.rows, (count, PETSc.DETERMINE)), csr=csr, comm=comm)

@@ -1,0 +1,182 @@
+"""Parts of a body as users name them: by a marker, by local numbers, or by a mask of these."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
+
+from pw_elements.checks import agree, answer, arguments, collective
+
+Mask: TypeAlias = npt.NDArray[np.bool_]
+Indices: TypeAlias = npt.NDArray[np.int32]
+# of points as columns (3, n): True or False for each, (n,)
+Marker: TypeAlias = Callable[[npt.NDArray[np.float64]], Mask]
+# of facets or nodes: a marker, local numbers of any integer type, or a mask of all of them
+Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
+
+
+def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]) -> Mask:
+    """Which of the points (3, n) a marker holds at, (n,); local, for use under the guard.
+
+    A process without any point does not ask: largest coordinates, say, are not defined there.
+
+    Raises:
+        TypeError: if it is no function.
+        ValueError: if it fails, or does not give True or False for each point.
+    """
+    if not callable(where):
+        raise TypeError(
+            f"{whose} is of the type {type(where).__name__}: give a function of points. For tagged "
+            "facets there are fem.dirichletbc, and nodal_flux to read reactions"
+        )
+    n = x.shape[1]
+    if n == 0:
+        return np.zeros(0, dtype=bool)
+    given = np.asarray(answer(comm, whose, where, np.array(x, order="C")))
+    if given.shape != (n,) or given.dtype != bool:
+        raise ValueError(
+            f"{whose} gave {given.dtype} of the shape {given.shape} for {n} points: it takes "
+            "points as columns (3, n) and gives True or False for each, (n,)"
+        )
+    return np.ascontiguousarray(given)
+
+
+def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # noqa: ANN401
+    """Local numbers, each once, of what numbers or a mask name; local, for use under the guard.
+
+    Args:
+        comm: of the processes.
+        whose: facets or nodes, by name.
+        given: numbers (m,), or a mask (count,).
+        count: how many there are on this process, ghosts included.
+
+    Raises:
+        TypeError: for tags.
+        ValueError: for anything else, or a number that does not exist.
+    """
+    if isinstance(given, MeshTags):
+        raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
+    numbers = np.asarray(given)
+    if numbers.shape == (0,) and numbers.dtype != bool:  # a list without entries is of floats
+        return np.zeros(0, dtype=np.int32)
+    here = f"of which process {comm.rank} has {count}" if comm.size > 1 else f"{count} in all"
+    if numbers.ndim != 1 or numbers.dtype.kind not in "iub":
+        raise ValueError(
+            f"{whose} are {numbers.dtype} of the shape {numbers.shape}: they are a marker, local "
+            f"numbers (integers), or a mask of all of them, {here}"
+        )
+    if numbers.dtype == bool:
+        if len(numbers) != count:
+            raise ValueError(f"{whose} are a mask of {len(numbers)}: it is one of all, {here}")
+        return np.flatnonzero(numbers).astype(np.int32)
+    if numbers.min() < 0 or numbers.max() >= count:
+        raise ValueError(
+            f"{whose} have the numbers {numbers.min()} to {numbers.max()}: local numbers are "
+            f"counted from 0, {here}"
+        )
+    return np.unique(numbers).astype(np.int32)
+
+
+def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
+    """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective.
+
+    Args:
+        space: the space.
+        whose: what the nodes belong to, by name.
+        where: marker of their positions as columns (3, n), local numbers, or a mask of all.
+
+    Raises:
+        ValueError: if the marker fails, or a number is none of a node.
+    """
+    comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
+    with collective(comm):
+        if not callable(where):
+            return numbered(comm, f"the nodes of {whose}", where, len(x))
+        holds = marked(comm, f"the marker of {whose}", where, x.T)
+    return np.flatnonzero(holds).astype(np.int32)
+
+
+def exterior_facets(mesh: Mesh, where: Part) -> Indices:
+    """Local numbers of a part of the boundary's facets, of owned cells.
+
+    Args:
+        mesh: the mesh.
+        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
+            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
+
+    Raises:
+        ValueError: if the marker fails, or a number does not belong to a facet.
+    """
+    dimension, comm = mesh.topology.dim - 1, mesh.comm
+    vertices: npt.NDArray[np.float64] = np.zeros((3, 0))
+
+    def seen(x: npt.NDArray[np.float64]) -> Mask:
+        nonlocal vertices
+        vertices = x.copy()
+        return np.zeros(x.shape[1], dtype=bool)
+
+    # makes all connectivities, for which processes wait for each other; none later
+    locate_entities_boundary(mesh, dimension, seen)
+    mesh.topology.create_connectivity(dimension, mesh.topology.dim)
+    index_map = mesh.topology.index_map(dimension)
+    count = index_map.size_local + index_map.num_ghosts
+    with collective(comm):
+        if callable(where):
+            holds = marked(comm, "the marker of the boundary", where, vertices)
+            chosen = locate_entities_boundary(mesh, dimension, lambda _: holds)
+        else:
+            chosen = numbered(comm, "facets", where, count)
+    return np.intersect1d(chosen, exterior_facet_indices(mesh.topology)).astype(np.int32)
+
+
+def by_cell_tag(
+    mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]], what: str
+) -> list[fem.Function]:
+    """Functions that are constant in each cell, by the cells' tags; collective.
+
+    Args:
+        mesh: the mesh.
+        cell_tags: of its cells, each of which has one.
+        values: of every tag, a number for each function.
+        what: has these values, in messages.
+
+    Raises:
+        TypeError: for what are no tags.
+        ValueError: for tags of facets or of another mesh, cells without a tag, tags without values
+            or values without a cell.
+    """
+    comm, dim = mesh.comm, mesh.topology.dim
+    mesh.topology.create_entities(dim)
+    owned = mesh.topology.index_map(dim).size_local
+    agree(comm, {f"the {what} of each tag": sorted(values.items())})
+    with collective(comm):
+        arguments.of_type(
+            "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"
+        )
+        if cell_tags.dim != dim:
+            raise ValueError(f"the tags are those of {cell_tags.dim}-D entities: cells are {dim}-D")
+        if cell_tags.topology != mesh.topology._cpp_object:
+            raise ValueError("the tags are those of another mesh")
+        mine = cell_tags.indices < owned
+        cells, tags = cell_tags.indices[mine], cell_tags.values[mine]
+        if len(cells) < owned:
+            raise ValueError(f"{owned - len(cells)} of {owned} cells have no tag, so no {what}")
+    found = set().union(*comm.allgather(set(tags.tolist())))
+    if missing := sorted(found - set(values)):
+        raise ValueError(f"no {what} is given for the tags {missing}, which cells have")
+    if unknown := sorted(set(values) - found):
+        raise ValueError(f"a {what} is given for the tags {unknown}, which no cell has")
+    space = fem.functionspace(mesh, ("DG", 0))
+    functions = [fem.Function(space) for _ in next(iter(values.values()))]
+    for tag, numbers in values.items():
+        at = space.dofmap.list[cells[tags == tag], 0]
+        for function, value in zip(functions, numbers, strict=True):
+            function.x.array[at] = value
+    for function in functions:
+        function.x.scatter_forward()
+    return functions
