@@ -9,15 +9,15 @@ from study.core.store import Result, Results, StudyError, save
 from study.judge.claims import SCHEMA, judge, load_claims, summary, table, write
 from tests.toystudy import MEASURED, claim, finding
 
+CONTRADICTED = '"contradicted"'
 CONSTRUCTED = '"consistent by construction"'
+FOUND = {"found": 1, "found_tol": 0}
 NOT_TESTABLE = {
     "grade": '"not testable"',
     "missing": '"A second force."',
     **dict.fromkeys(
-        ("measure", "args", "relation", "value", "tol", "tol_why", "tol_set", "pinned", "why"),
+        ("measure", "args", "relation", "value", "tol", "tol_why", "tol_set", "why", "unit"),
     ),
-    "unit": None,
-    "swap": None,
 }
 
 
@@ -76,15 +76,49 @@ def test_arguments_reach_the_measure(load, results):
 
 
 def test_pinned_failure_that_fails_does_not_differ(load, results):
-    one = verdict(load, results, value=1, pinned='"fails"', found=5.1, found_tol=0.2)
+    one = verdict(load, results, value=1, grade=CONTRADICTED, found=5.1, found_tol=0.2)
     assert (one.verdict, one.differs) == ("fails", False)
 
 
 @pytest.mark.parametrize(("found", "found_tol"), [(4.5, 0.2), (5.5, 0.2)])
 def test_pinned_failure_with_another_number_differs(load, results, found, found_tol):
-    one = verdict(load, results, value=1, pinned='"fails"', found=found, found_tol=found_tol)
+    one = verdict(load, results, value=1, grade=CONTRADICTED, found=found, found_tol=found_tol)
     assert (one.verdict, one.differs) == ("fails", True)
     assert one.expected == f"fails with {found} ± 0.2"
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"grade": CONSTRUCTED, "basis": '"identity"'}, "by construction"),
+        ({"grade": CONSTRUCTED, "basis": '"identity"', "value": 4.0}, "fails"),
+        (
+            {"grade": '"not explained"', "value": 1.0, "found": 5.0, "found_tol": 0.1},
+            "not explained",
+        ),
+        ({"grade": '"not explained"', "found": 5.0, "found_tol": 0.1}, "holds"),
+    ],
+)
+def test_what_cannot_fail_does_not_hold_and_what_is_not_explained_does_not_fail(
+    load, results, changes, expected
+):
+    one = verdict(load, results, **changes)
+    assert one.verdict == expected
+    assert one.differs == (expected in ("fails", "holds"))
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"), [(0.1, "holds"), (1.0, "not judged: no reference")]
+)
+def test_a_reference_is_one_if_its_error_is_below_a_third_of_the_tolerance(
+    load, results, factor, expected
+):
+    args = f'{{ key = "1/b", name = "y", factor = {factor} }}'
+    reference = f'{{ measure = "value", args = {args} }}'
+    one = verdict(load, results, value=4.0, tol=2.0, reference=reference)
+    assert (one.verdict, one.measured) == (expected, 5.0)
+    open_ = {"grade": NOT_TESTABLE["grade"], "missing": NOT_TESTABLE["missing"]}
+    assert verdict(load, results, tol=2.0, reference=reference, **open_).differs == (factor == 0.1)
 
 
 def test_claim_without_result_is_not_judged(load, results):
@@ -105,12 +139,12 @@ def test_claim_without_result_is_not_judged(load, results):
         ({"value": "nan"}, "the-claim: value cannot be nan"),
         ({"tol": -1}, "the-claim: tol cannot be -1"),
         ({"relation": '"=="'}, "the-claim: relation is '=='"),
-        ({"pinned": '"true"'}, "the-claim: pinned is 'true'"),
+        ({"pinned": '"holds"'}, "the-claim: pinned is not a key of it"),
         ({"measure": None}, "the-claim: measure is missing"),
-        ({"pinned": '"fails"'}, "the-claim: found is missing"),
-        ({"pinned": '"fails"', "found": 1}, "the-claim: found_tol is missing"),
-        ({"pinned": '"fails"', "found": '"1"', "found_tol": 0}, "the-claim: found is no number"),
-        ({"pinned": '"fails"', "found": 1, "found_tol": -1}, "the-claim: found_tol cannot be -1"),
+        ({"grade": CONTRADICTED}, "the-claim: found is missing"),
+        ({"grade": CONTRADICTED, "found": 1}, "the-claim: found_tol is missing"),
+        ({"grade": CONTRADICTED, "found": '"1"', "found_tol": 0}, "the-claim: found is no number"),
+        ({"grade": CONTRADICTED, "found": 1, "found_tol": -1}, "the-claim: found_tol cannot be -1"),
         ({"found": 1.0}, "the-claim: found belongs to statements that fail"),
         ({"measure": '"velocity"'}, "the-claim: measure 'velocity' is not in toy_measures"),
         ({"measure": '"__name__"'}, "the-claim: measure"),
@@ -124,15 +158,13 @@ def test_claim_without_result_is_not_judged(load, results):
         ({"grade_why": None}, "the-claim: grade_why is missing"),
         ({"tol_set": None}, "the-claim: tol_set is missing"),
         ({"tol_set": '"later"'}, "the-claim: tol_set is 'later'"),
-        ({"swap": None}, "the-claim: swap is missing"),
-        ({"swap": '{ element = ["a", "b"] }'}, "the-claim: swap.gives is missing"),
-        ({"swap": '{ element = ["a"], gives = 1 }'}, "the-claim: swap.element cannot be used"),
-        ({"swap": "{ gives = 1 }"}, "the-claim: swap cannot be used"),
-        ({"swap": '{ law = ["a", "b"], gives = 1, colour = 2 }'}, "the-claim: swap.colour"),
+        ({"grade": CONTRADICTED, "basis": '"fit"', **FOUND}, "the-claim: basis is not a key"),
+        ({"printed": "false"}, "the-claim: printed cannot be used"),
+        ({"reference": '{ measure = "value" }'}, "the-claim: reference.args is missing"),
+        ({"reference": '{ measure = "no", args = {} }'}, "the-claim: measure 'no' is not in"),
         ({"grade": CONSTRUCTED}, "the-claim: basis is missing"),
         ({"grade": CONSTRUCTED, "basis": '"fit"'}, "the-claim: chosen is missing"),
         ({"grade": CONSTRUCTED, "basis": '"identity"', "missing": '"x"'}, "the-claim: missing"),
-        ({"grade": '"contradicted"', "swap": None}, "the-claim: pinned is 'holds'"),
         ({"grade": '"not testable"'}, "the-claim: missing is missing"),
         ({"grade": '"not testable"', "missing": '"x"'}, "the-claim: (args|measure) is not a key"),
         ({"reading_of": '"another"'}, "the-claim: reading_of names no other claim"),
@@ -183,7 +215,7 @@ def test_measure_that_breaks_is_named_with_its_claim(load, results, changes, mes
 
 def test_verdicts_are_written_for_the_report(load, results):
     found = judge(load(claim(), claim(id='"other"', args='{ key = "7/no", name = "y" }')), results)
-    write(results.folder, found)
+    write(results.folder, found, {"the-claim": "force"}, {"the-claim": ("exchange",)})
     first, second = results.claims()
     assert first == {
         "id": "the-claim",
@@ -194,6 +226,7 @@ def test_verdicts_are_written_for_the_report(load, results):
         "reading_of": None,
         "grade": "reproduced",
         "grade_why": "A computed force.",
+        "basis": None,
         "missing": None,
         "measured": 5.0,
         "relation": "=",
@@ -206,7 +239,10 @@ def test_verdicts_are_written_for_the_report(load, results):
         "unit": "N",
         "tol_why": "Round-off.",
         "tol_set": "after",
+        "fact": "force",
+        "turned_by": ["exchange"],
     }
+    assert (second["fact"], second["turned_by"]) == (None, [])
     assert second["measured"] is None
     assert json.loads((results.folder / "claims.json").read_text()) == [first, second]
 

@@ -50,8 +50,10 @@ def graded(grade, *bases):
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    return ComputedResults(tmp_path_factory.mktemp("computed"))
+def results(tmp_path_factory, worker_id):
+    base = tmp_path_factory.getbasetemp()
+    folder = base if worker_id == "master" else base.parent  # one for all workers
+    return ComputedResults(folder / "computed")
 
 
 @pytest.fixture(scope="module")

@@ -126,7 +126,7 @@ def test_differing_verdict_is_1_and_shown(run, toy, capsys):
     assert run("check") == 1
     assert re.search(r"^the-claim  5  = 4 .*fails, pinned: holds$", capsys.readouterr().out, re.M)
     assert run("report") == 1
-    found = claim(value="4.0", pinned='"fails"', found="5.0", found_tol="0.1")
+    found = claim(value="4.0", grade='"contradicted"', found="5.0", found_tol="0.1")
     (toy / "claims.toml").write_text(found)
     assert run("check") == 0
     assert run("report") == 0

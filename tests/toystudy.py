@@ -11,7 +11,7 @@ import pytest
 import study.command
 from study.core.cases import SECTIONS
 from study.core.store import Result, Results, save, write_json
-from study.judge import claims
+from study.judge import claims, facts
 from study.report import build
 
 ONE = """
@@ -93,16 +93,13 @@ ORIGIN = {
 
 def claim(**changes):
     """Return a statement of the paper as TOML; a change to None leaves the key out."""
-    graded = {"grade": '"reproduced"', "swap": '{ element = ["1/b", "1/a"], gives = 2.0 }'}
-    if changes.get("pinned") == '"fails"':
-        graded = {"grade": '"contradicted"'}
     entry = {
         "id": '"the-claim"',
         "kind": '"paper"',
         "source": '"Sec. 1, Eq. 3"',
         "quote": '"a force of 5"',
         "statement": '"The force is 5 N."',
-        **graded,
+        "grade": '"reproduced"',
         "grade_why": '"A computed force."',
         "measure": '"value"',
         "args": '{ key = "1/b", name = "y" }',
@@ -112,7 +109,6 @@ def claim(**changes):
         "tol_why": '"Round-off."',
         "tol_set": '"after"',
         "unit": '"N"',
-        "pinned": '"holds"',
         "why": '"Twice 2.5."',
     } | changes
     lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
@@ -121,8 +117,8 @@ def claim(**changes):
 
 def finding(kind="finding", **changes):
     """Return a finding of the study, or a pin, as TOML."""
-    paper = dict.fromkeys(("kind", "quote", "grade", "grade_why", "swap"))
-    entry = {"source": '"This study, section 1"', **paper, **changes}
+    paper = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
+    entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper, **changes}
     return claim(**entry).replace("[[claim]]", f"[[{kind}]]")
 
 
@@ -171,7 +167,8 @@ def reported(folder, monkeypatch):
         + claim(id='"wrong"', value=4.0, source='"Table 1"')
         + claim(id='"open"', args='{ key = "7/no", name = "y" }', source='"Sec. 2"')
     )
-    claims.write(out, claims.judge(claims.load_claims(), Results(out)))
+    results = Results(out)
+    facts.write(out, claims.judge(claims.load_claims(), results), results)
     figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
     return out
 

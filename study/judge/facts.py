@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from study.core.store import MissingResult, Results, Stored, StudyError
 from study.judge import claims
@@ -20,7 +20,8 @@ from study.judge.claims import PAPER, Claim, Verdict, judge
 from study.paper.items import TABLE_1, TABLE_2
 
 FILE = Path(__file__).parent / "facts.toml"
-TABLES: dict[str, dict[str, tuple[float, ...]]] = {"Table 1": TABLE_1, "Table 2": TABLE_2}
+Rows: TypeAlias = dict[str, tuple[float, ...]]
+TABLES: dict[str, Rows] = {"Table 1": TABLE_1, "Table 2": TABLE_2}
 Kind = Literal["element", "law", "sign", "row", "print"]
 
 
@@ -50,16 +51,18 @@ class Mutation:
         kind: Of what kind it is.
         stored: What makes a case's key, or the name of a scalar, that of another one.
         sign: Names of scalars and curves whose sign is changed.
-        rows: Of a table, rows that change places.
-        number: Of a table, row and mode of a number that is misprinted.
+        table: One of `TABLES` that is printed otherwise.
+        rows: Two of its rows, which change places, or one with a misprint.
+        mode: Where that is.
     """
 
     name: str
     kind: Kind
     stored: Callable[[str], str] = lambda name: name
     sign: str = ""
-    rows: tuple[str, str, str] | None = None
-    number: tuple[str, str, int] | None = None
+    table: str = ""
+    rows: tuple[str, ...] = ()
+    mode: int = 0
 
 
 def _exchange(one: str, other: str) -> Callable[[str], str]:
@@ -120,7 +123,7 @@ COMPUTED = (
     Mutation("sign of the geometric stiffness", "sign", sign=r"sigma_cr"),
 )
 ROWS = tuple(
-    Mutation(f"{table}: {one} and {other} exchanged", "row", rows=(table, one, other))
+    Mutation(f"{table}: {one} and {other} exchanged", "row", table=table, rows=(one, other))
     for table, one, other in (
         ("Table 1", "CAX6", "6-node user element"),
         ("Table 1", "CAX8", "8-node user element"),
@@ -130,15 +133,12 @@ ROWS = tuple(
     )
 )
 PRINTED = tuple(
-    Mutation(f"{table}: {row}, mode {mode + 1}", "print", number=(table, row, mode))
+    Mutation(f"{table}: {row}, mode {mode + 1}", "print", table=table, rows=(row,), mode=mode)
     for table, rows in TABLES.items()
     for row, numbers in rows.items()
     for mode in range(len(numbers))
 )
-
-
-OWN = "printed number "
-MUTATIONS = (*COMPUTED, *ROWS, *PRINTED)
+OWN = "printed number "  # with which names of misprints of statements' own numbers begin
 
 
 def load_facts(path: Path = FILE) -> list[Fact]:
@@ -163,23 +163,18 @@ def turned_by(verdicts: list[Verdict], results: Results) -> dict[str, tuple[str,
     paper = [v for v in judged if v.claim.kind in PAPER]
     turned: dict[str, list[str]] = {v.claim.id: [] for v in judged}
     for mutation in COMPUTED:
-        for verdict in _turned(paper, _Mutated(results, mutation)):
-            turned[verdict].append(mutation.name)
+        for name in _turned(paper, _Mutated(results, mutation)):
+            turned[name].append(mutation.name)
     for table, rows in TABLES.items():
         readers = {row: _readers(judged, results, table, row) for row in rows}
-        for mutation in (*ROWS, *PRINTED):
-            stated = mutation.rows or mutation.number
-            if stated is None or stated[0] != table:
-                continue
-            named = [row for row in rows if row in stated]
-            reading = [v for v in judged if any(v in readers[row] for row in named)]
-            found = {
-                one
-                for print_ in _misprints(mutation)
-                for one in _reprinted(reading, results, print_)
-            }
-            for verdict in found:
-                turned[verdict].append(mutation.name)
+        for mutation in (one for one in (*ROWS, *PRINTED) if one.table == table):
+            reading = [v for v in judged if any(v in readers[row] for row in mutation.rows)]
+            found: set[str] = set()
+            for misprint in _misprints(mutation):
+                with _printed(table, misprint):
+                    found.update(_turned(reading, results))
+            for name in found:
+                turned[name].append(mutation.name)
     for verdict in paper:
         if verdict.claim.printed and _own_number(verdict, results):
             turned[verdict.claim.id].append(own_number(verdict.claim))
@@ -237,8 +232,9 @@ class _Mutated(Results):
                 pass
         return replace(own, scalars=self._scalars(own.scalars), curves=self._signed(own.curves))
 
-    def section(self, section: str) -> list[Stored]:
-        return [self[stored.key] for stored in self._own.section(section)]
+    def section(self, section: str) -> list[Any]:
+        """Return what is read only if a measure wants it."""
+        return [_Later(self, stored) for stored in self._own.section(section)]
 
     def _scalars(self, scalars: Mapping[str, float]) -> dict[str, float]:
         names = {name: self._mutation.stored(name) for name in scalars}
@@ -252,6 +248,20 @@ class _Mutated(Results):
         }
 
 
+class _Later:
+    """A stored result that is read when its numbers are asked for."""
+
+    has = Stored.has
+
+    def __init__(self, results: Results, stored: Stored) -> None:
+        self._results = results
+        self.key, self.section, self.case = stored.key, stored.section, stored.case
+        self.parameters = stored.parameters
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._results[self.key], name)
+
+
 def _turned(verdicts: list[Verdict], results: Results) -> list[str]:
     """Ids of those that have another verdict now; not of those that find nothing to measure."""
 
@@ -260,40 +270,31 @@ def _turned(verdicts: list[Verdict], results: Results) -> list[str]:
             (one,) = judge([before.claim], results)
         except StudyError:
             return False
-        return (one.verdict, one.differs) != (before.verdict, before.differs)
+        changed = (one.verdict, one.differs) != (before.verdict, before.differs)
+        return changed and one.measured is not None
 
     return [verdict.claim.id for verdict in verdicts if another(verdict)]
 
 
-def _reprinted(
-    verdicts: list[Verdict], results: Results, rows: dict[str, dict[str, tuple[float, ...]]]
-) -> list[str]:
-    with _printed(rows):
-        return _turned(verdicts, results)
-
-
 @contextmanager
-def _printed(changes: Mapping[str, Mapping[str, tuple[float, ...]]]) -> Iterator[None]:
-    before = {name: dict(table) for name, table in TABLES.items()}
+def _printed(table: str, rows: Rows) -> Iterator[None]:
+    before = dict(TABLES[table])
     try:
-        for name, rows in changes.items():
-            TABLES[name].update(rows)
+        TABLES[table].update(rows)
         yield
     finally:
-        for name, table in TABLES.items():
-            table.update(before[name])
+        TABLES[table].update(before)
 
 
-def _misprints(mutation: Mutation) -> list[dict[str, dict[str, tuple[float, ...]]]]:
-    if mutation.rows is not None:
-        name, one, other = mutation.rows
-        return [{name: {one: TABLES[name][other], other: TABLES[name][one]}}]
-    assert mutation.number is not None
-    name, row, mode = mutation.number
-    numbers = TABLES[name][row]
+def _misprints(mutation: Mutation) -> list[Rows]:
+    table, mode = TABLES[mutation.table], mutation.mode
+    if mutation.kind == "row":
+        one, other = mutation.rows
+        return [{one: table[other], other: table[one]}]
+    (row,) = mutation.rows
     return [
-        {name: {row: (*numbers[:mode], wrong, *numbers[mode + 1 :])}}
-        for wrong in misread(numbers[mode])
+        {row: (*table[row][:mode], wrong, *table[row][mode + 1 :])}
+        for wrong in misread(table[row][mode])
     ]
 
 
@@ -308,7 +309,7 @@ def misread(number: float) -> tuple[float, float]:
 def _readers(verdicts: list[Verdict], results: Results, table: str, row: str) -> list[Verdict]:
     """Those whose number hangs on a row: another row gives another one."""
     strange = tuple((1.3 + 0.1 * i) * x for i, x in enumerate(TABLES[table][row]))
-    with _printed({table: {row: strange}}):
+    with _printed(table, {row: strange}):
         again = judge([v.claim for v in verdicts], results)
     return [v for v, one in zip(verdicts, again, strict=True) if v.measured != one.measured]
 

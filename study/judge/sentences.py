@@ -1,6 +1,6 @@
 """Every sentence of the paper, and the statements that quote it or why it claims nothing.
 
-`python3 -m study.judge.sentences PATH` compares `sentences.toml` with the text of the paper, which is
+`python3 -m study.judge.sentences PATH` compares `sentences.toml` with the paper's text, which is
 no part of this project, and prints what does not agree. Of a sentence the project has its first
 words and a digest.
 """
@@ -10,6 +10,7 @@ import hashlib
 import re
 import sys
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,18 +41,15 @@ class Sentence:
     number: int
     begins: str
     digest: str
-    claims: tuple[str, ...] = ()
-    repeats: tuple[str, ...] = ()
+    claims: Sequence[str] = ()
+    repeats: Sequence[str] = ()
     reason: str = ""
 
 
 def load(path: Path = FILE) -> list[Sentence]:
     """Read what is known of the sentences."""
     tables = tomllib.loads(path.read_text(encoding="utf-8"))["sentence"]
-    return [
-        Sentence(**{k: tuple(v) if isinstance(v, list) else v for k, v in table.items()})
-        for table in tables
-    ]
+    return [Sentence(**table) for table in tables]
 
 
 def split(text: str) -> list[str]:

@@ -13,7 +13,7 @@ from study.core.cases import SECTIONS, title
 from study.core.sources import source
 
 # Critical stresses of modes 1 and 2 in Pa, as printed in Table 2 and below Eq. (27)
-TABLE_2 = {
+TABLE_2: dict[str, tuple[float, ...]] = {
     "Euler": (2660e6, 10640e6),
     "CPS6": (2.6208e9, 9.8096e9),
     "CPS6M": (2.6105e9, 9.6683e9),
@@ -21,7 +21,7 @@ TABLE_2 = {
 }
 
 # The first six eigenvalues as printed in Table 1, without units
-TABLE_1 = {
+TABLE_1: dict[str, tuple[float, ...]] = {
     "CAX6": (36389.0, 1.9319e6, 3.8114e6, 3.9787e6, 5.7680e6, 7.6025e6),
     "6-node user element": (36386.0, 1.9317e6, 3.8104e6, 3.9763e6, 5.7636e6, 7.5964e6),
     "CAX8": (36386.0, 1.9320e6, 3.8113e6, 3.9784e6, 5.7679e6, 7.6010e6),

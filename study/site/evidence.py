@@ -19,11 +19,12 @@ from study.core.cases import SECTIONS, title
 from study.core.sources import source
 from study.core.store import MissingResult, Results, StudyError
 from study.judge import claims as judged
+from study.judge.facts import COMPUTED, ROWS
 from study.paper.items import ITEMS, TITLES, Item
 from study.site import mathematics
 from study.texts import HEADS, PAPERS, Place, Texts, provenance
 from study.texts.numbers import short
-from study.texts.statements import names_section
+from study.texts.statements import by_fact, names_section
 from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
@@ -63,6 +64,7 @@ def write(results: Results, source_folder: Path) -> list[str]:
         (pages / f"{name}.md").write_text(page, encoding="utf-8")
     (pages / "figures-and-tables.md").write_text(texts.items(stored), encoding="utf-8")
     (pages / "claims.md").write_text(texts.all_claims(stored), encoding="utf-8")
+    (pages / "facts.md").write_text(texts.all_facts(), encoding="utf-8")
     (pages / "index.md").write_text(texts.index(stored), encoding="utf-8")
     which = source_folder / "which-way.md"
     which.write_text(which.read_text("utf-8") + "\n" + texts.decision(), encoding="utf-8")
@@ -168,13 +170,26 @@ class _Sheets(Texts):
             row | {"sections": [s for s in sections if names_section(row["source"], s)]}
             for row in self.claims
         ]
-        page = self.render("all_claims.html", rows=rows, grades=judged.GRADES, sections=sections)
+        page = self.render(
+            "all_claims.html",
+            rows=rows,
+            grades=judged.GRADES,
+            verdicts=dict.fromkeys(row["verdict"] for row in rows),
+            sections=sections,
+        )
         text = (
             "Statements of the paper, each with one grade, and findings of this study, each with "
             "the number it is judged by. Tolerances count in favour of the statement; each entry "
             "says whether its tolerance was set before or after the first value was seen."
         )
         return f"# Claims and findings\n\n{text}\n\n{_raw(page)}\n"
+
+    def all_facts(self) -> str:
+        """Return the page of the facts that the paper's statements rest on, and what turns them."""
+        groups = by_fact([row for row in self.claims if row["fact"]])
+        mutations = (*COMPUTED, *ROWS)
+        page = self.render("all_facts.html", groups=groups, mutations=mutations)
+        return f"# Facts\n\n{_as_markdown(page)}\n"
 
     def items(self, sections: list[str]) -> str:
         """Return the index of the paper's figures, tables and equations."""
@@ -192,7 +207,7 @@ class _Sheets(Texts):
             parts += [f"## {group}", _raw(self.render("sheets.html", rows=rows))]
         cases = [case for section in sections for case in self.results.section(section)]
         parts.append(f"## Computed with\n\n{_raw(self.render('origin.html', **provenance(cases)))}")
-        tree = "\n".join(["paper", "claims", "figures-and-tables", *sections])
+        tree = "\n".join(["paper", "claims", "facts", "figures-and-tables", *sections])
         parts.append(f"```{{toctree}}\n:hidden:\n\n{tree}\n```")
         return "\n\n".join(parts) + "\n"
 

@@ -23,7 +23,9 @@ from study.texts import numbers
 from study.texts.appendix import computed, rational_degree
 from study.texts.statements import (
     HOMES,
+    by_fact,
     counts,
+    fact_counts,
     found,
     home,
     in_words,
@@ -127,6 +129,7 @@ class Texts:
             "cited": self.cited,
             "statements": self.statements,
             "counts": counts(self.claims),
+            "fact_counts": fact_counts(self.claims),
             "graded": self.graded,
             "heads": HEADS,
             "computed": lambda section: computed(results, section),
@@ -218,7 +221,7 @@ class Texts:
 
     def statements(self, *homes: str) -> Markup:
         """Return a table of the paper's statements in some sections; without any, of the others."""
-        return self.render("statements.html", rows=self._of_paper(homes))
+        return self.render("statements.html", groups=by_fact(self._of_paper(homes)))
 
     def graded(self, *homes: str) -> Markup:
         """Return how many statements of some sections have which grade, in words."""

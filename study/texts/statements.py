@@ -6,6 +6,7 @@ from typing import Any
 from markupsafe import Markup
 
 from study.judge.claims import GRADES, PAPER
+from study.judge.facts import Fact, load_facts
 from study.texts import numbers
 from study.vocabulary import ELEMENTS
 
@@ -39,6 +40,35 @@ def counts(rows: list[dict[str, Any]]) -> dict[str, int]:
     absent = sum(row["verdict"] == "not judged" for row in rows)
     differing = sum(row["differs"] for row in rows if row["verdict"] != "not judged")
     return {**found, "not judged": absent, "differing": differing}
+
+
+def by_fact(rows: list[dict[str, Any]]) -> list[tuple[Fact | None, list[dict[str, Any]]]]:
+    """Return statements by the facts that they rest on, each where its first statement was."""
+    facts = {fact.id: fact for fact in load_facts()}
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(row["fact"] or row["id"], []).append(row)
+    return [(facts.get(name), mine) for name, mine in groups.items()]
+
+
+def fact_counts(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return by grade how many statements there are, printed and read in, on how many facts.
+
+    The last entry is of all grades.
+    """
+    found = []
+    for grade in (*GRADES, None):
+        line: dict[str, Any] = {"grade": grade}
+        for kind in (*PAPER, None):
+            mine = [
+                row
+                for row in rows
+                if row["kind"] in ((kind,) if kind else PAPER) and grade in (None, row["grade"])
+            ]
+            facts = {row["fact"] or row["id"] for row in mine}
+            line[kind or "every"] = {"statements": len(mine), "facts": len(facts)}
+        found.append(line)
+    return found
 
 
 def home(source: str) -> str:

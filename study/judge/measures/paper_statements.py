@@ -52,7 +52,8 @@ def shear_off_fine(
 
     def averaged(line: dict[str, Array]) -> Array:
         shear = np.interp(x, line[f"x{end}"], line[f"shear{end}"])
-        return weights @ shear / weights.sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):  # no weight on the axis
+            return weights @ shear / weights.sum(axis=1)
 
     off = (averaged(ours) if averaged_on else ours[f"shear{end}"]) - averaged(known)
     stick = case.curves[f"status{end}"] == STICK
