@@ -22,6 +22,8 @@ from dolfinx.mesh import (
 
 from pw_elements.checks import agree, answer, arguments, collective, field, vector
 
+__all__ = ["curved", "from_gmsh", "mapped", "on_lines", "quadrilaterals", "triangles"]
+
 Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
@@ -35,7 +37,7 @@ def triangles(
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle of triangles.
+    """Meshes a rectangle with triangles.
 
     Args:
         comm: communicator.
@@ -58,7 +60,7 @@ def quadrilaterals(
     upper: tuple[float, float],
     divisions: tuple[int, int],
 ) -> Mesh:
-    """Rectangle of quadrilaterals.
+    """Meshes a rectangle with quadrilaterals.
 
     Args:
         comm: communicator.
@@ -81,7 +83,7 @@ def on_lines(
     cell: str,
     pattern: Pattern = "right",
 ) -> Mesh:
-    """Rectangle whose mesh lines are given.
+    """Meshes a rectangle along given lines.
 
     Args:
         comm: communicator.

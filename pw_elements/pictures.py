@@ -49,7 +49,8 @@ _GREY = (0.78, 0.82, 0.86)
 # Of the unit normal's component towards the eye; below it nothing is seen of a face
 _EDGE_ON = 1e-9
 # From where light comes, to the right of the eye and above it; what is in the shade of it
-_LIGHT, _SHADE = np.array([0.35, 0.5, 0.79]), 0.55
+_LIGHT = np.array([0.35, 0.5, 0.79])
+_SHADE = 0.55
 
 
 class _Faces(NamedTuple):

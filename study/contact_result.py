@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements import SurfaceNodes, force_transfer, forces_along, reactions
-from pw_elements.contact import OPEN, STICK, ContactState
+from pw_elements.contact import OPEN, STICK
+from pw_elements.contact.model import ContactState
 from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import Discretisation, mesh_curves

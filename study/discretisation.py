@@ -16,20 +16,31 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    composite_element,
 )
-from pw_elements.elasticity import Vector
-from pw_elements.spaces import Marker, SubSpace, centre_nodes, mid_diagonal_nodes
+from pw_elements.elasticity import StressState, Vector
+from pw_elements.spaces import (
+    Marker,
+    SubSpace,
+    composite_element,
+    one_cut_element,
+    quadratic_element,
+)
+from study.inner_nodes import centre_nodes, mid_diagonal_nodes
 
 
 def _composite(mesh: Mesh) -> Spaces:
     """Composite triangles, on curved ones too, where `Spaces.composite` refuses them."""
     trial = fem.functionspace(mesh, composite_element((mesh.geometry.dim,)))
     return Spaces(trial, trial)
+
+
+def one_cut(mesh: Mesh, shape: tuple[int, ...] = (3,)) -> Spaces:
+    """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`."""
+    trial = fem.functionspace(mesh, quadratic_element("tetrahedron", shape))
+    return Spaces(trial, fem.functionspace(mesh, one_cut_element(shape)))
 
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
@@ -48,7 +59,7 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "transferred-T10": Spaces.galerkin,
     "sibling-T10": Spaces.galerkin,
     "pw-T10": Spaces.petrov_galerkin,
-    "onecut-T10": Spaces.one_cut,
+    "onecut-T10": one_cut,
     # with a pressure beside displacements
     "galerkin-hybrid-T6": Spaces.taylor_hood,
     "pw-hybrid-T6": Spaces.hybrid,

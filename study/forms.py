@@ -14,7 +14,8 @@ from dolfinx import fem
 from dolfinx.jit import get_options
 from dolfinx.mesh import Mesh
 
-from pw_elements import Body, Material, StressState, boundary_measure
+from pw_elements import Body, Material, boundary_measure
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
 from study.discretisation import is_quadrilateral, spaces
 

@@ -9,13 +9,13 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     prescribe,
 )
 from pw_elements.contact import ContactPair, Parabola, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
 
 

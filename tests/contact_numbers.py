@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Body, Material, Reduction, Spaces, StressState, assemble_matrix, prescribe
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -21,6 +21,7 @@ from pw_elements.contact import (
     SurfacePassed,
     solve_contact,
 )
+from pw_elements.elasticity import StressState
 from tests.contact_cases import Block, Punch, at
 from tests.random_contact import problem
 from tests.test_contact_matching import Blocks

@@ -17,8 +17,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from pw_elements.contact import ContactPair, MatchingNodes, NoEquilibrium, NoSolution
+from pw_elements.contact import ContactPair, NoEquilibrium
+from pw_elements.contact.model import MatchingNodes
 from tests.contact_residuals import _contact_nodes, _supports
+from tests.oracle.search import Branch, Increment
 
 Array = npt.NDArray[np.float64]
 
@@ -160,37 +162,29 @@ def _turned(pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool
 # -- searches ---------------------------------------------------------------------------------
 
 
-def contradictions(problem, states, error: NoSolution) -> dict[str, float]:
-    """What a search's proof lacks, each as a small number if it lacks nothing; in serial, 2-D.
+def contradictions(increment: Increment, branches: tuple[Branch, ...]) -> dict[str, float]:
+    """What a search's proof lacks, each as a small number if it lacks nothing.
 
     That its branches hold each set of statuses once; that each one's multipliers make a number
     of -1 of all motions of the contact nodes and free surfaces; and that they are of the sign
-    which the law of the statuses asks for. The nodal forces of a motion are those of the whole K.
-
-    Args:
-        problem: as in `flaws`; its free surfaces are flat.
-        states: before the increment.
-        error: with its branches.
+    which the law of the statuses asks for.
 
     Returns:
         "cover": how many sets of statuses are left out or there twice; "signs": wrong multipliers
         over the largest; "motions": what the sum changes by in motions of a thousand times those
         under the loads, over one.
     """
-    where = [(k, node) for k, pair in enumerate(error.state.pairs) for node in pair.node]
-    linear = _Linear(problem, states, where)
-    found = {"cover": float(_uncovered([branch.allowed for branch in error.branches]))}
+    found = {"cover": float(_uncovered([branch.allowed for branch in branches]))}
     found |= {"signs": 0.0, "motions": 0.0}
-    length = 1e3 * linear.motion
-    for branch in error.branches:
-        of_force = np.einsum("na,nab->b", branch.force, linear.force)
-        of_gap = np.where(linear.faced, branch.gap, 0.0) @ linear.gap
-        total = of_force + of_gap + np.einsum("na,nab->b", branch.slip, linear.slip)
-        total += branch.total @ linear.balance
-        found["motions"] = max(
-            found["motions"], abs(total[-1] + 1), length * np.abs(total[:-1]).sum()
-        )
-        found["signs"] = max(found["signs"], linear.wrong_sign(branch))
+    rest = np.abs([increment.normal[:, -1], increment.shear[:, -1]]).max() / increment.stiffness
+    length = 1e3 * max(rest, np.abs(increment.gap[increment.faced, -1]).max())
+    for branch in branches:
+        total = branch.normal @ increment.normal + branch.shear @ increment.shear
+        total += np.where(increment.faced, branch.gap, 0.0) @ increment.gap
+        total += branch.slip @ increment.slip + branch.total @ increment.balance
+        lack = max(abs(total[-1] + 1), length * np.abs(total[:-1]).sum())
+        found["motions"] = max(found["motions"], lack)
+        found["signs"] = max(found["signs"], _wrong_sign(increment, branch))
     return {name: float(value) for name, value in found.items()}
 
 
@@ -211,109 +205,111 @@ def _uncovered(allowed: list[npt.NDArray[np.bool_]]) -> int:
     return abs(int(np.prod(every.astype(object))) - size) + twice
 
 
-class _Linear:
-    """Forces, gaps and slips of contact nodes as functions of (motions, translations, 1)."""
+def _wrong_sign(increment: Increment, branch: Branch) -> float:
+    """Largest multiplier of the wrong sign over the largest of its kind."""
+    wrong = [0.0]
+    size = np.hypot(branch.normal, branch.shear).max() or 1.0
+    widest, steepest = np.abs(branch.gap).max() or 1.0, np.abs(branch.slip).max() or 1.0
+    slides = np.any(increment.shear != 0, axis=1)
+    for i, statuses in enumerate(branch.allowed):
+        mu, gap, slip = increment.mu[i], branch.gap[i] / widest, branch.slip[i] / steepest
+        rough = mu > 0 and increment.faced[i] and slides[i]
+        rays = {1: [0.0], 2: [], 3: []}
+        if rough:
+            rays = {1: [-mu, mu], 2: [-mu], 3: [mu]}
+        elif statuses[2:].any():
+            wrong.append(np.inf)
+        if not increment.faced[i]:
+            wrong += [abs(gap), np.inf if statuses[1:].any() else 0.0]
+        if statuses[0]:
+            wrong += [-gap, abs(slip)]
+        for status in np.flatnonzero(statuses[1:]) + 1:
+            for ray in rays[int(status)]:
+                force = branch.normal[i] + ray * branch.shear[i]
+                wrong.append(-force / size / np.hypot(1, ray))
+        if statuses[2]:
+            wrong.append(-slip)
+        if statuses[3]:
+            wrong.append(slip)
+        if not rough:
+            wrong.append(abs(slip))
+    return max(wrong)
 
-    def __init__(self, problem, states, where: list[tuple[int, int]]) -> None:
-        space = problem.space
-        dim, number = space.mesh.geometry.dim, len(states)
-        x = space.tabulate_dof_coordinates()[:, :dim]
-        K = problem.K[:, :]
-        f = problem.loads[number].array_r
-        held, values = _supports(problem.conditions, len(x), dim)
-        held, values = held.ravel(), values.ravel()
-        nodes = np.array([node for _, node in where])
-        contact = np.zeros(x.size, dtype=bool)
-        contact[(nodes[:, None] * dim + np.arange(dim)).ravel()] = True
-        moved, inner = np.flatnonzero(contact & ~held), np.flatnonzero(~contact & ~held)
-        place = np.zeros((len(problem.pairs), dim))
-        was = np.zeros((len(problem.pairs), dim))
-        before = np.zeros((len(x), dim))
-        if states:
-            was = np.array([pair.translation for pair in states[-1].pairs])
-            before = states[-1].displacement.array_r.reshape(-1, dim)
-        free, asked = [], []
-        for k, pair in enumerate(problem.pairs):
-            motion = pair.motions[number] if pair.motions else None
-            for axis in range(dim):
-                u = 0.0 if motion is None else motion.translation[axis]
-                place[k, axis] = was[k, axis] if u is None else u
-                if u is None:
-                    free.append((k, axis))
-                    asked.append(0.0 if motion.force is None else motion.force[axis])
-        size = len(moved) + len(free) + 1
-        a = np.zeros((x.size, size))
-        a[:, -1] = np.where(held, values, 0.0)
-        a[moved, np.arange(len(moved))] = 1.0
-        right = -K[inner] @ a
-        right[:, -1] += f[inner]
-        a[inner] = np.linalg.solve(K[np.ix_(inner, inner)], right)
-        r = K @ a
-        r[:, -1] -= f
-        r[held] = 0.0  # forces of supports
-        a, r = a.reshape(-1, dim, size), r.reshape(-1, dim, size)
-        U = np.zeros((len(problem.pairs), dim, size))
-        U[..., -1] = place
-        for k, at in enumerate(free):
-            U[at] = 0.0
-            U[at][len(moved) + k] = 1.0
-        self.force, self.slip = np.zeros((2, len(nodes), dim, size))
-        self.gap, self.faced = np.zeros((len(nodes), size)), np.zeros(len(nodes), dtype=bool)
-        self.normal, self.mu = np.zeros((len(nodes), dim)), np.zeros(len(nodes))
-        self.tangential = np.zeros((len(nodes), dim))
-        supported = held.reshape(-1, dim)
-        for k, pair in enumerate(problem.pairs):
-            own, friction = _contact_nodes(pair, space)
-            friction_at = dict(zip(own.tolist(), friction, strict=True))
-            for i in [i for i, (number_, _) in enumerate(where) if number_ == k]:
-                n = nodes[i]
-                point = (x[n] - place[k])[None]
-                normal = pair.surface.normal(point)[0]
-                gap = pair.surface.gap(point)[0]
-                self.faced[i], self.normal[i], self.mu[i] = np.isfinite(gap), normal, friction_at[n]
-                tangent = np.where(supported[n], 0.0, [-normal[1], normal[0]])
-                self.tangential[i] = tangent if np.linalg.norm(tangent) > 0.5 else 0.0
-                relative = a[n] - U[k]
-                self.gap[i] = normal @ relative
-                self.gap[i, -1] += (gap if self.faced[i] else 0.0) + normal @ place[k]
-                since = relative.copy()
-                since[:, -1] -= before[n] - was[k]
-                self.slip[i] = since
-                self.force[i] = r[n]
-        pair_of = np.array([k for k, _ in where])
-        self.balance = np.zeros((len(free), size))
-        for k, (pair, axis) in enumerate(free):
-            self.balance[k] = self.force[pair_of == pair, axis].sum(axis=0)
-            self.balance[k, -1] -= asked[k]
-        rest = np.abs(self.force[..., -1]).max() / np.abs(np.diag(K)).mean()
-        self.motion = max(rest, np.abs(self.gap[self.faced, -1]).max())
 
-    def wrong_sign(self, branch) -> float:
-        """Largest multiplier of the wrong sign over the largest of its kind."""
-        force, slip = branch.force, np.sum(branch.slip * branch.forwards, axis=1)
-        wrong, tangent = [0.0], branch.forwards
-        across = np.abs(np.sum(tangent * self.normal, axis=1)).max()
-        size = np.linalg.norm(force, axis=1).max() or 1.0
-        widest, steepest = np.abs(branch.gap).max() or 1.0, np.abs(slip).max() or 1.0
-        for i, statuses in enumerate(branch.allowed):
-            rough = self.mu[i] > 0 and self.faced[i] and np.any(self.tangential[i])
-            rays = {1: [0.0], 2: [], 3: []}
-            if rough:
-                rays = {1: [-self.mu[i], self.mu[i]], 2: [-self.mu[i]], 3: [self.mu[i]]}
-            elif statuses[2:].any():
-                wrong.append(np.inf)
-            if not self.faced[i]:
-                wrong += [abs(branch.gap[i]) / widest, np.inf if statuses[1:].any() else 0.0]
-            if statuses[0]:
-                wrong += [-branch.gap[i] / widest, abs(slip[i]) / steepest]
-            for status in np.flatnonzero(statuses[1:]) + 1:
-                for ray in rays[int(status)]:
-                    r = self.normal[i] + ray * tangent[i]
-                    wrong.append(-(force[i] @ r) / size / np.linalg.norm(r))
-            if statuses[2]:
-                wrong.append(-slip[i] / steepest)
-            if statuses[3]:
-                wrong.append(slip[i] / steepest)
-            if not rough:
-                wrong.append(abs(slip[i]) / steepest)
-        return max(*wrong, across)
+def linear_increment(problem, states) -> Increment:
+    """The increment after some states, of a problem in the plane, by the whole K; in serial.
+
+    Surfaces that are free to move have to be flat.
+    """
+    space = problem.space
+    dim, number = space.mesh.geometry.dim, len(states)
+    x = space.tabulate_dof_coordinates()[:, :dim]
+    K = problem.K[:, :]
+    f = problem.loads[number].array_r
+    held, values = _supports(problem.conditions, len(x), dim)
+    where = [
+        (k, int(n), mu)
+        for k, pair in enumerate(problem.pairs)
+        for n, mu in zip(*_contact_nodes(pair, space), strict=True)
+        if not held[n].all()
+    ]
+    nodes, pair_of = np.array([n for _, n, _ in where]), np.array([k for k, _, _ in where])
+    contact = np.zeros(x.shape, dtype=bool)
+    contact[nodes] = True
+    moved = np.flatnonzero((contact & ~held).ravel())
+    inner = np.flatnonzero((~contact & ~held).ravel())
+    place, was = np.zeros((2, len(problem.pairs), dim))
+    before = np.zeros((len(x), dim))
+    if states:
+        was = np.array([pair.translation for pair in states[-1].pairs])
+        before = states[-1].displacement.array_r.reshape(-1, dim)
+    free, asked = [], []
+    for k, pair in enumerate(problem.pairs):
+        motion = pair.motions[number] if pair.motions else None
+        for axis in range(dim):
+            u = 0.0 if motion is None else motion.translation[axis]
+            place[k, axis] = was[k, axis] if u is None else u
+            if u is None:
+                free.append((k, axis))
+                asked.append(0.0 if motion.force is None else motion.force[axis])
+    size = len(moved) + len(free) + 1
+    a = np.zeros((x.size, size))
+    a[:, -1] = np.where(held, values, 0.0).ravel()
+    a[moved, np.arange(len(moved))] = 1.0
+    right = -K[inner] @ a
+    right[:, -1] += f[inner]
+    a[inner] = np.linalg.solve(K[np.ix_(inner, inner)], right)
+    r = K @ a
+    r[:, -1] -= f
+    r[held.ravel()] = 0.0  # forces of supports
+    a, r = a.reshape(-1, dim, size)[nodes], r.reshape(-1, dim, size)[nodes]
+    U = np.zeros((len(problem.pairs), dim, size))
+    U[..., -1] = place
+    for k, at in enumerate(free):
+        U[at] = 0.0
+        U[at][len(moved) + k] = 1.0
+    balance = np.zeros((len(free), size))
+    for k, (pair, axis) in enumerate(free):
+        balance[k] = r[pair_of == pair, axis].sum(axis=0)
+        balance[k, -1] -= asked[k]
+    shapes = [problem.pairs[k].surface for k in pair_of]
+    points = x[nodes] - place[pair_of]
+    normal = np.array([s.normal(p[None])[0] for s, p in zip(shapes, points, strict=True)])
+    gap = np.array([s.gap(p[None])[0] for s, p in zip(shapes, points, strict=True)])
+    faced = np.isfinite(gap)
+    tangent = np.where(held[nodes], 0.0, np.column_stack([-normal[:, 1], normal[:, 0]]))
+    tangent *= np.linalg.norm(tangent, axis=1, keepdims=True) > 0.5
+    relative = a - U[pair_of]
+    towards = np.einsum("na,nab->nb", normal, relative)
+    towards[:, -1] += np.where(faced, gap, 0.0) + np.sum(normal * place[pair_of], axis=1)
+    relative[..., -1] -= before[nodes] - was[pair_of]
+    return Increment(
+        np.einsum("na,nab->nb", normal, r),
+        np.einsum("na,nab->nb", tangent, r),
+        towards,
+        np.einsum("na,nab->nb", tangent, relative),
+        balance,
+        np.array([mu for _, _, mu in where]),
+        faced,
+        float(np.abs(np.diag(K)).mean()),
+    )

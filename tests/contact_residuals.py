@@ -29,7 +29,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.contact import ContactPair, ContactState, Motion
+from pw_elements.contact import ContactPair, Motion
+from pw_elements.contact.model import ContactState
 
 Array = npt.NDArray[np.float64]
 

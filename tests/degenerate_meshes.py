@@ -12,8 +12,7 @@ import basix.ufl
 import numpy as np
 from dolfinx.mesh import create_mesh
 
-from pw_elements import DegenerateMesh
-from pw_elements.checks import check_mesh
+from pw_elements.checks import DegenerateMesh, check_mesh
 from tests.random_meshes import Grid, structured
 
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]

@@ -15,7 +15,6 @@ from pw_elements import (
     Material,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     lumped_mass,
@@ -23,6 +22,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
+from pw_elements.elasticity import StressState
 from tests.contact_cases import at
 
 comm = MPI.COMM_WORLD

@@ -11,9 +11,9 @@ from pw_elements import (
     Body,
     Iterative,
     Material,
+    NotConverged,
     Reduction,
     SingularSystem,
-    SolverNotConverged,
     Spaces,
     assemble_matrix,
     assemble_vector,
@@ -99,7 +99,7 @@ def by_auto():
     iterative.free_memory = lambda _: 1e6
     try:
         solve_contact(*arguments)
-    except SolverNotConverged as error:
+    except NotConverged as error:
         numbers["words that differ"] = len(set(comm.allgather(str(error)))) - 1
 
 

@@ -23,11 +23,10 @@ from pw_elements import (
     boundary_measure,
     forces_along,
     lumped_mass,
-    nodal_load,
     prescribe,
     solve,
-    symmetric_part,
 )
+from pw_elements.algebra import symmetric_part
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -36,6 +35,7 @@ from pw_elements.contact import (
     solve_contact,
     solve_impact,
 )
+from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, triangles
 from tests.contact_cases import Block, at
 

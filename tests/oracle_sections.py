@@ -17,9 +17,8 @@ from unittest.mock import patch
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from pw_elements import StressState
 from pw_elements.contact import FlatPunch, Parabola
-from pw_elements.elasticity import body
+from pw_elements.elasticity import StressState, body
 from study.paper import (
     s7_1_two_triangles,
     s7_2_block,

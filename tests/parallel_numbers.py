@@ -18,7 +18,6 @@ from pw_elements import (
     PetrovGalerkinProblem,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
@@ -27,18 +26,18 @@ from pw_elements import (
     force_transfer,
     forces_along,
     lumped_mass,
-    macro_element,
     nodal_flux,
-    nodal_load,
     prescribe,
     reactions,
     solve,
     split,
-    symmetric_part,
     vibration_modes,
 )
+from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.spaces import macro_element
 from study.discretisation import discretise
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered

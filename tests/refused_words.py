@@ -14,13 +14,14 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     prescribe,
 )
-from pw_elements.contact import ContactFailed, ContactPair, MatchingNodes, Motion, Plane
+from pw_elements.contact import ContactFailed, ContactPair, Motion, Plane
 from pw_elements.contact import solve_contact as solve
+from pw_elements.contact.model import MatchingNodes
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import at
 from tests.test_contact_matching import doubled, lower_nodes

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.spatial import cKDTree
 
-from pw_elements.contact import OPEN, STICK, ContactState
+from pw_elements.contact import OPEN, STICK
+from pw_elements.contact.model import ContactState
 from tests.drawn_contact import Stated
 from tests.properties import dense, terms
 from tests.random_meshes import EPS

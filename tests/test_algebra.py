@@ -1,7 +1,6 @@
 import gc
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import pytest
@@ -15,16 +14,15 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     prescribe,
     reactions,
     solve,
-    symmetric_part,
 )
-from pw_elements.algebra import factorise
+from pw_elements.algebra import factorise, symmetric_part
+from pw_elements.elasticity import StressState
 from study.matrices import dense
 
 
@@ -71,28 +69,6 @@ def test_reactions_balance_the_load(problem):
     assert r[held].sum(axis=0) == pytest.approx([-1.0, -0.2], abs=1e-12)
     free = np.setdiff1d(np.arange(len(r)), held)
     assert np.abs(r[free]).max() < 1e-12
-
-
-def test_chained_reductions_are_one_reduction(problem):
-    body, K, f = problem
-    U = body.spaces.trial
-    at_once = Reduction.dirichlet(U, [prescribe(U, i, left, 0.1 * i) for i in (0, 1)])
-    first = Reduction.dirichlet(U, [prescribe(U, 0, left, 0.0)])
-    # the second one selects from the first one's system
-    kept = list(dense(at_once.right).argmax(axis=0))
-    all_first = list(dense(first.right).argmax(axis=0))
-    selection = np.zeros((len(all_first), len(kept)))
-    for column, dof in enumerate(kept):
-        selection[all_first.index(dof), column] = 1
-    offset = first.left.createVecRight()
-    offset.setArray(
-        [0.1 if d not in kept and d % 2 else 0.0 for d in all_first],
-    )
-    inner_matrix = PETSc.Mat().createDense(selection.shape, array=selection, comm=MPI.COMM_SELF)
-    inner_matrix = inner_matrix.convert("aij")
-    chained = first.then(Reduction(inner_matrix, inner_matrix, offset))
-    assert np.abs(dense(chained.matrix(K)) - dense(at_once.matrix(K))).max() < 1e-13
-    assert np.abs(solve(K, f, chained).array - solve(K, f, at_once).array).max() < 1e-12
 
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])

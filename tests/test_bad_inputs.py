@@ -27,7 +27,6 @@ from pw_elements import (
     Direct,
     Material,
     NoModes,
-    NumberingError,
     Reduction,
     SingularSystem,
     Spaces,
@@ -37,39 +36,39 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     buckling,
-    composite_element,
     force_transfer,
     forces_along,
     lumped_mass,
-    macro_element,
-    nodal_load,
     prescribe,
-    quadratic_element,
     reactions,
-    serendipity_element,
     solve,
-    symmetric_part,
     test_space,
     vibration_modes,
 )
 from pw_elements._compat import cell_nodes
+from pw_elements.algebra import symmetric_part
 from pw_elements.contact import (
     ContactFailed,
     ContactPair,
     ContactProblem,
     FlatPunch,
-    MatchingNodes,
     Motion,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     solve_contact,
 )
-from pw_elements.elasticity import by_position
+from pw_elements.contact.model import MatchingNodes
+from pw_elements.elasticity import by_position, nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, quadrilaterals, triangles
-from pw_elements.spaces import centre_nodes, mid_diagonal_nodes
+from pw_elements.spaces import (
+    NumberingError,
+    composite_element,
+    macro_element,
+    quadratic_element,
+    serendipity_element,
+)
 
 LIBRARY = Path(pw_elements.__file__).parent
 DOCUMENTED = (
@@ -538,10 +537,7 @@ CASES |= {
     "reduced load of another size": lambda w: w.held.load(w.K, w.short()),
     "expand None": lambda w: w.held.expand(None),
     "expand a full vector": lambda w: w.held.expand(w.f),
-    "expand_mode of an array": lambda w: w.held.expand_mode(np.zeros(5)),
     "reduction under another matrix": lambda w: w.held.under(w.larger[0], w.f),
-    "reduction then None": lambda w: w.held.then(None),
-    "reduction then one of the full system": lambda w: w.held.then(w.held),
     "guyan of a wrong name": lambda w: w.held.guyan("both"),
     "solve None": lambda w: solve(None, w.f, w.held),
     "solve an array": lambda w: solve(np.eye(30), w.f, w.held),
@@ -694,16 +690,6 @@ CASES |= {
     "curved to infinity": lambda w: curved(square(), lambda x: x + INF),
     "curved by a failing function": lambda w: curved(square(), failing),
     # inner nodes
-    "mid-diagonal nodes of quadrilaterals": lambda w: mid_diagonal_nodes(
-        Spaces.galerkin(w.quads).trial
-    ),
-    "mid-diagonal nodes of None": lambda w: mid_diagonal_nodes(None),
-    "mid-diagonal nodes of linear triangles": lambda w: mid_diagonal_nodes(w.P1),
-    "mid-diagonal nodes of one triangle": lambda w: mid_diagonal_nodes(
-        Spaces.galerkin(made("triangle", [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])).trial
-    ),
-    "centre nodes of triangles": lambda w: centre_nodes(w.U),
-    "centre nodes of Spaces": lambda w: centre_nodes(w.spaces),
     # contact
     "contact of K None": lambda w: w.contact(K=None),
     "contact of K of NaN": lambda w: w.contact(K=w.matrix(NAN)),
@@ -780,11 +766,6 @@ CASES |= {
     "sphere exchanged": lambda w: Sphere(1.0, (0, 0)),
     "punch of width 0": lambda w: FlatPunch((0, 0), (0, 1), 0.0),
     "punch of width None": lambda w: FlatPunch((0, 0), (0, 1), None),
-    "polyline of one point": lambda w: Polyline([(0, 0)]),
-    "polyline of a repeated point": lambda w: Polyline([(0, 0), (0, 0)]),
-    "polyline of NaN": lambda w: Polyline([(0, 0), (1, NAN)]),
-    "polyline of None": lambda w: Polyline(None),
-    "polyline of radius -1": lambda w: Polyline([(0, 0), (1, 0)], -1.0),
     "signed distance of None": lambda w: w.contact(pairs=ContactPair(below, SignedDistance(None))),
     "signed distance of columns": lambda w: w.contact(
         pairs=ContactPair(below, SignedDistance(lambda x: x))

@@ -13,8 +13,8 @@ from pw_elements import (
     Direct,
     Iterative,
     Material,
+    NotConverged,
     Reduction,
-    SolverNotConverged,
     Spaces,
     as_function,
     assemble_matrix,
@@ -54,7 +54,7 @@ def impatient(monkeypatch):
 def test_contact_goes_on_with_factors(caplog):
     arguments = nearly_sliding(Solid(n=2))
     known = solve_contact(*arguments, solver=Direct())
-    with pytest.raises(SolverNotConverged, match=r"use Direct\(\)") as failed:
+    with pytest.raises(NotConverged, match=r"use Direct\(\)") as failed:
         solve_contact(*arguments, solver=Iterative())
     assert "auto" not in str(failed.value)
     told = []
@@ -76,7 +76,7 @@ def test_contact_goes_on_with_factors(caplog):
 def test_without_memory_for_factors_the_error_stays(monkeypatch):
     arguments = nearly_sliding(Solid(n=2))
     monkeypatch.setattr(iterative, "free_memory", lambda _: 1e6)
-    with pytest.raises(SolverNotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
+    with pytest.raises(NotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
         solve_contact(*arguments)
 
 

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 
 from pw_elements import Spaces, assemble_matrix
-from pw_elements.spaces import mid_diagonal_nodes
+from study.inner_nodes import mid_diagonal_nodes
 from study.judge import measures
 from study.paper import s7_5_column, s7_5_fit, s7_5_profiles
 

@@ -13,20 +13,19 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
-    composite_element,
     force_transfer,
-    macro_element,
     prescribe,
     reactions,
     solve,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
+from pw_elements.spaces import composite_element, macro_element
 from study.matrices import dense
 from study.verification.t_identity import distorted
 

@@ -1,5 +1,4 @@
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import basix.ufl
 import numpy as np
@@ -13,7 +12,6 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     prescribe,
@@ -21,9 +19,10 @@ from pw_elements import (
     solve,
 )
 from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.spaces import centre_nodes, mid_diagonal_nodes
 from study.discretisation import discretise
+from study.inner_nodes import centre_nodes, mid_diagonal_nodes
 from study.matrices import dense
 from study.verification.t_identity import distorted
 
@@ -97,43 +96,6 @@ def test_reduced_load_does_not_depend_on_the_inner_offset(problem):
     assert (loaded.offset - reduction.offset).norm() > 1e-3
     difference = loaded.load(body.K, f) - reduction.load(body.K, f)
     assert difference.norm() < 1e-13
-
-
-def test_chains_with_other_reductions_in_either_order(problem):
-    body, f, inner = problem
-    K, U, held = body.K, body.space, clamp(body)
-    exact = solve(K, f, body.supports(held)).array
-    supports = Reduction.dirichlet(U, held)
-
-    # condense first: the second reduction drops and prescribes among the kept ones
-    kept = np.setdiff1d(np.arange(len(exact)), inner)
-    free = dense(supports.right).any(axis=1)[kept]
-    prescribed = supports.offset.array[kept]
-    chained = body.supports([]).then(_by_hand(np.eye(len(kept))[:, free], prescribed))
-    assert np.abs(solve(K, f, chained).array - exact).max() < 1e-13
-
-    # supports first: the second one condenses the supported matrix
-    A = dense(supports.matrix(K))
-    i = np.flatnonzero(np.isin(np.flatnonzero(dense(supports.right).any(axis=1)), inner))
-    e = np.setdiff1d(np.arange(len(A)), i)
-    Q = np.zeros_like(A)
-    Q[np.ix_(i, i)] = np.linalg.inv(A[np.ix_(i, i)])
-    I = np.eye(len(A))[:, e]  # noqa: E741
-    second = _by_hand(I - Q @ A @ I, np.zeros(len(A)), I - Q.T @ A.T @ I, Q)
-    chained = supports.then(second)
-    assert np.abs(solve(K, f, chained).array - exact).max() < 1e-13
-
-
-def _by_hand(right, offset, left=None, inner=None):
-    def matrix(values):
-        return (
-            PETSc.Mat().createDense(values.shape, array=values, comm=MPI.COMM_SELF).convert("aij")
-        )
-
-    R = matrix(right)
-    vector = PETSc.Vec().createWithArray(np.array(offset), comm=MPI.COMM_SELF)
-    L = R if left is None else matrix(left)
-    return Reduction(L, R, vector.copy(), None if inner is None else matrix(inner))
 
 
 def test_guyan_reduction_has_one_stiffness_and_two_masses(problem):

@@ -12,7 +12,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -29,6 +28,7 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, at
 

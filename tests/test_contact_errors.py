@@ -11,20 +11,17 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    nodal_load,
     prescribe,
 )
-from pw_elements.checks import check_mesh
+from pw_elements.checks import DegenerateMesh, check_mesh
 from pw_elements.contact import (
     OPEN,
     SLIP,
     STICK,
     ContactPair,
-    DegenerateMesh,
     FreeBody,
     Motion,
     NoEquilibrium,
@@ -32,13 +29,13 @@ from pw_elements.contact import (
     NotUnique,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     solve_contact,
 )
 from pw_elements.contact.iteration import ActiveSet, Contact
 from pw_elements.contact.iteration.policy import Cycles
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Greco, at
 
@@ -328,13 +325,13 @@ def test_surface_has_the_dimension_of_the_body():
         solved(ContactPair(at(1, 0.0), Parabola((0.0,), -1.0)))
 
 
-def test_broken_line_is_no_surface_in_space():
+def test_circle_is_no_surface_in_space():
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [1, 1, 1], CellType.tetrahedron)
     body = Body(Spaces.petrov_galerkin(mesh), Material(1.0), StressState.SOLID)
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
-    pair = ContactPair(at(2, 0.0), Polyline([(0, 0), (1, 0)]))
-    with pytest.raises(ValueError, match="the first point of its surface has 2 components in 3-D"):
+    pair = ContactPair(at(2, 0.0), Sphere((0, 0), 1.0))
+    with pytest.raises(ValueError, match="the centre of its surface has 2 components in 3-D"):
         solve_contact(K, K.createVecLeft(), Reduction.dirichlet(U, []), pair, U)
 
 

@@ -1,6 +1,5 @@
 """Contact results as functions, in files for ParaView, and in pictures."""
 
-import pickle
 import shutil
 import subprocess
 import sys
@@ -20,7 +19,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -42,6 +40,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.output.pictures import _chains
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests import vtx
 from tests.contact_cases import Block, Punch, at
@@ -262,25 +261,6 @@ def test_what_is_no_state_of_the_body():
     for ask in (ContactFields.of, plot):
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             ask(half, block.body)
-
-
-def test_states_can_be_pickled():
-    _, problem, load = blocks_apart(MPI.COMM_SELF)
-    state = problem.step(problem.undeformed, load)
-    again = pickle.loads(pickle.dumps(state))
-    assert np.array_equal(again.displacement.array_r, state.displacement.array_r)
-    assert not again.pairs[0].gap.flags.writeable
-    assert (again.residuals, again.report, again.free) == (
-        state.residuals,
-        state.report,
-        state.free,
-    )
-    onwards, there = (problem.step(s, load).displacement for s in (again, state))
-    assert (onwards - there).norm() < 1e-12 * there.norm()
-    kept = state.__getstate__()
-    sizes, _, values = kept["displacement"]
-    with pytest.raises(ValueError, match="a state pickled by 7 processes is read by 1"):
-        state.__setstate__(kept | {"displacement": (sizes, 7, values)})
 
 
 needs_reader = pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")

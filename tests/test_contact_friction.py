@@ -12,7 +12,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -29,6 +28,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.model import Cone
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import Block, at
 from tests.contact_iterative import Solid

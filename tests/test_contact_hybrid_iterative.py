@@ -8,14 +8,8 @@ from dolfinx.mesh import CellType, create_unit_cube
 
 from pw_elements import Body, Direct, Iterative, Material, Reduction, Spaces, assemble_matrix
 from pw_elements import prescribe as held
-from pw_elements.contact import (
-    ContactPair,
-    MatchingNodes,
-    Motion,
-    NotFound,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import ContactPair, Motion, NotFound, Plane, solve_contact
+from pw_elements.contact.model import MatchingNodes
 from tests.contact_cases import at
 from tests.contact_iterative import CASES, STACKED, Solid, held_by_contact
 from tests.test_contact_iterative import compare

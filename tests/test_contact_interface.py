@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pw_elements import Direct, Iterative, Reduction, SolverReport, Spaces, prescribe, reactions
-from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, Smallness
+from pw_elements import Direct, Iterative, Reduction, Spaces, prescribe, reactions
+from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane
 from pw_elements.contact.interface import Interface, nodal_interface
 from pw_elements.contact.interface.operators import Points
 from pw_elements.contact.iteration import (
@@ -24,6 +24,8 @@ from pw_elements.contact.iteration import (
 )
 from pw_elements.contact.iteration.law import sticking
 from pw_elements.contact.iteration.policy import LastHold
+from pw_elements.contact.model import Smallness
+from pw_elements.solvers import SolverReport
 from pw_elements.spaces import SubSpace
 from tests.contact_cases import Block, at
 from tests.test_contact_matching import Blocks

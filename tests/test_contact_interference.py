@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    StressState,
-    assemble_matrix,
-    prescribe,
-)
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.contact import (
     SLIP,
     ContactPair,
@@ -27,6 +19,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.steps.stepping import Target, between, held_by, in_parts
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
 from tests.contact_cases import at
 from tests.contact_residuals import residuals, walked, worst

@@ -4,17 +4,10 @@ import numpy as np
 import pytest
 
 from pw_elements import Direct, Iterative, Spaces
-from pw_elements.contact import (
-    STICK,
-    ContactProblem,
-    FreeBody,
-    MatchingNodes,
-    NotFound,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import STICK, ContactProblem, FreeBody, NotFound, Plane, solve_contact
 from pw_elements.contact.iteration import ContactSystem, LinearisedLaw
 from pw_elements.contact.iteration.krylov import NodePoints, _apart
+from pw_elements.contact.model import MatchingNodes
 from tests.contact_iterative import CASES, STACKED, Solid, held_by_contact, nearly_sliding
 from tests.two_bodies import Stack
 

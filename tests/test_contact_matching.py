@@ -12,7 +12,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -27,11 +26,12 @@ from pw_elements.contact import (
     STICK,
     ContactPair,
     ContactProblem,
-    MatchingNodes,
     Motion,
     Parabola,
     Plane,
 )
+from pw_elements.contact.model import MatchingNodes
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import at
 

@@ -28,7 +28,6 @@ from pw_elements.contact import (
     ContactProblem,
     DeformableSurface,
     FreeBody,
-    MatchingNodes,
     Motion,
     NoEquilibrium,
     Plane,
@@ -38,6 +37,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import gathered_trace
 from pw_elements.contact.interface.geometry import segments
+from pw_elements.contact.model import MatchingNodes
 from pw_elements.spaces import SubSpace, exterior_facets
 from tests.contact_cases import at
 from tests.two_bodies import Stack, joined

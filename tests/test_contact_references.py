@@ -11,7 +11,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -27,6 +26,7 @@ from pw_elements.contact import (
     Sphere,
     solve_contact,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, Punch, at
 

@@ -19,11 +19,9 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    nodal_load,
     prescribe,
 )
 from pw_elements.contact import (
@@ -31,20 +29,21 @@ from pw_elements.contact import (
     ContactProblem,
     FlatPunch,
     FreeBody,
-    MatchingNodes,
     Motion,
     NoEquilibrium,
-    NoSolution,
     NotFound,
     Plane,
     Sphere,
     solve_contact,
 )
+from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue.refusals import Points, escape, proof
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact_cases import Greco, at
-from tests.contact_proofs import contradictions, contradicts, flaws, sound
+from tests.contact_proofs import contradictions, contradicts, flaws, linear_increment, sound
 from tests.contact_residuals import Step, residuals, worst
+from tests.oracle.search import search
 from tests.random_contact import problem as random_problem
 from tests.test_contact_matching import doubled, lower_nodes
 
@@ -470,9 +469,9 @@ def test_balanced_forces_may_be_no_equilibrium_and_a_search_proves_it():
         ]
 
     assert equilibria(K, f, walls, 0.0, 0.3) == []
-    error = refusal(hung, pairs(0.0), load, "all statuses of the 6 contact nodes", NoSolution)
-    assert not error.state.converged
-    assert contradicts(contradictions(hung, [], error))
+    assert not refusal(hung, pairs(0.0), load, kind=NotFound).state.converged
+    increment = linear_increment(hung, [])
+    assert contradicts(contradictions(increment, search(increment).closed))
     (only,) = equilibria(K, f, walls, 0.01, 0.3)
     state = hung.solve(pairs(0.01), load)
     place = {

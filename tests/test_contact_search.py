@@ -1,4 +1,4 @@
-"""The search of all statuses, its proofs, and bodies that are loose."""
+"""The oracle's search of all statuses, its proofs, and bodies that are loose."""
 
 from dataclasses import replace
 from itertools import product
@@ -8,56 +8,45 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    StressState,
-    assemble_matrix,
-    prescribe,
-)
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
     Motion,
     NoEquilibrium,
-    NoSolution,
     NotFound,
     NotUnique,
     Plane,
-    rescue,
 )
-from pw_elements.contact.rescue.condensed import CondensedIncrement
-from pw_elements.contact.rescue.statuses import searched
-from pw_elements.contact.steps.stepping import Target
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import at
-from tests.contact_proofs import _Linear, contradictions, contradicts
-from tests.contact_residuals import Step, _supports, residuals, walked, worst
+from tests.contact_proofs import contradictions, contradicts, linear_increment
+from tests.contact_residuals import Step, _supports, residuals, worst
+from tests.oracle.search import Found, search
 from tests.random_contact import problem
 
 
-def equilibria(linear):
-    """All motions that obey the law, by trying each set of statuses; see `_Linear`."""
-    points, size = len(linear.mu), linear.force.shape[-1]
-    normal, tangent = linear.normal, linear.tangential
-    r_n = np.einsum("na,nab->nb", normal, linear.force)
-    r_t = np.einsum("na,nab->nb", tangent, linear.force)
-    slip = np.einsum("na,nab->nb", tangent, linear.slip)
-    mu, found = linear.mu, []
+def equilibria(increment):
+    """All motions that obey the law, by trying each set of statuses."""
+    points, size = increment.normal.shape
+    mu, found = increment.mu, []
     for statuses in product(range(4), repeat=points):
-        rows = [linear.balance]
+        rows = [increment.balance]
         for i, status in enumerate(statuses):
-            shear = slip[i] if status == 1 else r_t[i] + (0, 0, 1, -1)[status] * mu[i] * r_n[i]
-            rows += [r_n[i] if status == 0 else linear.gap[i], shear]
+            r_n, r_t = increment.normal[i], increment.shear[i]
+            slides = r_t + (0, 0, 1, -1)[status] * mu[i] * r_n
+            rows.append(r_n if status == 0 else increment.gap[i])
+            rows.append(increment.slip[i] if status == 1 else slides)
         A = np.vstack(rows)
         scale = np.abs(A[:, :-1]).max(axis=1, keepdims=True)
         A = A / np.where(scale > 0, scale, 1.0)
         if np.linalg.cond(A[:, :-1]) > 1e10:
             continue
         z = np.append(np.linalg.solve(A[:, :-1], -A[:, -1]), 1.0)
-        n, t, g, v = r_n @ z, r_t @ z, linear.gap @ z, slip @ z
+        n, t, g, v = (
+            part @ z for part in (increment.normal, increment.shear, increment.gap, increment.slip)
+        )
         force, length = 1e-9 * np.abs(n).max(), 1e-9 * np.abs(z[:-1]).max()
         held = np.abs(t) <= mu * n + force
         braked = (t * v <= force * np.abs(v).max()) | np.isin(statuses, (0, 1))
@@ -92,20 +81,11 @@ class Pressed:
         supports = Reduction.dirichlet(self.space, self.conditions)
         return ContactProblem(self.K, supports, self.pairs, self.space)
 
-    def linear(self):
-        x = self.space.tabulate_dof_coordinates()
-        nodes = np.flatnonzero(self.pairs[0].nodes(x.T))
-        return _Linear(self, [], [(0, int(node)) for node in nodes])
-
-    def searched(self):
-        """By the search alone, without any iteration before."""
-        stated = self.stated()
-        target = Target.of(self.loads[0], self.pairs[0].motions, stated._stepping.interface)
-        increment, place, _ = stated._stepping._begun(stated.undeformed, target)
-        return searched(CondensedIncrement(increment, stated._stepping._condensed, place), None)
+    def increment(self):
+        return linear_increment(self, [])
 
 
-KINDS = {seed: bool(equilibria(Pressed(seed).linear())) for seed in range(24)}
+KINDS = {seed: bool(equilibria(Pressed(seed).increment())) for seed in range(24)}
 
 
 def test_brute_force_meets_both():
@@ -114,15 +94,18 @@ def test_brute_force_meets_both():
 
 @pytest.mark.parametrize("seed", KINDS)
 def test_search_finds_a_state_where_trying_all_statuses_does_and_nowhere_else(seed):
-    found = Pressed(seed).searched()
+    increment = Pressed(seed).increment()
+    found = search(increment)
     assert (found.z is not None) == KINDS[seed]
     assert bool(found.closed) != KINDS[seed]
+    if found.closed:
+        assert contradicts(contradictions(increment, found.closed))
 
 
 @pytest.mark.parametrize("seed", [seed for seed, there in KINDS.items() if not there])
-def test_increments_without_a_state_are_refused_with_a_proof(seed):
+def test_increments_without_a_state_are_refused(seed):
     stated = Pressed(seed)
-    with pytest.raises((NoEquilibrium, NoSolution)):
+    with pytest.raises((NoEquilibrium, NotFound)):
         stated.stated().step(stated.stated().undeformed, stated.loads[0], stated.pairs[0].motions)
 
 
@@ -139,45 +122,33 @@ def refused(seed, kind):
 
 def test_closed_branches_contradict_the_law_and_hold_all_statuses():
     """Statics alone do not rule an equilibrium out here, but elasticity does."""
-    stated, error = refused(276, NoSolution)
-    assert contradicts(contradictions(stated, error.states, error))
-    assert "all statuses of the 31 contact nodes have been searched" in str(error)
-    assert not error.state.converged
+    stated, error = refused(276, NotFound)
+    increment = linear_increment(stated, error.states)
+    branches = search(increment).closed
+    assert contradicts(contradictions(increment, branches))
     # what is no proof is not taken for one
-    branches = error.branches
-    error.branches = branches[1:]
-    assert not contradicts(contradictions(stated, error.states, error))
-    error.branches = (*branches, branches[0])
-    assert not contradicts(contradictions(stated, error.states, error))
-    error.branches = (replace(branches[0], force=1.001 * branches[0].force), *branches[1:])
-    assert not contradicts(contradictions(stated, error.states, error))
+    assert not contradicts(contradictions(increment, branches[1:]))
+    assert not contradicts(contradictions(increment, (*branches, branches[0])))
+    stretched = replace(branches[0], normal=1.001 * branches[0].normal)
+    assert not contradicts(contradictions(increment, (stretched, *branches[1:])))
     wider = branches[-1].allowed | branches[-1].allowed.any(axis=1, keepdims=True)
-    error.branches = (*branches[:-1], replace(branches[-1], allowed=wider))
-    assert not contradicts(contradictions(stated, error.states, error))
+    widened = replace(branches[-1], allowed=wider)
+    assert not contradicts(contradictions(increment, (*branches[:-1], widened)))
+    # a search that is not finished proves nothing
+    assert search(increment, most=30_000) == Found()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1310, 2276])
 def test_other_searches_prove_it_too(seed):
-    stated, error = refused(seed, NoSolution)
-    assert contradicts(contradictions(stated, error.states, error))
+    stated, error = refused(seed, NotFound)
+    increment = linear_increment(stated, error.states)
+    branches = search(increment).closed
+    assert branches
+    assert contradicts(contradictions(increment, branches))
 
 
-def test_a_search_that_is_not_finished_proves_nothing(monkeypatch):
-    monkeypatch.setattr(rescue.statuses, "_MOST", 30_000)
-    refused(276, NotFound)
-
-
-# -- states ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", [383, 2107])
-def test_states_that_only_a_search_finds_obey_the_law(seed):
-    """An ellipse that is free, far from where it was; a sphere that is pushed, one of three."""
-    stated = problem(seed)
-    with pytest.raises(NotFound):
-        stated.solve(remedies=("condensed", "cutback"))
-    assert worst(residuals(*walked(stated, stated.solve()))) < 1e-8
+# -- loose bodies ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", [103, 762, 1386])
@@ -197,9 +168,3 @@ def test_loose_bodies_are_told(seed):
     for displacement in (steps[-1].displacement, steps[-1].displacement + moved):
         steps[-1] = replace(steps[-1], displacement=displacement)
         assert worst(residuals(stated, steps)[-1:]) < 1e-8
-
-
-def test_the_search_can_be_switched_off():
-    for seed in (276, 103):
-        with pytest.raises(NotFound):
-            problem(seed).solve(remedies=("condensed", "cutback"))

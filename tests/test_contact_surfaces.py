@@ -9,10 +9,10 @@ from pw_elements.contact import (
     Motion,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
 )
+from tests.polyline import Polyline
 
 RANDOM = np.random.default_rng(5)
 
@@ -94,10 +94,6 @@ def test_flat_punch_ends_at_its_edge():
         (lambda: Parabola((0, 0), 0.0), "radius = 0"),
         (lambda: Sphere((0, 0), -1.0), "has to be positive"),
         (lambda: FlatPunch((0, 0), (0, 1), 0.0), "half_width"),
-        (lambda: Polyline([(0, 0)]), "two points"),
-        (lambda: Polyline([(0, 0), (0, 0), (1, 0)]), "are the same"),
-        (lambda: Polyline(STEP, -0.1), "negative"),
-        (lambda: Polyline([(0, 0), (1, 1), (1.1, 1), (2, 0)], 2.0), "leaves nothing"),
         (lambda: Sphere((0, 0), 1.0).normal(np.zeros((1, 2))), "normal .* is not defined"),
         (lambda: Motion((0, 0), (1,)), "differ in length"),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Body, Material, Reduction, Spaces, StressState, assemble_matrix, prescribe
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -19,17 +19,18 @@ from pw_elements.contact import (
     Motion,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
-    Smallness,
     Sphere,
     SurfacePassed,
     solve_contact,
 )
 from pw_elements.contact.iteration import results
-from pw_elements.contact.steps.watch import Exterior, Gradients
+from pw_elements.contact.model import Smallness
+from pw_elements.contact.steps.smallness import Exterior, Gradients
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Punch, at
+from tests.polyline import Polyline
 from tests.random_contact import outcome
 from tests.test_contact_matching import Blocks
 

@@ -8,8 +8,9 @@ import ufl
 from dolfinx import fem
 from scipy.special import j1
 
-from pw_elements import Body, Material, Spaces, StressState
+from pw_elements import Body, Material, Spaces
 from pw_elements._compat import cell_nodes
+from pw_elements.elasticity import StressState
 from study.verification import c_eigenvalue_orders, c_manufactured, c_mesh_families
 from study.verification.c_convergence import CASES, SCANNED, SETTINGS, errors, statics
 from study.verification.c_eigenvalue_orders import VIBRATIONS, modes

@@ -4,8 +4,10 @@ The oracle of the tests imports none of them.
 """
 
 import ast
+import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -107,6 +109,38 @@ def wing(module):
     parts = module.split(".")[1:]
     depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
     return ".".join(parts[:depth])
+
+
+def test_docstrings_say_something():
+    """None begins with words that lean on what is not there, or has fewer than four."""
+    riddles, seen = [], 0
+    for path in LIBRARY.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                words = (ast.get_docstring(node) or "").partition("\n\n")[0].split()
+                seen += bool(words)
+                leans = " ".join(words).startswith(("Of ", "Those ", "What it ", "One's "))
+                if words and (leans or len(words) < 4):
+                    riddles.append(f"{path.name}, {getattr(node, 'name', 'module')}: {words}")
+    assert riddles == []
+    assert seen > 500
+
+
+PUBLIC = ("pw_elements", "pw_elements.contact", "pw_elements.meshes")
+
+
+def test_the_library_has_at_most_62_public_names():
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert 30 < len(names) <= 62
+
+
+def test_every_public_name_has_a_user():
+    """In the study, an example or a guide; the reference's list of names is none."""
+    users = [ROOT / "README.md", *(ROOT / "examples").glob("*.py"), *(ROOT / "docs").rglob("*.md")]
+    users += [p for p in (ROOT / "study").rglob("*.py") if p.name != "reference.py"]
+    words = {word for path in users for word in re.findall(r"\w+", path.read_text())}
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert names - words == set()
 
 
 def library_imports():

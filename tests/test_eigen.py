@@ -13,14 +13,14 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    StressState,
     assemble_matrix,
     buckling,
     lumped_mass,
     prescribe,
-    symmetric_part,
     vibration_modes,
 )
+from pw_elements.algebra import symmetric_part
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.discretisation import discretise
 from study.matrices import dense

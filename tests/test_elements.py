@@ -7,8 +7,13 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_cube, create_unit_square
 
-from pw_elements import macro_element, one_cut_element, quadratic_element, serendipity_element
-from pw_elements.spaces import PAPER_NODES
+from pw_elements.spaces import (
+    PAPER_NODES,
+    macro_element,
+    one_cut_element,
+    quadratic_element,
+    serendipity_element,
+)
 from pw_elements.spaces.elements import CELLS
 from study.paper.s3_weight_functions import SUBELEMENTS, printed_weights
 from tests.random_meshes import points_within

@@ -27,7 +27,6 @@ from pw_elements import (
     boundary_measure,
     buckling,
     force_transfer,
-    nodal_load,
     prescribe,
     reactions,
     solve,
@@ -35,6 +34,7 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
+from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import SubSpace
 from pw_elements.spaces.hybrid import mixed_element

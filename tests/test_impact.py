@@ -15,7 +15,6 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     critical_step,
@@ -27,14 +26,14 @@ from pw_elements.contact import (
     ContactFields,
     ContactPair,
     ContactProblem,
-    MatchingNodes,
     Plane,
     solve_contact,
     solve_impact,
     write,
 )
-from pw_elements.contact.model import Cone, Coulomb
+from pw_elements.contact.model import Cone, Coulomb, MatchingNodes
 from pw_elements.contact.steps.impact import nodal_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
 from study.matrices import dense
 from study.verification import v12_impact

@@ -17,22 +17,21 @@ from pw_elements import (
     boundary_measure,
     forces_along,
     lumped_mass,
-    nodal_load,
     prescribe,
 )
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
     FlatPunch,
-    MatchingNodes,
     Motion,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     solve_contact,
 )
+from pw_elements.contact.model import MatchingNodes
+from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, quadrilaterals, triangles
 from pw_elements.spaces import marked
 from tests.contact_cases import Block, at
@@ -201,8 +200,6 @@ REFUSED = {
     "half width": (lambda: FlatPunch((0, 0), (0, 1), np.float32(0)), "half_width"),
     "point": (lambda: Plane((0, np.nan), (0, 1)), "the point of a plane"),
     "direction": (lambda: Plane((0, 0), "up"), "direction 'up'"),
-    "points": (lambda: Polyline([(0, 0), (1, np.nan)]), "a point of a polyline"),
-    "rounding": (lambda: Polyline([(0, 0), (1, 0)], np.nan), "radius = nan"),
     "step": (lambda: SignedDistance(lambda x: x[:, 1], step=0.0), "step = 0.0"),
     "friction": (lambda: ContactPair(BOTTOM, FLOOR, -0.1), "friction = -0.1"),
     "friction in an array": (lambda: ContactPair(BOTTOM, FLOOR, np.array(np.nan)), "friction = "),

@@ -13,7 +13,6 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -22,6 +21,7 @@ from pw_elements import (
     solve,
     vibration_modes,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import Block, at
 

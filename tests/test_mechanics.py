@@ -23,15 +23,14 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
     boundary_measure,
-    nodal_load,
     prescribe,
     solve,
 )
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved, mapped, triangles
 from study.verification.t_identity import distorted
 

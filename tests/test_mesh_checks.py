@@ -18,8 +18,8 @@ from dolfinx.mesh import create_unit_square
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pw_elements import Body, DegenerateMesh, Material, Spaces, contact
-from pw_elements.checks import check_mesh, meshes
+from pw_elements import Body, Material, Spaces, contact
+from pw_elements.checks import DegenerateMesh, check_mesh, meshes
 from pw_elements.meshes import curved
 from tests.degenerate_meshes import BAD, GOOD, built
 from tests.random_meshes import SEEDS, Grid, grids, structured

@@ -4,7 +4,7 @@ import basix
 import numpy as np
 import pytest
 
-from pw_elements import macro_element
+from pw_elements.spaces import macro_element
 from tests.oracle.assembly import Body
 from tests.oracle.contact import Pair, law_error, solve
 from tests.oracle.elements import ELEMENTS, gauss, shapes, table

@@ -19,10 +19,10 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     force_transfer,
-    macro_element,
     reactions,
     solve,
 )
+from pw_elements.spaces import macro_element
 from tests.properties import METHODS, Elastic, assert_small, dense, rigid_modes, terms
 from tests.random_meshes import (
     BODIES,

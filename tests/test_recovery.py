@@ -9,7 +9,6 @@ from pw_elements import (
     Body,
     Material,
     Spaces,
-    StressState,
     SurfaceNodes,
     as_function,
     assemble_vector,
@@ -17,7 +16,7 @@ from pw_elements import (
     force_transfer,
     forces_along,
 )
-from pw_elements.elasticity import by_position
+from pw_elements.elasticity import StressState, by_position
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.spaces import exterior_facets
 from tests.contact_cases import Block, at

@@ -13,7 +13,6 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -34,6 +33,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.interface import nodal_interface
+from pw_elements.elasticity import StressState
 from study.matrices import dense
 from tests.contact_cases import at
 

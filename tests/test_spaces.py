@@ -14,7 +14,8 @@ from dolfinx.mesh import (
 )
 
 import pw_elements
-from pw_elements import NumberingError, Reduction, Spaces, assemble_matrix, assemble_vector, solve
+from pw_elements import Reduction, Spaces, assemble_matrix, assemble_vector, solve
+from pw_elements.spaces import NumberingError
 
 UNIT_SQUARE = [(0.0, 0.0), (1.0, 1.0)]
 UNIT_CUBE = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]

@@ -22,15 +22,14 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     cell_measure,
-    macro_element,
-    one_cut_element,
     prescribe,
-    quadratic_element,
     reactions,
     solve,
 )
 from pw_elements.meshes import curved
+from pw_elements.spaces import macro_element, one_cut_element, quadratic_element
 from pw_elements.spaces.elements import twelve_cell_rule
+from study.discretisation import one_cut
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 from tests.properties import Elastic, dense
 from tests.random_meshes import Grid, delaunay, points_within, same_nodes
@@ -123,7 +122,7 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
 def test_forces_and_displacements_do_not_depend_on_the_order_of_vertices():
     grid, force = delaunay(3, 3, inside=12), np.array([0.3, -0.5, 1.0])
     material, largest = Material(1.0, 0.3), {}
-    for name, spaces in (("twelve", Spaces.petrov_galerkin), ("one", Spaces.one_cut)):
+    for name, spaces in (("twelve", Spaces.petrov_galerkin), ("one", one_cut)):
         solved = []
         for seed in range(4):
             mesh = grid.renumbered(seed).mesh() if seed else grid.mesh()
@@ -182,7 +181,7 @@ def test_one_point_in_each_cell_makes_the_stiffness_and_nothing_else():
 @pytest.mark.parametrize("degree", [2, 4, 5, 7])
 def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
     """Basix's rules of degree 4, 5 and 7 have points there, and DOLFINx's own matrix is wrong."""
-    spaces = Spaces.one_cut(delaunay(3, 5).mesh(), 0)
+    spaces = one_cut(delaunay(3, 5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
     exact = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))

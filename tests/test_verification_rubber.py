@@ -5,15 +5,9 @@ import pytest
 import ufl
 from scipy.linalg import cholesky, solve_triangular, svdvals
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    StressState,
-    assemble_matrix,
-    prescribe,
-)
+from pw_elements import Body, Material, Reduction, assemble_matrix, prescribe
 from pw_elements.contact import ContactPair, Motion, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from study.discretisation import spaces
 from study.verification import v15_seal
 from study.verification.v15_meshes import moved_mesh

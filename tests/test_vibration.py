@@ -3,15 +3,8 @@
 import numpy as np
 import pytest
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    StressState,
-    assemble_matrix,
-    prescribe,
-    vibration_modes,
-)
+from pw_elements import Body, Material, Reduction, assemble_matrix, prescribe, vibration_modes
+from pw_elements.elasticity import StressState
 from study.discretisation import spaces
 from study.verification import v8_vibration
 from study.verification.v8_exact import Rod, rectangle_eigenvalues, wave_speeds_squared

@@ -36,7 +36,8 @@ def measured(cells: int, method: str) -> dict[str, Any]:
     from dolfinx.mesh import CellType, create_box
 
     import pw_elements as pw
-    from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
+    from pw_elements.contact import ContactPair, Plane, solve_contact
+    from pw_elements.contact.model import ContactState
 
     comm = MPI.COMM_WORLD
     started = time.perf_counter()

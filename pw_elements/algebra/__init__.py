@@ -1,6 +1,5 @@
 """Reduced problems: linear, nonlinear, and eigenvalues."""
 
-from pw_elements.algebra.consistency import Problem, check_load, is_finite
 from pw_elements.algebra.eigen import (
     BucklingModes,
     NoModes,
@@ -11,5 +10,6 @@ from pw_elements.algebra.eigen import (
     vibration_modes,
 )
 from pw_elements.algebra.linear import factorise, free_pressure, reactions, solve, symmetric_part
-from pw_elements.algebra.nonlinear import NotConverged, PetrovGalerkinProblem
+from pw_elements.algebra.nonlinear import PetrovGalerkinProblem
+from pw_elements.algebra.problem_checks import check_load, check_problem, is_finite
 from pw_elements.algebra.reduction import Reduction

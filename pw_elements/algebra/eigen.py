@@ -19,8 +19,8 @@ from slepc4py import SLEPc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.algebra.consistency import Problem, check_weights, refuse_negative
-from pw_elements.algebra.linear import factorise, ready, symmetric_part
+from pw_elements.algebra.linear import explained, factorise, symmetric_part
+from pw_elements.algebra.problem_checks import check_problem, check_weights, refuse_negative
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import collective, flag, number, processes, whole
 from pw_elements.progress import doing
@@ -28,25 +28,28 @@ from pw_elements.solvers import (
     Direct,
     Iterative,
     LinearSolver,
+    NotConverged,
     PreparedSolver,
     Solver,
-    SolverNotConverged,
     SolverReport,
     Supports,
     by_chosen,
     chosen,
+    is_matrix_free,
     unblocked,
 )
-from pw_elements.spaces import is_hybrid
+from pw_elements.spaces import Assembled, is_hybrid
 
 log = logging.getLogger("pw_elements.eigen")
 
-_STIFFNESS, _MASS, _INITIAL_STRESS = "the stiffness", "the mass", "the initial stress"
-_TOLERANCE = 1e-12
+_STIFFNESS = "the stiffness"
+_MASS = "the mass"
+_INITIAL_STRESS = "the initial stress"
+_EIGENVALUE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
 # Eigenvalues that have to converge beyond those asked for: further copies of a multiple one come
 # from round-off alone, and late. A free body has six rigid modes.
-_SPARE = 6
+_SPARE_EIGENVALUES = 6
 # The shift below zero, in eigenvalues of the lowest mode of a compact body: so near to zero that
 # each copy of a multiple rigid mode outgrows the elastic ones within a few steps
 _SHIFT = 1e-2
@@ -56,11 +59,11 @@ _SLENDER = 1e-3
 # Eigenvalues below this, over that of a mode as short as an element, are zeros with round-off.
 # Those of free bars, slender ones too, lie below 1e-16; a clamped one 500 times as long as high,
 # of elements as long as high, has 7e-13
-_RIGID = 2e-15
+_RIGID_EIGENVALUE = 2e-15
 # |x.A y - y.A x| over |A y| |x|, of random x and y, that makes a symmetric matrix
 _SYMMETRIC = 1e-14
 # Residual of a mode that an iterative solver may leave
-_TRUE = 1e-8
+_MODE_RESIDUAL = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
 
@@ -71,7 +74,7 @@ _UNSTABLE = (
 _TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: use a smaller one"
 
 # Largest |K - K^T| over |K| of a symmetric matrix, by its assembly's round-off
-_ROUND_OFF = 1e-10
+_ASYMMETRY_OF_ROUND_OFF = 1e-10
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
 _POWER_STEPS = 1000
@@ -152,7 +155,7 @@ def vibration_modes(
         TypeError, ValueError: for arguments that do not fit together or are not finite; for
             matrices whose diagonals add up to less than zero, and numbers out of range.
         SingularSystem: if the shift is an eigenvalue.
-        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
@@ -185,7 +188,7 @@ def _vibrations(
     if shift is None:
         shift = -_SHIFT * short / B.getSize()[0]
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
-    B.setAttr("form", None)  # the next call would lose it, and mesh and all never be freed
+    Assembled().mark(B)  # the next call would lose what it knows, and never free mesh and all
     B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     A.scale(short)
     if supports is not None:
@@ -199,7 +202,7 @@ def _vibrations(
             f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
         )
     values = shift + short / mu
-    rigid = np.abs(values) < _RIGID * short
+    rigid = np.abs(values) < _RIGID_EIGENVALUE * short
     elastic = values[~rigid]
     lowest = elastic.real.min(initial=np.inf)
     if not given and 0 < lowest < -_SLENDER * shift:
@@ -238,7 +241,7 @@ def buckling(
         TypeError, ValueError: for arguments that do not fit together or are not finite; for
             a stiffness whose diagonal adds up to less than zero, and numbers out of range.
         SingularSystem: if the supports leave the body a rigid motion.
-        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
@@ -291,7 +294,7 @@ def _check(
     symmetrised: bool,
     solver: Solver,
 ) -> None:
-    Problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
+    check_problem({_STIFFNESS: K, **dict([other])}, reduction=reduction, solver=solver)
     with collective(processes(reduction)):
         whole("count", count, 1)
         flag("symmetrised", symmetrised)
@@ -309,8 +312,8 @@ def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSo
 def _pair(
     A: PETSc.Mat, B: PETSc.Mat, reduction: Reduction, solver: LinearSolver
 ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Supports | None]:
-    """Both matrices reduced; or under supports A masked and B free, a copy, and the supports."""
-    if not isinstance(solver, Iterative):
+    """The reduced pair; or, for a matrix-free solver, A masked, B as a free copy, and supports."""
+    if not is_matrix_free(solver):
         return reduction.matrix(A), reduction.matrix(B), reduction, None
     masked = reduction.masked()
     return masked.matrix(A), B.copy(), masked, masked.supports
@@ -335,7 +338,7 @@ def _largest(
     Raises:
         ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
         SingularSystem: if B is singular.
-        SolverNotConverged: if an iterative solver fails.
+        NotConverged: if an iterative solver fails.
         NoModes: if not all values converged, or B, which is to be symmetric, is not positive
             definite; `indefinite` says what that means.
     """
@@ -347,7 +350,8 @@ def _largest(
         if loose:
             krylov.multigrid.ready()
         else:
-            ready(krylov)
+            with explained():
+                krylov.set_up()
         B = krylov.operator
     else:
         ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
@@ -359,8 +363,8 @@ def _largest(
     kind = SLEPc.EPS.ProblemType
     eigensolver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    eigensolver.setDimensions(nev=min(count + _SPARE, A.getSize()[0]))
-    eigensolver.setTolerances(_TOLERANCE, _MAX_ITERATIONS)
+    eigensolver.setDimensions(nev=min(count + _SPARE_EIGENVALUES, A.getSize()[0]))
+    eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
     begun, comm = perf_counter(), A.comm.tompi4py()
     eigensolver.getST().setKSP(inverse.ksp)
     what = f"{count} eigenvalues of {A.getSize()[0]} unknowns"
@@ -385,8 +389,8 @@ def _largest(
         residuals[i] = _residual(A, B, values[i], real, imaginary)
         modes.append(imaginary if values[i].imag < 0 else real)
     eigensolver.destroy()
-    if supports is not None and not residuals.max() <= _TRUE:
-        raise SolverNotConverged(
+    if supports is not None and not residuals.max() <= _MODE_RESIDUAL:
+        raise NotConverged(
             f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
             "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
         )
@@ -422,7 +426,7 @@ def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:
 def _residual(
     A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
 ) -> float:
-    """|A d - mu B d| / |mu B d| of d = real + i imaginary."""
+    """The relative residual |A d - mu B d| / |mu B d| of d = real + i imaginary."""
     images = [matrix.createVecLeft() for matrix in (A, A, B, B)]
     A_real, A_imaginary, B_real, B_imaginary = images
     for matrix, part, image in zip((A, A, B, B), (real, imaginary) * 2, images, strict=True):
@@ -438,7 +442,8 @@ def _residual(
 
 def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     """Full vector of a mode, its entry of largest absolute value 1."""
-    mode = reduction.expand_mode(reduced)
+    mode = reduction.offset.duplicate()
+    reduction.right.mult(reduced, mode)  # prescribed values do not move in a mode
     low, high = mode.min()[1], mode.max()[1]
     mode.scale(1 / (high if abs(high) >= abs(low) else low))
     return mode
@@ -457,7 +462,7 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
             that is not symmetric, or a mass that is not diagonal and positive.
         NoModes: if the highest frequency is not found.
     """
-    Problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
+    check_problem({"the stiffness": K, "the mass": M}, reduction=reduction)
     refuse_unsymmetric(K)
     inverse = diagonal_mass(M)
     inverse.reciprocal()
@@ -486,7 +491,7 @@ def refuse_unsymmetric(K: PETSc.Mat) -> None:
     difference = K.transpose(PETSc.Mat())
     difference.axpy(-1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     share = difference.norm(PETSc.NormType.FROBENIUS) / K.norm(PETSc.NormType.FROBENIUS)
-    if not share <= _ROUND_OFF:
+    if not share <= _ASYMMETRY_OF_ROUND_OFF:
         raise ValueError(
             f"the stiffness is not symmetric, it differs from its transpose by {share:.1e}: some "
             "of its upper eigenvalues are complex, and undamped motions would grow whatever the "

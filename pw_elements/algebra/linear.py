@@ -11,6 +11,8 @@ matrix is assembled free, and conditions are a `Reduction`; for -Δu = 1 with u 
     a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(0.0, rim, V)]))
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 from petsc4py import PETSc
@@ -18,13 +20,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.algebra.consistency import Problem
+from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import arguments, collective
 from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
-    Iterative,
+    FreePressure,
     LinearSolver,
     PreparedSolver,
     SingularSystem,
@@ -32,28 +34,10 @@ from pw_elements.solvers import (
     by_chosen,
     chosen,
     collect_garbage,
+    is_matrix_free,
     unbalanced,
 )
-from pw_elements.spaces import (
-    FREE_PRESSURE,
-    NOTHING,
-    SubSpace,
-    assemble_matrix,
-    assemble_scalar,
-    assemble_vector,
-    is_hybrid,
-)
-
-__all__ = [
-    "Reduction",
-    "assemble_matrix",
-    "assemble_scalar",
-    "assemble_vector",
-    "factorise",
-    "reactions",
-    "solve",
-    "symmetric_part",
-]
+from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
 
 # Backward error of a direct solve is some round-offs; above this the factorisation went wrong.
 _RESIDUAL = 1e-10
@@ -74,37 +58,35 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
 
     Raises:
         SingularSystem: if the reduced system has no unique solution.
-        SolverNotConverged: if an iterative solver does not reach its tolerance.
+        NotConverged: if an iterative solver does not reach its tolerance.
         TypeError, ValueError: for arguments that do not fit together or are not finite, or
             a solver that does not serve the reduction.
     """
-    Problem({"the stiffness": K}, loads={"the load": f}, reductions=(reduction,), solver=solver)
+    check_problem({"the stiffness": K}, None, {"the load": f}, reduction, solver=solver)
     taken = chosen(solver, reduction.supports)
     return by_chosen(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
 
 
 def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:
-    if isinstance(solver, Iterative):
-        reduction = reduction.masked()
-    reduction = reduction.equilibrated(K).under(K, f)
-    load = reduction.load(K, f)
-    if isinstance(solver, Iterative):
-        krylov = solver.prepare(K, supports=reduction.supports)
-        try:
-            ready(krylov)
-            solution, report = krylov.solve(load), krylov.report
-        finally:
-            krylov.release()
-            del krylov
-            collect_garbage(K)
+    matrix: PETSc.Mat | None = None
+    prepared: PreparedSolver
+    if is_matrix_free(solver):
+        reduction = reduction.masked().equilibrated(K).under(K, f)
+        prepared = solver.prepare(K, supports=reduction.supports)
     else:
+        reduction = reduction.equilibrated(K).under(K, f)
         matrix = reduction.matrix(K)
-        prepared = factorise(matrix, solver=solver, reduction=reduction)
-        solution = load.duplicate()
-        prepared.ksp.solve(load, solution)
-        _check_residual(matrix, solution, load)
-        report = prepared.report
-        prepared.ksp.destroy()
+        prepared = solver.prepare(matrix)
+    load = reduction.load(K, f)
+    try:
+        with explained(matrix, reduction):
+            solution, report = prepared.solve(load), prepared.report
+        if matrix is not None:
+            _check_residual(matrix, solution, load)
+    finally:
+        prepared.release()
+        del prepared
+        collect_garbage(K)
     full = reduction.expand(solution)
     full.setAttr("report", report)
     return full
@@ -121,7 +103,7 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     Raises:
         TypeError, ValueError: for arguments that do not fit together or are not finite.
     """
-    Problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
+    check_problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
     return unbalanced(K, a, f)
 
 
@@ -165,8 +147,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     part = matrix.copy()
     part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     part.scale(0.5)
-    part.setAttr("form", matrix.getAttr("form"))
-    return part
+    return Assembled(Assembled.of(matrix).form).mark(part)
 
 
 def factorise(
@@ -186,34 +167,38 @@ def factorise(
     Raises:
         SingularSystem: if a known solution does not come back, or a pivot is zero.
     """
-    try:
-        return ready((solver or Direct()).prepare(matrix, symmetric))
-    except SingularSystem:
-        if reduction is not None and free_pressure(matrix, reduction):
-            raise SingularSystem(FREE_PRESSURE) from None
-        raise
-
-
-def ready(prepared: PreparedSolver) -> PreparedSolver:
-    """A solver that has been set up.
-
-    Raises:
-        SingularSystem: if its matrix is singular.
-    """
-    matrix = prepared.ksp.getOperators()[0]
+    prepared = (solver or Direct()).prepare(matrix, symmetric)
     what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
     try:
-        with doing(matrix.comm.tompi4py(), what):
+        with explained(matrix, reduction), doing(matrix.comm.tompi4py(), what):
             prepared.set_up()
+    except SingularSystem:
+        prepared.release()
+        raise
+    return prepared
+
+
+@contextmanager
+def explained(
+    matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
+) -> Iterator[None]:
+    """Adds to a `SingularSystem` of a block what is the likely cause.
+
+    Args:
+        matrix: of the system, if it is assembled.
+        reduction: by which it was made.
+    """
+    try:
+        yield
+    except FreePressure:
+        raise
     except SingularSystem as error:
-        prepared.ksp.destroy()
-        if str(error) == FREE_PRESSURE:
-            raise
+        if matrix is not None and reduction is not None and free_pressure(matrix, reduction):
+            raise FreePressure from None
         raise SingularSystem(
             f"{error}: the supports leave a rigid motion free, a node has no stiffness, or the "
             "body is far too slender; add Dirichlet conditions"
         ) from None
-    return prepared
 
 
 def _check_residual(matrix: PETSc.Mat, solution: PETSc.Vec, load: PETSc.Vec) -> None:

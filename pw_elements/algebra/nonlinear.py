@@ -25,12 +25,19 @@ from dolfinx.fem import petsc
 from ufl.algorithms import compute_form_data, expand_derivatives
 from ufl.algorithms.check_arities import ArityMismatch
 
-from pw_elements.algebra.consistency import check_solver, is_finite
+from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
 from pw_elements.checks import agree, answer, arguments, collective, whole
 from pw_elements.progress import doing
-from pw_elements.solvers import Direct, Iterative, LinearSolver, SingularSystem
+from pw_elements.solvers import (
+    Direct,
+    LinearSolver,
+    NotConverged,
+    SingularSystem,
+    is_matrix_free,
+)
 from pw_elements.spaces import (
+    Assembled,
     Spaces,
     compiled_form,
     equilibration,
@@ -47,7 +54,8 @@ log = logging.getLogger("pw_elements.problems")
 _CORRECTION = 1e-8
 # Largest residual of a solution, over the tangent's norm times that of u; a line search that finds
 # nothing better has failed unless it is round-off
-_RESIDUAL, _ROUND_OFF = 1e-10, 1e-14
+_RESIDUAL = 1e-10
+_ROUND_OFF_RESIDUAL = 1e-14
 _ITERATIONS = 25
 
 # PETSc's SNESConvergedReason by number: one name has changed
@@ -65,16 +73,12 @@ Array = npt.NDArray[np.float64]
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
 # An increment is cut into so many parts at most
-_PARTS = 16
-
-
-class NotConverged(RuntimeError):
-    """Newton's method has found no solution."""
+_MOST_PARTS = 16
 
 
 @dataclass(frozen=True)
 class Increment:
-    """What it took to solve an increment, or a part of one.
+    """The work that an increment took, or a part of one.
 
     Args:
         share: of the load, at its end.
@@ -115,11 +119,10 @@ class System:
             local.set(0.0)
         petsc.assemble_vector(forces, self._residual)
         forces.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-        forces.setAttr("form", self._residual)
-        return forces
+        return Assembled(self._residual).mark(forces)
 
     def assemble(self) -> None:
-        """The tangent, free."""
+        """Assembles the tangent, without any conditions."""
         self.matrix.zeroEntries()
         petsc.assemble_matrix(self.matrix, self._tangent)
         self.matrix.assemble()
@@ -171,7 +174,7 @@ class Newton:
         self._prepared = solver.prepare(system.matrix)
 
     def solve(self) -> None:
-        """Solves it.
+        """Solves the system under the conditions.
 
         Raises:
             NotConverged, SingularSystem: if that fails; u is worth nothing then.
@@ -193,7 +196,7 @@ class Newton:
             raise
         finally:
             snes.destroy()  # and with it resets the KSP
-            self._prepared.ksp.destroy()
+            self._prepared.release()
 
     def _take(self, x: PETSc.Vec) -> None:
         """Sets u to what the scaled unknowns stand for."""
@@ -252,13 +255,13 @@ class Newton:
             if relative > _RESIDUAL:
                 raise NotConverged(f"the linear solver left the relative residual {relative:.1e}")
         elif reason == _LINE_SEARCH:
-            if not self._relative_residual(snes) <= _ROUND_OFF:
+            if not self._relative_residual(snes) <= _ROUND_OFF_RESIDUAL:
                 raise NotConverged(words)
         elif reason <= 0:
             raise NotConverged(words)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
-        """Of the last equations, over the tangent's norm times that of u."""
+        """The residual of the last equations over the tangent's norm times that of u."""
         residual = _largest(snes.getFunction()[0])
         scale = self._norm * _largest(snes.getSolution())
         return 0.0 if residual == 0 else residual / (scale or np.nan)
@@ -327,7 +330,7 @@ class PetrovGalerkinProblem:
             arguments.of_type("u", u, fem.Function, "fem.Function(V) is an unknown")
             arguments.of_type("the residual", residual, ufl.Form, "an integrand times a measure")
             check_solver(solver)
-            if isinstance(solver, Iterative | str):
+            if isinstance(solver, str) or is_matrix_free(solver):
                 raise ValueError(
                     'Iterative() and "auto" solve with one free matrix under supports, not with '
                     "Newton's tangents: use Direct()"
@@ -381,7 +384,7 @@ class PetrovGalerkinProblem:
             path = self._path(load)
         loads = [np.array(constant.value) for constant in _constants(load)]
         agree(self._comm, {"increments": increments, "the load": loads})
-        total, size, done = increments * _PARTS, _PARTS, 0
+        total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
         self.increments = ()
         while done < total:
             size = min(size, total - done)
@@ -411,7 +414,7 @@ class PetrovGalerkinProblem:
                 size //= 2
                 continue
             done += size
-            size = min(2 * size, _PARTS)
+            size = min(2 * size, _MOST_PARTS)
         self._keep(load)
         return self.u
 
@@ -428,7 +431,7 @@ class PetrovGalerkinProblem:
         return self._system.forces()
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
-        """What sets the load to a share of it; local."""
+        """The function that sets the load to a share of it; local."""
         if callable(load) and not isinstance(load, fem.Constant):  # UFL's expressions are, too
             return load
         ways = []

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra.consistency import Problem, check_reduction
+from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.checks import arguments, collective, listed
 from pw_elements.solvers import (
     NO_SUPPORTS,
@@ -29,6 +29,7 @@ from pw_elements.solvers import (
     unblocked,
 )
 from pw_elements.spaces import (
+    Assembled,
     Spaces,
     equilibration,
     fields_of,
@@ -43,7 +44,7 @@ from pw_elements.spaces import (
 _SAME_VALUE = 1e-9
 
 # Entries of a matrix below this, over its largest, are zeros
-_ROUND_OFF = 1e-13
+_ZERO_ENTRY = 1e-13
 
 
 def prescribed(
@@ -120,7 +121,7 @@ def condensed(
     conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
 ) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Vec, PETSc.Mat]:
     """L, R, a_0 and Q of `Reduction.condensation`, which says what it takes and raises."""
-    Problem({"the stiffness": K}, space=space)
+    check_problem({"the stiffness": K}, space=space)
     if is_hybrid(space):
         raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
     K = unblocked(K)
@@ -164,12 +165,12 @@ def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -
     with collective(comm):
         if not np.isfinite(value).all():
             raise ValueError("the stiffness of a node that is to be condensed is not finite")
-        if np.abs(value[~own]).max(initial=0.0) > _ROUND_OFF * size:
+        if np.abs(value[~own]).max(initial=0.0) > _ZERO_ENTRY * size:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
                 "cell"
             )
-        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ROUND_OFF):
+        if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
     inverse = np.linalg.inv(blocks)
 
@@ -282,7 +283,7 @@ class Reduction:
         return cls(left, right, offset, inner, space)
 
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
-        """This reduction for a load f (n,) that acts on inner nodes, too.
+        """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
         Args:
             K: stiffness (n, n).
@@ -301,7 +302,7 @@ class Reduction:
         return replace(self, offset=offset)
 
     def scaled(self, share: float) -> "Reduction":
-        """This reduction with a share of the prescribed values.
+        """Makes the reduction with a share of the prescribed values.
 
         Args:
             share: factor of the prescribed values.
@@ -313,7 +314,7 @@ class Reduction:
         return replace(self, offset=offset)
 
     def masked(self) -> "Reduction":
-        """The same supports, the unknowns being numbered as before and zero where prescribed.
+        """Makes the reduction that keeps all unknowns and sets prescribed ones to zero.
 
         Raises:
             ValueError: if this reduction does more than prescribe values.
@@ -343,7 +344,7 @@ class Reduction:
         return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
 
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
-        """This reduction with pressures of hybrid spaces scaled to be of a displacement's size.
+        """Makes the reduction with pressures of hybrid spaces scaled to a displacement's size.
 
         In consistent units displacement and pressure may be 15 orders of magnitude apart, and
         factorisations and Krylov methods would lose one of them. `expand` returns the same values.
@@ -363,7 +364,7 @@ class Reduction:
         return replace(self, left=left, right=right)
 
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
-        """This condensation for mass matrices, where two left matrices L are in use.
+        """Makes this condensation one for mass matrices, where two left matrices L are in use.
 
         Args:
             left: "transposed" is this L, from the transposed problem; "same" takes R for L, the
@@ -378,7 +379,7 @@ class Reduction:
         return self if left == "transposed" else replace(self, left=self.right)
 
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """L^T K R.
+        """Reduces a matrix to L^T K R.
 
         Args:
             K: matrix (n, n).
@@ -388,11 +389,10 @@ class Reduction:
         """
         self._check_system(K)
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
-        reduced.setAttr("form", K.getAttr("form"))
-        return reduced
+        return Assembled(Assembled.of(K).form).mark(reduced)
 
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
-        """L^T (f - K a_0).
+        """Reduces a load to L^T (f - K a_0).
 
         Args:
             K: stiffness (n, n).
@@ -418,23 +418,14 @@ class Reduction:
         Raises:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
-        self._check_reduced(reduced)
+        # local, since it is asked in every iteration: a vector has one size on all processes
+        arguments.petsc_vector("the reduced vector", reduced)
+        expected = self.right.getSizes()[1]
+        arguments.same_sizes(
+            "the reduced vector", reduced.getSizes(), "the reduced system", expected
+        )
         full = self.offset.duplicate()
         self.right.multAdd(reduced, self.offset, full)
-        return full
-
-    def expand_mode(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """R a_r: a mode, which vanishes where values are prescribed.
-
-        Args:
-            reduced: vector (n_r,), a_r.
-
-        Raises:
-            TypeError, ValueError: if it is not a vector (n_r,).
-        """
-        self._check_reduced(reduced)
-        full = self.offset.duplicate()
-        self.right.mult(reduced, full)
         return full
 
     def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
@@ -445,38 +436,3 @@ class Reduction:
             for f in loads:
                 arguments.petsc_vector("the load", f)
                 arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
-
-    def _check_reduced(self, reduced: PETSc.Vec) -> None:
-        with collective(self.offset.comm.tompi4py()):
-            arguments.petsc_vector("the reduced vector", reduced)
-            expected = self.right.getSizes()[1]
-            arguments.same_sizes(
-                "the reduced vector", reduced.getSizes(), "the reduced system", expected
-            )
-
-    def then(self, inner: "Reduction") -> "Reduction":
-        """This reduction followed by another one of the reduced system.
-
-        Args:
-            inner: a reduction of the system that this one leaves.
-
-        Raises:
-            TypeError, ValueError: if it is not a reduction of that system.
-        """
-        with collective(self.offset.comm.tompi4py()):
-            check_reduction(inner)
-        self._check_reduced(inner.offset)
-        Q = self.inner
-        if inner.inner is not None:
-            lifted = self.right.matMult(inner.inner)
-            lifted = lifted.matMult(self.left.transpose(PETSc.Mat()))
-            if Q is not None:
-                lifted.axpy(1.0, Q, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            Q = lifted
-        return Reduction(
-            self.left.matMult(inner.left),
-            self.right.matMult(inner.right),
-            self.expand(inner.offset),
-            Q,
-            self.space,
-        )

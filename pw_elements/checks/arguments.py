@@ -83,7 +83,7 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
 
 
 def field(whose: str, values: Any, shape: tuple[int, ...], layout: str) -> Array:  # noqa: ANN401
-    """What a user's function gives at points, NaN and infinity included.
+    """Checks the values that a user's function gives at points; NaN and infinity pass.
 
     Args:
         whose: the function, by name.

@@ -62,7 +62,7 @@ def _sent(error: Exception | None) -> Exception | None:
 def answer(
     comm: MPI.Comm, whose: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
-    """What a user's function returns; local, for use under the guard.
+    """Calls a user's function; local, for use under the guard.
 
     Raises:
         ValueError: in place of whatever the function raises, which is its cause.

@@ -37,13 +37,13 @@ Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 # Smallest Jacobian determinant over the dim-th power of a cell's size
-_FLAT = 1e-10
+_FLAT_DETERMINANT = 1e-10
 # Sum of both area vectors of a facet within, over their sizes: 0 but for round-off, or else 1
 _CANCELS = 1e-6
 # Distance of places that are the same, over the size of a facet
-_SAME = 1e-6
+_NEAR = 1e-6
 # Cells whose Jacobians are in memory at the same time
-_AT_ONCE = 20_000
+_CELLS_AT_ONCE = 20_000
 # Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
 _TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
@@ -126,13 +126,13 @@ class _Cells:
         slopes = self.element.tabulate(1, points)[1:, :, :, 0]
         at_sides = np.empty((dim, dim, 1 if straight else len(sides), cells))
         flat, turned = np.zeros((2, cells), dtype=bool)
-        for first in range(0, cells, _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
+        for first in range(0, cells, _CELLS_AT_ONCE):
+            some = slice(first, first + _CELLS_AT_ONCE)
             jacobian = np.einsum("jpn,inc->ijpc", slopes, self._x[:, :, some], optimize=True)
             cofactor = _cofactors(jacobian)
             determinant = sum(jacobian[i, 0] * cofactor[i, 0] for i in range(dim))
             size = np.sqrt(np.sum(jacobian[:, :, 0] ** 2, axis=(0, 1)))
-            flat[some] = np.abs(determinant).min(axis=0) <= _FLAT * size**dim
+            flat[some] = np.abs(determinant).min(axis=0) <= _FLAT_DETERMINANT * size**dim
             turned[some] = determinant.min(axis=0) * determinant.max(axis=0) < 0
             at_sides[..., some] = cofactor[:, :, : at_sides.shape[2]] * np.sign(determinant[0])
         self._refuse(flat, "have no volume")
@@ -238,7 +238,7 @@ class _Surface:
         """
         vertex, first = np.unique(self.vertex, return_index=True)
         x = self.corner.reshape(-1, self.corner.shape[2])[first]
-        facet, near = _near(cKDTree(x), self._middle, self._radius * (1 + _SAME))
+        facet, near = _near(cKDTree(x), self._middle, self._radius * (1 + _NEAR))
         inside = self._contains(facet, x[near])
         corner = (self.vertex[facet] == vertex[near][:, None]).any(axis=1)
         suspects = np.unique(facet[inside & ~corner])
@@ -265,7 +265,7 @@ class _Surface:
 
     def _contains(self, facet: Indices, x: Array) -> Flags:
         """Whether facets (n,) have points x (n, dim) on them, their rims included."""
-        middle, near = self._middle[facet], _SAME * self._radius[facet]
+        middle, near = self._middle[facet], _NEAR * self._radius[facet]
         normal = self.area[facet] / np.linalg.norm(self.area[facet], axis=1)[:, None]
         inside = np.abs(np.sum((x - middle) * normal, axis=1)) < near
         around = self.corner[facet]
@@ -318,7 +318,7 @@ class _Surface:
 
     def log_contacts(self) -> None:
         """Logs facets that coincide, of two bodies that touch or a crack."""
-        pairs = cKDTree(self._middle).query_pairs(_SAME * self._radius.min(), output_type="ndarray")
+        pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
         if not len(pairs):
             return
         piece = self._gathered(self._cells.pieces()[self._cell])[pairs]

@@ -24,7 +24,7 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from ufl.core.expr import Expr
 
 from pw_elements._compat import cell_nodes
-from pw_elements.algebra import Problem
+from pw_elements.algebra import check_problem
 from pw_elements.checks import (
     agree,
     arguments,
@@ -36,6 +36,7 @@ from pw_elements.checks import (
     whole,
 )
 from pw_elements.spaces import (
+    Assembled,
     Marker,
     Part,
     Spaces,
@@ -54,7 +55,8 @@ Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 # of natural frequencies is below 1e-4 of the mesh's own error, see tests/test_vibration.py
 _RATIONAL_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
-_HYBRID, _LOCKED = 0.48, 0.49
+_HYBRID_NU = 0.48
+_LOCKING_NU = 0.49
 # Distance of a corner from where it would be in a parallelepiped, over the longest edge: round-off
 _PARALLEL = 1e-12
 _LOCKS = (
@@ -70,7 +72,7 @@ _JUMPS = (
 _logger = logging.getLogger("pw_elements")
 
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
-_ROUND_OFF = 1e-12
+_ZERO_MASS = 1e-12
 
 
 class StressState(Enum):
@@ -218,7 +220,7 @@ class Body:
             r = mesh.geometry.x[:, 0]
             radius = mesh.comm.allreduce(r.min(initial=np.inf), MPI.MIN)
             size = mesh.comm.allreduce(np.abs(r).max(initial=0.0), MPI.MAX)
-            if radius < -_ROUND_OFF * size:
+            if radius < -_ZERO_MASS * size:
                 raise ValueError(f"the mesh crosses the axis of rotation: its least r is {radius}")
         nu = self.material.poissons_ratio
         if hybrid:
@@ -238,7 +240,7 @@ class Body:
                 "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
             largest = _largest(nu, mesh.comm)
-            if largest > _LOCKED and mesh.comm.rank == 0:
+            if largest > _LOCKING_NU and mesh.comm.rank == 0:
                 _logger.warning(_LOCKS, largest)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
@@ -286,7 +288,7 @@ class Body:
         if formulation is None:
             largest = _largest(material.poissons_ratio, mesh.comm)
             plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
-            formulation = "hybrid" if largest > _HYBRID and not plane_stress else "displacements"
+            formulation = "hybrid" if largest > _HYBRID_NU and not plane_stress else "displacements"
             if formulation == "hybrid" and mesh.comm.rank == 0:
                 _logger.info("hybrid: nu = %g, displacements alone would lock", largest)
         hybrid = formulation == "hybrid"
@@ -347,7 +349,7 @@ class Body:
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
     def stiffness(self) -> ufl.Form:
-        """Stiffness form, Eq. (10)."""
+        """The bilinear form of the stiffness, Eq. (10)."""
         u, v = self._arguments()
         work = self._bilinear(ufl.inner(self.stress(u), self.strain(v)), 2)
         if not self.spaces.is_hybrid:
@@ -359,7 +361,7 @@ class Body:
         return work + self._integral(-q * volume, 2)
 
     def mass(self) -> ufl.Form:
-        """Consistent mass form, Eq. (11)."""
+        """The bilinear form of the consistent mass, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
         return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
@@ -444,7 +446,7 @@ class Body:
         return ufl.SpatialCoordinate(self.spaces.mesh)[0]
 
     def _depth(self) -> Scalar:
-        """What an area of the mesh is multiplied by to be a volume."""
+        """The factor that makes a volume of an area of the mesh."""
         if self.state is StressState.AXISYMMETRIC:
             return 2 * np.pi * self._radius()
         if self.state is StressState.SOLID:
@@ -452,13 +454,13 @@ class Body:
         return self._value(self.thickness)
 
     def _bilinear(self, integrand: Expr, exact_degree: int, in_box: int = 3) -> ufl.Form:
-        """As `_integral`; linear weights take a degree less."""
+        """Integrates a product of trial and test functions; linear weights take a degree less."""
         if self.spaces.test is self.spaces.trial:
             return self._integral(integrand, exact_degree)
         return self._integral(integrand, exact_degree - 1, in_box)
 
     def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
-        """Integral over the volume.
+        """Integrates a form over the body's volume.
 
         Args:
             integrand: with test functions.
@@ -634,13 +636,13 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
             the space.
     """
     arguments.space(space)
-    Problem({"the mass matrix": M}, space=space)
+    check_problem({"the mass matrix": M}, space=space)
     if is_hybrid(space):
         raise ValueError("a pressure has no mass: lump that of Spaces.petrov_galerkin(mesh)")
     mass, ones, diagonal = M.createVecLeft(), M.createVecRight(), M.getDiagonal()
     ones.set(1.0)
     M.mult(ones, mass)
-    bad = mass.array_r <= _ROUND_OFF * diagonal.array_r
+    bad = mass.array_r <= _ZERO_MASS * diagonal.array_r
     nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
     count = space.mesh.comm.allreduce(len(nodes), MPI.SUM)
     if count > 0:
@@ -653,8 +655,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
     lumped.assemble()
-    lumped.setAttr("form", M.getAttr("form"))
-    return lumped
+    return Assembled(Assembled.of(M).form).mark(lumped)
 
 
 def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:

@@ -57,7 +57,8 @@ Indices = npt.NDArray[np.intp]
 Weights: TypeAlias = Callable[[ufl.Measure], ufl.Form]  # their integral over a surface
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
-_STAYS, _GOES = 3 / 4, 1 / 8
+_STAYS = 3 / 4
+_GOES = 1 / 8
 
 Area = Literal["geometric", "own"]
 
@@ -275,7 +276,7 @@ class SurfaceNodes:
         halved_weights: Weights,
         where: Part,
     ) -> "SurfaceNodes":
-        """With integrals of a space's own weights, and of those of the once halved cells."""
+        """Makes the nodes from integrals of a space's weights, and of those of the halved cells."""
         position, own, node = _areas(space, where, weights)
         other, tributary, _ = _areas(halved, where, halved_weights)
         tree = cKDTree(other)

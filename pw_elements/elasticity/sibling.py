@@ -19,9 +19,10 @@ from pw_elements.algebra import Reduction
 from pw_elements.checks import arguments, collective, listed
 from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import unblocked
+from pw_elements.spaces import Assembled
 
 # A sum of positive shares below this, over one, is none
-_NOTHING = 1e-9
+_NO_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ class Sibling:
         with collective(self.space.mesh.comm):
             arguments.matrix("the matrix", standard)
             self._check("the matrix", standard, standard.getSizes()[0])
-        return self._marked(unblocked(standard).ptap(self.basis), standard)
+        form = Assembled.of(standard).form
+        return Assembled(form, self).mark(unblocked(standard).ptap(self.basis))
 
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).
@@ -91,7 +93,7 @@ class Sibling:
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard, load)
-        return self._marked(load, standard)
+        return Assembled(Assembled.of(standard).form, self).mark(load)
 
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Displacements u = T^T a, (n,).
@@ -131,7 +133,7 @@ class Sibling:
         kept, free = standard.right.createVecRight(), standard.offset.duplicate()
         kept.set(1.0)
         standard.right.mult(kept, free)
-        lacking = (self.basis * free).array_r * (1 - free.array_r) > _NOTHING
+        lacking = (self.basis * free).array_r * (1 - free.array_r) > _NO_SHARE
         dim, block = self.space.mesh.geometry.dim, self.space.dofmap.index_map_bs
         nodes = np.unique(np.flatnonzero(lacking) // block)
         places = self.space.tabulate_dof_coordinates()[nodes, :dim]
@@ -145,12 +147,6 @@ class Sibling:
         offset.setArray(offset.array_r * (1 - free.array_r))
         return replace(standard, offset=offset)
 
-    def _marked(self, made: PETSc.Mat | PETSc.Vec, of: PETSc.Mat | PETSc.Vec) -> PETSc.Mat:
-        """What has been made, with the marks by which a `Problem` knows what belongs together."""
-        made.setAttr("form", of.getAttr("form"))
-        made.setAttr("sibling", self)
-        return made
-
     def _check_vector(self, name: str, vector: PETSc.Vec) -> None:
         with collective(self.space.mesh.comm):
             arguments.petsc_vector(name, vector)
@@ -159,11 +155,11 @@ class Sibling:
     def _check(self, name: str, thing: PETSc.Mat | PETSc.Vec, sizes: tuple[int, int]) -> None:
         """Raises ValueError for what is not the standard element's; local."""
         arguments.same_sizes(name, sizes, "the space", self.space)
-        form = thing.getAttr("form")
-        if form is not None and form.function_spaces[0].element != self.space._cpp_object.element:
+        known = Assembled.of(thing)
+        if known.form is not None and known.weights.element != self.space._cpp_object.element:
             raise ValueError(
                 f"{name} was made with other weight functions than the standard element's: the "
                 "sibling transforms what Spaces.galerkin gives"
             )
-        if thing.getAttr("sibling") is not None:
+        if known.sibling is not None:
             raise ValueError(f"{name} belongs to the sibling already")

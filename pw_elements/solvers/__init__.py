@@ -2,11 +2,14 @@
 
 from pw_elements.solvers.direct import (
     Direct,
+    FreePressure,
     LinearSolver,
+    MatrixFree,
+    NotConverged,
     PreparedSolver,
     SingularSystem,
-    SolverNotConverged,
     SolverReport,
+    is_matrix_free,
 )
 from pw_elements.solvers.iterative import (
     NO_SUPPORTS,

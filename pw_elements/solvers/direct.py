@@ -1,10 +1,7 @@
 """Linear solvers: what `solve`, `solve_contact`, `vibration_modes` and `buckling` take as `solver`.
 
 A `LinearSolver` is a statement, such as `Direct({"mat_mumps_icntl_14": 50})`; `prepare` binds it
-to one matrix. A Krylov method joins as another class with `prepare`: `solve` and `vibration_modes`
-need `PreparedSolver.ksp`, `solve` and `report` from it. Contact needs `solve_changed` besides,
-which may return None; a solver that wants contact unassembled, as E K + C on one K, takes the
-place of `contact.system.Tangent` and leaves law and loop as they are.
+to one matrix. Any object with these methods is one: nothing asks for its class.
 """
 
 import logging
@@ -12,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from time import perf_counter
-from typing import Protocol
+from typing import Any, ClassVar, Protocol, TypeGuard
 
 from petsc4py import PETSc
 
@@ -38,8 +35,19 @@ class SingularSystem(RuntimeError):
     """The system has no unique solution, usually because supports are missing."""
 
 
-class SolverNotConverged(RuntimeError):
-    """An iterative solver has not reached its tolerance."""
+class FreePressure(SingularSystem):
+    """The pressure of an incompressible body that is held all around is known up to a constant."""
+
+    def __init__(self, words: str = "") -> None:
+        super().__init__(
+            words
+            or "an incompressible body whose whole boundary is held has a pressure that is known "
+            'up to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
+        )
+
+
+class NotConverged(RuntimeError):
+    """Newton's method, or an iterative linear solver, has not reached its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,7 @@ class SolverReport:
     krylov_iterations: int = 0
 
     def after(self, before: "SolverReport") -> "SolverReport":
-        """Both together.
+        """Adds what was done before.
 
         Args:
             before: what was done before.
@@ -82,7 +90,11 @@ class SolverReport:
 
 
 class PreparedSolver(Protocol):
-    """A solver of systems with one matrix, whose entries may change between solutions."""
+    """A solver of systems with one matrix, whose entries may change between solutions.
+
+    `solve` and contact need `solve`, `solve_changed`, `report`, `orientations` and `release` of
+    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides.
+    """
 
     ksp: PETSc.KSP
 
@@ -121,6 +133,10 @@ class PreparedSolver(Protocol):
         """Solution after `rows` rows have changed since `solve`, if that is cheaper; or None."""
         ...
 
+    def release(self) -> None:
+        """Frees what it holds, on all processes."""
+        ...
+
 
 class LinearSolver(Protocol):
     """How linear systems are solved."""
@@ -133,6 +149,30 @@ class LinearSolver(Protocol):
             symmetric: whether it is.
         """
         ...
+
+
+class MatrixFree(Protocol):
+    """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
+
+    Right-hand sides and solutions are zero where displacements are prescribed.
+    """
+
+    matrix_free: ClassVar[bool]  # true
+
+    def prepare(self, matrix: PETSc.Mat, symmetric: bool = False, supports: Any = None) -> Any:  # noqa: ANN401
+        """Binds the solver to a free matrix (n, n) under `Supports`; gives a `PreparedSolver`.
+
+        Args:
+            matrix: square (n, n), free.
+            symmetric: whether it is.
+            supports: of `Reduction.dirichlet`; None where the reduction is another one.
+        """
+        ...
+
+
+def is_matrix_free(solver: object) -> TypeGuard[MatrixFree]:
+    """Whether a solver takes the free matrix and supports, and does without a reduced one."""
+    return bool(getattr(solver, "matrix_free", False))
 
 
 @dataclass(frozen=True)
@@ -280,6 +320,10 @@ class Factors:
         self.ksp.solve(right, solution)
         self._iterations += self.ksp.getIterationNumber()
         return solution if self.ksp.getConvergedReason() > 0 else None
+
+    def release(self) -> None:
+        """Frees the factors, on all processes."""
+        self.ksp.destroy()
 
     def _check(self) -> None:
         """Raises SingularSystem if MUMPS met zero pivots, or a known solution does not return."""

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import Literal, TypeAlias, TypeVar
+from typing import ClassVar, Literal, TypeAlias, TypeVar
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -34,9 +34,10 @@ from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.solvers.direct import (
     Direct,
+    FreePressure,
     LinearSolver,
+    NotConverged,
     SingularSystem,
-    SolverNotConverged,
     SolverReport,
     set_options,
 )
@@ -50,7 +51,7 @@ from pw_elements.solvers.matrices import (
     python_matrix,
 )
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
-from pw_elements.spaces import FREE_PRESSURE, NOTHING, SubSpace, equilibration, is_hybrid
+from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
 
 Array = npt.NDArray[np.float64]
 
@@ -161,7 +162,7 @@ class SaddlePoint:
             SingularSystem: if a constant pressure acts on no displacement, nor on a volume.
         """
         if self.free_pressure(self.operator):
-            raise SingularSystem(FREE_PRESSURE)
+            raise FreePressure
         self.levels.ready()
 
     def free_pressure(self, operator: PETSc.Mat) -> bool:
@@ -258,6 +259,7 @@ class Iterative:
         ValueError: for a tolerance that is not between 0 and 1.
     """
 
+    matrix_free: ClassVar[bool] = True
     tolerance: float = 1e-11
     options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
@@ -359,7 +361,7 @@ class Krylov:
 
     @property
     def negative_pivots(self) -> None:
-        """Not known."""
+        """None: GMRES knows no pivots."""
         return
 
     def set_up(self) -> None:
@@ -377,7 +379,7 @@ class Krylov:
 
         Raises:
             SingularSystem: if a rigid motion is free.
-            SolverNotConverged: if the residual does not become small.
+            NotConverged: if the residual does not become small.
         """
         self.set_up()
         solution, step = right.duplicate(), right.duplicate()
@@ -400,10 +402,10 @@ class Krylov:
         stiffness = self.elastic[0].norm(PETSc.NormType.INFINITY)
         return float(_DRIFT * _EPSILON * stiffness * size)
 
-    def not_converged(self, left: float) -> SolverNotConverged:
+    def not_converged(self, left: float) -> NotConverged:
         """What is to be raised where the relative residual `left` remains."""
         dofs = self._matrix.getSize()[0]
-        return SolverNotConverged(
+        return NotConverged(
             f"{self.report.method} left the relative residual {left:.1e} after "
             f"{self.ksp.getIterationNumber()} iterations: Poisson's ratio near 1/2, flat cells or "
             "supports that hardly hold make it slow; use Direct() "
@@ -540,18 +542,16 @@ def by_chosen(
         compute: of a solver.
 
     Raises:
-        SolverNotConverged: as `factors_instead` says.
+        NotConverged: as `factors_instead` says.
     """
     try:
         return compute(taken)
-    except SolverNotConverged as failure:
+    except NotConverged as failure:
         instead = factors_instead(solver, supports, failure)
     return compute(instead)  # whatever the first attempt took has been freed
 
 
-def factors_instead(
-    solver: Solver, supports: Supports | None, failure: SolverNotConverged
-) -> Direct:
+def factors_instead(solver: Solver, supports: Supports | None, failure: NotConverged) -> Direct:
     """Factors, where Krylov's method has given up that "auto" had taken.
 
     Args:
@@ -560,7 +560,7 @@ def factors_instead(
         failure: of the method.
 
     Raises:
-        SolverNotConverged: the failure, if the user named the method, or if there is not twice
+        NotConverged: the failure, if the user named the method, or if there is not twice
             the memory that factors are expected to take.
     """
     if supports is None or solver not in (None, "auto"):
@@ -568,7 +568,7 @@ def factors_instead(
     comm = supports.space.mesh.comm
     taken, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
     if not _ROOM * taken <= left:
-        raise SolverNotConverged(
+        raise NotConverged(
             f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
         ) from failure
     if comm.rank == 0:

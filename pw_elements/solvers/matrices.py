@@ -21,6 +21,8 @@ from dolfinx import fem, la
 from scipy import sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from pw_elements.spaces import Assembled
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Sizes = tuple[int, int]
@@ -143,9 +145,7 @@ def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
     """The matrix, or a copy of one stored in blocks, in the format that products need."""
     if not is_blocked(matrix):
         return matrix
-    converted = matrix.convert("aij", PETSc.Mat())
-    converted.setAttr("form", matrix.getAttr("form"))
-    return converted
+    return Assembled.of(matrix).mark(matrix.convert("aij", PETSc.Mat()))
 
 
 def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:

@@ -1,6 +1,7 @@
 """Elements, spaces, parts of bodies, quadrature and assembly."""
 
 from pw_elements.spaces.assembly import (
+    Assembled,
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
@@ -15,7 +16,6 @@ from pw_elements.spaces.elements import (
     serendipity_element,
 )
 from pw_elements.spaces.hybrid import (
-    FREE_PRESSURE,
     NOTHING,
     SubSpace,
     equilibration,
@@ -39,8 +39,6 @@ from pw_elements.spaces.spaces import (
     NumberingError,
     Spaces,
     as_function,
-    centre_nodes,
-    mid_diagonal_nodes,
     scalar_space,
     split,
     test_space,

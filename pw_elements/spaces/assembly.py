@@ -1,5 +1,8 @@
 """Free assembly of forms, with the rules that their functions need."""
 
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -12,6 +15,42 @@ from dolfinx.fem.petsc import create_matrix
 from pw_elements.checks import arguments
 from pw_elements.progress import doing
 from pw_elements.spaces.quadrature import with_cell_rules
+
+T = TypeVar("T", PETSc.Mat, PETSc.Vec)
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """What a matrix (n, n) or vector (n,) was made of, so that what does not go together is told.
+
+    Args:
+        form: compiled; None of what was made by hand.
+        sibling: the symmetric sibling that transformed it; None of what was assembled plainly.
+    """
+
+    form: fem.Form | None = None
+    sibling: Any = None
+
+    @classmethod
+    def of(cls, thing: PETSc.Mat | PETSc.Vec) -> "Assembled":
+        """What is known of a matrix or vector: nothing if it was made by hand."""
+        return thing.getAttr("assembled") or cls()
+
+    def mark(self, thing: T) -> T:
+        """The thing, of which this is known from now on; the form lives as long as it does."""
+        thing.setAttr("assembled", self)
+        return thing
+
+    @property
+    def mesh(self) -> Any:  # noqa: ANN401
+        """C++ mesh of the form, None if it is not known."""
+        return None if self.form is None else self.weights.mesh
+
+    @property
+    def weights(self) -> Any:  # noqa: ANN401
+        """C++ space of the form's test functions."""
+        assert self.form is not None
+        return self.form.function_spaces[0]
 
 
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
@@ -36,8 +75,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
     _assemble_matrix(matrix, compiled)
     matrix.assemble()
-    matrix.setAttr("form", compiled)
-    return matrix
+    return Assembled(compiled).mark(matrix)
 
 
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
@@ -56,8 +94,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     compiled = compiled_form(form, 1, "a vector")
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-    vector.setAttr("form", compiled)
-    return vector
+    return Assembled(compiled).mark(vector)
 
 
 def assemble_scalar(form: ufl.Form) -> float:

@@ -18,10 +18,6 @@ from pw_elements.checks import collective
 
 # What a constant pressure does, over the largest stiffness, that is round-off
 NOTHING = 1e-10
-FREE_PRESSURE = (
-    "an incompressible body whose whole boundary is held has a pressure that is known up to a "
-    'constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
-)
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]

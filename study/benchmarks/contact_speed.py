@@ -18,9 +18,10 @@ from functools import partial
 
 from petsc4py import PETSc
 
-from pw_elements import Material, Reduction, StressState, assemble_matrix, prescribe
+from pw_elements import Material, Reduction, assemble_matrix, prescribe
 from pw_elements.algebra import factorise
-from pw_elements.contact import ContactState
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from study.discretisation import Discretisation, discretise
 from study.paper import s7_2_block
 

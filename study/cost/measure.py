@@ -203,7 +203,8 @@ def _body(element: str, cells: int) -> Any:  # noqa: ANN401
 
     from dolfinx.mesh import CellType, create_box, create_rectangle
 
-    from pw_elements import Body, Material, StressState
+    from pw_elements import Body, Material
+    from pw_elements.elasticity import StressState
     from study.discretisation import spaces
 
     comm = MPI.COMM_WORLD
@@ -459,6 +460,7 @@ def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
     import pw_elements as pw
     from pw_elements._compat import cell_nodes
     from pw_elements.contact import ContactPair, DeformableSurface, solve_contact
+    from pw_elements.elasticity import StressState
     from study.discretisation import spaces
 
     comm, finer = MPI.COMM_WORLD, round(FINER * row.cells)
@@ -489,7 +491,7 @@ def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
         k: pw.Material(E * YOUNGS_MODULUS, POISSONS_RATIO) for k, E in ((0, 1), (1, STIFFER))
     }
     body = pw.Body(
-        spaces(row.element, mesh), pw.Material.by_tag(mesh, tags, materials), pw.StressState.SOLID
+        spaces(row.element, mesh), pw.Material.by_tag(mesh, tags, materials), StressState.SOLID
     )
     space = body.spaces.trial
     between = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1.0))

@@ -14,7 +14,6 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Direct,
     Material,
-    StressState,
     SurfaceNodes,
     assemble_vector,
     boundary_measure,
@@ -23,15 +22,9 @@ from pw_elements import (
     reactions,
     solve,
 )
-from pw_elements.contact import (
-    OPEN,
-    SLIP,
-    STICK,
-    ContactPair,
-    PairState,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements.contact.model import PairState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from study.core.cases import Case
 from study.core.store import Result

@@ -9,16 +9,9 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, create_mesh
 
-from pw_elements import (
-    Body,
-    Material,
-    Spaces,
-    StressState,
-    assemble_matrix,
-    macro_element,
-    quadratic_element,
-)
-from pw_elements.spaces import PAPER_NODES
+from pw_elements import Body, Material, Spaces, assemble_matrix
+from pw_elements.elasticity import StressState
+from pw_elements.spaces import PAPER_NODES, macro_element, quadratic_element
 from study.core.cases import Case
 from study.core.store import Result
 from study.matrices import dense, relative_difference

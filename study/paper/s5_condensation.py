@@ -11,18 +11,18 @@ from dolfinx.mesh import Mesh
 from pw_elements import (
     Material,
     Reduction,
-    StressState,
     assemble_vector,
     force_transfer,
     prescribe,
     reactions,
     solve,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, mapped, quadrilaterals, triangles
-from pw_elements.spaces import mid_diagonal_nodes
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.inner_nodes import mid_diagonal_nodes
 from study.matrices import dense, relative_difference
 from study.units import dimensionless
 from study.verification.t_identity import distorted

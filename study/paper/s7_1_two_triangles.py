@@ -5,7 +5,8 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, forces_along, prescribe, reactions, solve
+from pw_elements import Material, forces_along, prescribe, reactions, solve
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, quadrilaterals, triangles
 from study.core.cases import Case
 from study.core.store import Result

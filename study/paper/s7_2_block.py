@@ -8,8 +8,10 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState
-from pw_elements.contact import ContactPair, ContactState, Plane, solve_contact
+from pw_elements import Material
+from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
 from study.contact_result import contact_result
 from study.core.cases import Case

@@ -7,8 +7,9 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, prescribe
+from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import Pattern, on_lines
 from study.contact_result import contact_result
 from study.core.cases import Case

@@ -14,14 +14,15 @@ import numpy.typing as npt
 from pw_elements import (
     Material,
     Reduction,
-    StressState,
-    VibrationModes,
     assemble_matrix,
     lumped_mass,
     prescribe,
     vibration_modes,
 )
-from pw_elements.contact import ContactPair, ContactState, Motion, Plane, solve_contact
+from pw_elements.algebra import VibrationModes
+from pw_elements.contact import ContactPair, Motion, Plane, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from study.contact_result import (
     CONTACT_UNITS,
     deformation_curves,

@@ -13,21 +13,19 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import (
     Body,
-    BucklingModes,
     Material,
     NoModes,
     Reduction,
-    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     buckling,
-    nodal_load,
     prescribe,
     solve,
-    symmetric_part,
 )
+from pw_elements.algebra import BucklingModes, symmetric_part
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import PATTERNS, Pattern, quadrilaterals, triangles
 from study.core.cases import Case
 from study.core.store import Result

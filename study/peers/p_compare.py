@@ -10,8 +10,9 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, Spaces, StressState, force_transfer, forces_along, prescribe
+from pw_elements import Material, Spaces, force_transfer, forces_along, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from study.core.cases import Case
 from study.core.store import Result

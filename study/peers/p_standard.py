@@ -18,7 +18,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -29,6 +28,7 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved
 from pw_elements.spaces import Marker
 from study.core.cases import Case

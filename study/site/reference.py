@@ -7,7 +7,7 @@ from pathlib import Path
 from study.site.gallery import Example, short
 from study.site.mathematics import typeset
 
-# The names that pages are grouped by; each group has a module's public names, or some of them
+# The names that pages are grouped by; those with a folder are of what public ones take or return
 GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "Spaces and elements": (
         "pw_elements",
@@ -16,13 +16,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "test_space",
             "as_function",
             "split",
-            "macro_element",
-            "quadratic_element",
-            "serendipity_element",
-            "composite_element",
-            "one_cut_element",
             "cell_measure",
-            "NumberingError",
         ),
     ),
     "Elastic bodies and loads": (
@@ -30,10 +24,10 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "Body",
             "Material",
-            "StressState",
+            "elasticity.StressState",
             "boundary_measure",
             "prescribe",
-            "nodal_load",
+            "elasticity.nodal_load",
             "lumped_mass",
         ),
     ),
@@ -46,24 +40,24 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "Reduction",
             "solve",
             "reactions",
-            "symmetric_part",
+            "algebra.symmetric_part",
             "Direct",
             "Iterative",
-            "LinearSolver",
-            "SolverReport",
+            "solvers.LinearSolver",
+            "solvers.SolverReport",
             "SingularSystem",
-            "SolverNotConverged",
+            "NotConverged",
         ),
     ),
-    "Any residual": ("pw_elements", ("PetrovGalerkinProblem", "NotConverged")),
-    "Nodal forces as fluxes": ("pw_elements", ("nodal_flux", "NodalFlux")),
+    "Any residual": ("pw_elements", ("PetrovGalerkinProblem",)),
+    "Nodal forces as fluxes": ("pw_elements", ("nodal_flux", "elasticity.NodalFlux")),
     "Vibration, buckling, dynamics": (
         "pw_elements",
         (
             "vibration_modes",
-            "VibrationModes",
+            "algebra.VibrationModes",
             "buckling",
-            "BucklingModes",
+            "algebra.BucklingModes",
             "NoModes",
             "Sibling",
             "critical_step",
@@ -75,36 +69,35 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "ContactPair",
             "Motion",
             "Coulomb",
-            "Friction",
-            "Surface",
+            "model.Friction",
+            "model.Surface",
             "Plane",
             "Sphere",
             "Parabola",
             "FlatPunch",
-            "Polyline",
             "SignedDistance",
             "DeformableSurface",
-            "MatchingNodes",
+            "model.MatchingNodes",
         ),
     ),
     "Contact: solving it": (
         "pw_elements.contact",
-        ("solve_contact", "ContactProblem", "Progress", "solve_impact"),
+        ("solve_contact", "ContactProblem", "steps.Progress", "solve_impact"),
     ),
     "Contact: results": (
         "pw_elements.contact",
         (
-            "ContactState",
-            "PairState",
-            "Residuals",
-            "Smallness",
+            "model.ContactState",
+            "model.PairState",
+            "model.Residuals",
+            "model.Smallness",
             "ContactFields",
             "write",
             "plot",
             "draw_surface",
-            "ImpactHistory",
-            "PairHistory",
-            "Energies",
+            "steps.ImpactHistory",
+            "steps.PairHistory",
+            "steps.Energies",
         ),
     ),
     "Contact: what can go wrong": (
@@ -112,14 +105,12 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         (
             "ContactFailed",
             "NoEquilibrium",
-            "NoSolution",
-            "ClosedBranch",
             "FreeBody",
             "NotUnique",
             "NotFound",
             "SurfacePassed",
-            "MissingForce",
-            "RigidVelocity",
+            "model.MissingForce",
+            "model.RigidVelocity",
         ),
     ),
     "Meshes": (
@@ -128,9 +119,9 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Pressures and forces on a surface": (
         "pw_elements",
-        ("SurfaceNodes", "forces_along", "BoundaryForces", "force_transfer"),
+        ("SurfaceNodes", "forces_along", "elasticity.BoundaryForces", "force_transfer"),
     ),
-    "Pictures and checks": ("pw_elements", ("draw", "DegenerateMesh")),
+    "Pictures and checks": ("pw_elements", ("draw", "checks.DegenerateMesh")),
 }
 CONSTANTS = {"OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState tells
 
@@ -138,6 +129,12 @@ CONSTANTS = {"OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState
 def public() -> list[str]:
     """Return the full names of all that has a page."""
     return [f"{module}.{name}" for module, names in GROUPS.values() for name in names]
+
+
+def _placed(module: str, name: str) -> tuple[str, str]:
+    """Return the module that has a name of a group, and the name without its folder."""
+    inner, _, plain = name.rpartition(".")
+    return f"{module}.{inner}" if inner else module, plain
 
 
 def write(pages: Path, used: dict[str, list[Example]]) -> None:
@@ -152,10 +149,11 @@ def write(pages: Path, used: dict[str, list[Example]]) -> None:
     tree = []
     for group, (module, names) in GROUPS.items():
         rows = []
-        for name in names:
-            thing = getattr(import_module(module), name)
-            full = f"{module}.{name}"
-            (pages / f"{full}.rst").write_text(_page(module, name, thing, used), encoding="utf-8")
+        for placed in names:
+            where, name = _placed(module, placed)
+            thing = getattr(import_module(where), name)
+            full = f"{where}.{name}"
+            (pages / f"{full}.rst").write_text(_page(where, name, thing, used), encoding="utf-8")
             line = (inspect.getdoc(thing) or "").partition("\n\n")[0]
             what = typeset(" ".join(line.split()), "{{sub}}`{}`", "{{sup}}`{}`")
             rows.append(f"[`{name}`]({full}.rst)\n: {what}")

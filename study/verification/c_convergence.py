@@ -8,17 +8,9 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import (
-    Body,
-    Material,
-    StressState,
-    as_function,
-    assemble_matrix,
-    macro_element,
-    prescribe,
-    solve,
-)
-from pw_elements.spaces import Marker
+from pw_elements import Body, Material, as_function, assemble_matrix, prescribe, solve
+from pw_elements.elasticity import StressState
+from pw_elements.spaces import Marker, macro_element
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, spaces

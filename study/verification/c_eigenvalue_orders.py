@@ -11,7 +11,8 @@ from dolfinx.mesh import Mesh
 from scipy.optimize import brentq
 from scipy.special import jn_zeros, jv, jvp, yv, yvp
 
-from pw_elements import Body, Material, StressState, assemble_matrix, prescribe, vibration_modes
+from pw_elements import Body, Material, assemble_matrix, prescribe, vibration_modes
+from pw_elements.elasticity import StressState
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, is_symmetrised, spaces

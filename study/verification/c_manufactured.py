@@ -14,7 +14,8 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
-from pw_elements import Body, StressState, assemble_vector, boundary_measure
+from pw_elements import Body, assemble_vector, boundary_measure
+from pw_elements.elasticity import StressState
 from pw_elements.spaces import Marker
 
 Array = npt.NDArray[np.float64]

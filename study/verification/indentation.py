@@ -13,16 +13,10 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from scipy.optimize import brentq
 
-from pw_elements import (
-    Material,
-    StressState,
-    SurfaceNodes,
-    force_transfer,
-    forces_along,
-    prescribe,
-    reactions,
-)
-from pw_elements.contact import OPEN, ContactPair, ContactState, Motion, Surface, solve_contact
+from pw_elements import Material, SurfaceNodes, force_transfer, forces_along, prescribe, reactions
+from pw_elements.contact import OPEN, ContactPair, Motion, solve_contact
+from pw_elements.contact.model import ContactState, Surface
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import on_lines
 from study.contact_result import CONTACT_UNITS
 from study.core.store import Result

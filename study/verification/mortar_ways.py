@@ -24,14 +24,15 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     SurfaceNodes,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
 )
-from pw_elements.contact import ContactPair, ContactState, DeformableSurface, Motion, solve_contact
+from pw_elements.contact import ContactPair, DeformableSurface, Motion, solve_contact
 from pw_elements.contact.interface import Overlap, Trace, gathered_trace
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.spaces import Part
 
 Array = npt.NDArray[np.float64]

@@ -20,7 +20,6 @@ from pw_elements import (
     Material,
     Reduction,
     Sibling,
-    StressState,
     SurfaceNodes,
     assemble_matrix,
     assemble_vector,
@@ -28,8 +27,8 @@ from pw_elements import (
     force_transfer,
     reactions,
 )
-from pw_elements.contact import ContactState
-from pw_elements.elasticity import Vector, by_position
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState, Vector, by_position
 from pw_elements.spaces import Marker
 from study.core.store import Result
 from study.discretisation import displacement_space, held_nodes, spaces

@@ -21,18 +21,17 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     force_transfer,
-    nodal_load,
     prescribe,
     reactions,
     solve,
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
+from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved, mapped, triangles
 from study.core.cases import Case
 from study.core.store import Result

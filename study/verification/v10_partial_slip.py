@@ -6,14 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements import Material, SurfaceNodes, prescribe
-from pw_elements.contact import (
-    STICK,
-    ContactPair,
-    MatchingNodes,
-    Motion,
-    Parabola,
-    solve_contact,
-)
+from pw_elements.contact import STICK, ContactPair, Motion, Parabola, solve_contact
+from pw_elements.contact.model import MatchingNodes
 from study.core.store import Result
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, hertz_force

@@ -14,9 +14,11 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, Mesh, create_box, create_rectangle
 from scipy.spatial import cKDTree
 
-from pw_elements import StressState, SurfaceNodes, assemble_matrix, prescribe
-from pw_elements.contact import STICK, ContactState, Motion
+from pw_elements import SurfaceNodes, assemble_matrix, prescribe
+from pw_elements.contact import STICK, Motion
 from pw_elements.contact.interface import Trace, gathered_trace, sizes
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, on_lines
 from pw_elements.spaces import exterior_facets
 from study.core.cases import Case

@@ -26,7 +26,6 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     SurfaceNodes,
     assemble_matrix,
     assemble_vector,
@@ -36,7 +35,7 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements.contact import ContactPair, Plane, solve_impact
-from pw_elements.elasticity import by_position
+from pw_elements.elasticity import StressState, by_position
 from study.core.cases import Case
 from study.core.store import Result
 from study.units import dimensionless

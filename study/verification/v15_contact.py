@@ -13,16 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, SurfaceNodes, prescribe
-from pw_elements.contact import (
-    OPEN,
-    STICK,
-    ContactPair,
-    ContactState,
-    Motion,
-    Parabola,
-    solve_contact,
-)
+from pw_elements import Material, SurfaceNodes, prescribe
+from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import on_lines
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes

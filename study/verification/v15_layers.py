@@ -26,7 +26,6 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -34,6 +33,7 @@ from pw_elements import (
     solve,
     split,
 )
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped
 from study.core.store import Result
 from study.units import dimensionless

@@ -22,7 +22,6 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
-    StressState,
     as_function,
     assemble_matrix,
     assemble_vector,
@@ -32,6 +31,7 @@ from pw_elements import (
     split,
 )
 from pw_elements.contact import Parabola
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
 from study.core.cases import Case
 from study.core.store import Result

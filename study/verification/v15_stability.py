@@ -23,16 +23,9 @@ import ufl
 from dolfinx import fem
 from scipy.sparse.linalg import LinearOperator, eigs
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    StressState,
-    assemble_matrix,
-    force_transfer,
-    prescribe,
-)
+from pw_elements import Body, Material, Reduction, assemble_matrix, force_transfer, prescribe
 from pw_elements.algebra import factorise
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import SubSpace
 from study.core.store import Result

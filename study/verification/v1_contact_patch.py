@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, SurfaceNodes, prescribe
+from pw_elements import Material, SurfaceNodes, prescribe
 from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case

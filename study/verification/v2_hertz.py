@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements import StressState
 from pw_elements.contact import Parabola, Sphere
+from pw_elements.elasticity import StressState
 from study.core.cases import Case
 from study.core.store import Result
 from study.units import N_MM, units_of

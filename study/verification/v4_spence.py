@@ -10,8 +10,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, prescribe
-from pw_elements.contact import STICK, ContactPair, ContactState, FlatPunch, Motion, solve_contact
+from pw_elements import Material, prescribe
+from pw_elements.contact import STICK, ContactPair, FlatPunch, Motion, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import on_lines
 from study.contact_result import contact_result
 from study.core.cases import Case

@@ -11,17 +11,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Material, StressState, SurfaceNodes, prescribe
-from pw_elements.contact import (
-    OPEN,
-    STICK,
-    ContactPair,
-    ContactState,
-    MatchingNodes,
-    Motion,
-    Parabola,
-    solve_contact,
-)
+from pw_elements import Material, SurfaceNodes, prescribe
+from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
+from pw_elements.contact.model import ContactState, MatchingNodes
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import on_lines
 from study.core.cases import Case
 from study.core.store import Result

@@ -13,22 +13,15 @@ from dolfinx.mesh import Mesh
 
 from pw_elements import (
     Material,
-    StressState,
     SurfaceNodes,
     as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
 )
-from pw_elements.contact import (
-    OPEN,
-    SLIP,
-    ContactPair,
-    ContactState,
-    FreeBody,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import OPEN, SLIP, ContactPair, FreeBody, Plane, solve_contact
+from pw_elements.contact.model import ContactState
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from study.contact_result import CONTACT_UNITS
 from study.core.cases import Case

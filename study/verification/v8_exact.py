@@ -11,7 +11,8 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import iv, jv
 
-from pw_elements import Material, StressState
+from pw_elements import Material
+from pw_elements.elasticity import StressState
 
 # Points of the search for sign changes, between zero and the upper end
 _POINTS = 4000

@@ -15,8 +15,6 @@ from pw_elements import (
     Body,
     Material,
     Reduction,
-    StressState,
-    VibrationModes,
     assemble_matrix,
     buckling,
     lumped_mass,
@@ -24,6 +22,8 @@ from pw_elements import (
     solve,
     vibration_modes,
 )
+from pw_elements.algebra import VibrationModes
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.spaces import Marker
 from study.core.cases import Case

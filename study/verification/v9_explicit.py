@@ -21,14 +21,14 @@ from pw_elements import (
     Reduction,
     Sibling,
     Spaces,
-    StressState,
     assemble_matrix,
     assemble_vector,
     lumped_mass,
     prescribe,
     solve,
-    symmetric_part,
 )
+from pw_elements.algebra import symmetric_part
+from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, triangles
 from study.core.cases import Case
 from study.core.store import Result

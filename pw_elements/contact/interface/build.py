@@ -19,7 +19,6 @@ from pw_elements.contact.model import (
     ContactPair,
     DeformableSurface,
     MatchingNodes,
-    Polyline,
     Surface,
 )
 from pw_elements.elasticity import Sibling
@@ -127,8 +126,6 @@ def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
 
 def _check_dimension(number: int, surface: Surface, dim: int) -> None:
     vectors = {name: getattr(surface, name, None) for name in _VECTORS}
-    if isinstance(surface, Polyline):
-        vectors["first point"] = surface.points[0]
     for name, vector in vectors.items():
         if vector is not None and (size := np.size(vector)) != dim:
             raise ValueError(

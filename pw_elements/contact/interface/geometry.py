@@ -62,7 +62,7 @@ class Trace:
 
     @property
     def dim(self) -> int:
-        """Of space."""
+        """Dimension of the space that the surface lies in."""
         return int(self.x.shape[2])
 
     @cached_property

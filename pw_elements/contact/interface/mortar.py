@@ -69,7 +69,7 @@ from pw_elements.contact.interface.nodes import BodyNodes
 from pw_elements.contact.interface.operators import DEFORMABLE, Points
 from pw_elements.contact.model import Cone, DeformableSurface
 from pw_elements.elasticity import by_position
-from pw_elements.spaces import exterior_facets, is_hybrid
+from pw_elements.spaces import Assembled, exterior_facets, is_hybrid
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -121,7 +121,7 @@ class Overlap:
 
     @classmethod
     def of(cls, one: Trace, other: Trace, own: Indices, revolved: bool) -> "Overlap":
-        """Of both traces, for the points of global numbers `own` (m,)."""
+        """Makes the overlap of both traces, for points of global numbers `own` (m,)."""
         (nodes, corners, _), (their_nodes, their_corners, outward) = one.parts, other.parts
         found, mine = overlaps(one, other, own, outward)
         order = np.argsort(own)
@@ -253,13 +253,13 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
     They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
     """
-    form = K.getAttr("form")
-    if form is None:
+    assembled = Assembled.of(K)
+    if assembled.form is None:
         return
-    test = form.function_spaces[0]
+    test = assembled.weights
     element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
     quarter = np.eye(1, space.mesh.topology.dim) / 4
-    if K.getAttr("sibling") is not None or element.tabulate(0, quarter).min() < -0.1:
+    if assembled.sibling is not None or element.tabulate(0, quarter).min() < -0.1:
         raise ValueError(
             "a deformable surface hands on forces of piecewise-linear weights, with which the "
             "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"

@@ -68,7 +68,7 @@ class BodyNodes:
 
     @property
     def space(self) -> fem.FunctionSpace:
-        """Of the displacements."""
+        """The space of the displacements alone."""
         return self.field.space
 
     def refuse(self, node: npt.NDArray[np.int32], what: str) -> None:

@@ -31,8 +31,8 @@ from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
-    Iterative,
     Krylov,
+    MatrixFree,
     Multigrid,
     SaddlePoint,
     SingularSystem,
@@ -101,7 +101,7 @@ class NodePoints:
         scale: Array,
         free: Free,
     ) -> "NodePoints":
-        """Those of an interface."""
+        """Collects the points of an interface."""
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):
@@ -348,7 +348,7 @@ class KrylovTangent:
         K: PETSc.Mat,
         supports: Supports,
         points: NodePoints,
-        how: Iterative,
+        how: MatrixFree,
         supported: PETSc.Mat,
     ) -> None:
         self._supported = supported

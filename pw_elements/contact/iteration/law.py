@@ -117,7 +117,7 @@ class Contact:
 
     @property
     def limit(self) -> Array:
-        """l(max(0, p)), (n,)."""
+        """Limits of friction l(max(0, p)), (n,)."""
         return self.cone.limit(np.maximum(0.0, self.pressing))[0]
 
     def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
@@ -257,7 +257,7 @@ class ContactTangent(Protocol):
 
     @property
     def solver(self) -> PreparedSolver:
-        """Of the systems; it counts what it does."""
+        """The solver of these systems, which counts what it does."""
         ...
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:

@@ -29,7 +29,7 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints
 from pw_elements.contact.iteration.law import Accuracy, ContactTangent, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
-from pw_elements.solvers import Iterative, LinearSolver, SolverReport
+from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -281,7 +281,7 @@ class ContactSystem:
         self.reduction, self.interface, self.free = reduction, interface, free
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
-        reduced = reduction.supported if isinstance(solver, Iterative) else reduction.matrix
+        reduced = reduction.supported if is_matrix_free(solver) else reduction.matrix
         self.stiffness = reduced(K)
         (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
         self._own = np.where(stated, interface.equation - first, -1)
@@ -293,7 +293,7 @@ class ContactSystem:
         self.tangent: ContactTangent
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
-        if isinstance(solver, Iterative):
+        if is_matrix_free(solver):
             assert reduction.supports is not None, "other reductions are refused before"
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)

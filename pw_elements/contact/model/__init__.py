@@ -1,12 +1,10 @@
 """What is stated of contact and what comes back: pairs, surfaces, states, errors."""
 
 from pw_elements.contact.model.errors import (
-    ClosedBranch,
     ContactFailed,
     FreeBody,
     MissingForce,
     NoEquilibrium,
-    NoSolution,
     NotFound,
     NotUnique,
     RigidVelocity,
@@ -35,7 +33,6 @@ from pw_elements.contact.model.surfaces import (
     FlatPunch,
     Parabola,
     Plane,
-    Polyline,
     SignedDistance,
     Sphere,
     Surface,

@@ -6,24 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.checks import DegenerateMesh, listed
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
-
-__all__ = [
-    "ClosedBranch",
-    "ContactFailed",
-    "DegenerateMesh",
-    "FreeBody",
-    "MissingForce",
-    "NoEquilibrium",
-    "NoSolution",
-    "NotFound",
-    "NotUnique",
-    "RigidVelocity",
-    "SurfacePassed",
-    "listed",
-]
 
 Array = npt.NDArray[np.float64]
 
@@ -70,35 +54,6 @@ class MissingForce:
     surface: Array
 
 
-@dataclass(frozen=True)
-class ClosedBranch:
-    """Statuses of all contact nodes (m), pair after pair, of which none makes a state, and why.
-
-    For all displacements and free translations, r being the nodes' contact forces, g their gaps,
-    v their slips, and R - P the lack of balance of the free translations,
-
-        sum (force·r + gap g + slip·v) + sum total (R - P) = -1,
-
-    though these statuses make each term of a node at least zero, and balance makes the rest zero.
-
-    Args:
-        allowed: (m, 4), Booleans: open, sticking, slipping forwards and backwards; smooth nodes
-            are open or "sticking", which is closed.
-        forwards: (m, dim), the nodes' tangents.
-        force: (m, dim), per force.
-        gap: (m,), per length.
-        slip: (m, dim), per length, along the tangent.
-        total: (k,), per force, of each free translation.
-    """
-
-    allowed: npt.NDArray[np.bool_]
-    forwards: Array
-    force: Array
-    gap: Array
-    slip: Array
-    total: Array
-
-
 class ContactFailed(RuntimeError):
     """An increment has no state; a class derived from this one says why.
 
@@ -135,20 +90,6 @@ class NotUnique(ContactFailed, SingularSystem):
 
 class NotFound(ContactFailed):
     """The iteration found no solution; whether there is one is not known."""
-
-
-class NoSolution(ContactFailed):
-    """No contact status of the nodes gives a state of the increment: all have been searched.
-
-    The proof is one of arithmetic: any displacements, up to a thousand times those that the loads
-    make, violate the law in every branch by at least 1e-7 of the contact forces. It holds for
-    this increment as a whole: smaller ones take another path.
-
-    Attributes:
-        branches: `ClosedBranch`es, which together cover every status of every node once.
-    """
-
-    branches: Sequence[ClosedBranch]
 
 
 class SurfacePassed(ContactFailed):

@@ -24,7 +24,7 @@ SIDES = 8
 
 @runtime_checkable
 class Friction(Protocol):
-    """A law of friction.
+    """A law that limits the friction of a node.
 
     class Worn:
         '''Coulomb's law, with a coefficient that falls to nothing with the normal force.'''
@@ -118,7 +118,7 @@ class Cone:
 
     @property
     def rough(self) -> npt.NDArray[np.bool_]:
-        """Points (m,) with friction."""
+        """Which points (m,) have any friction."""
         return self.steepest > 0
 
 

@@ -55,7 +55,7 @@ class Motion:
         return np.array([np.nan if u is None else u for u in self.translation], dtype=float)
 
     def forces(self) -> Array:
-        """Total forces (dim,)."""
+        """Total forces (dim,), zero where none is given."""
         force = np.zeros(len(self.translation)) if self.force is None else self.force
         return np.array(force, dtype=float)
 

@@ -1,9 +1,8 @@
 """States of a contact computation: results, and all that the next increment has to know."""
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -68,9 +67,6 @@ class PairState:
         for values in vars(self).values():
             values.flags.writeable = False
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return PairState, tuple(vars(self).values())  # pickled arrays would come back writeable
-
     @property
     def force_vector(self) -> Array:
         """Nodal force (m, dim) of the surface on the body, its normal part and the rest."""
@@ -107,13 +103,13 @@ class Residuals:
     balance: float
 
     def largest(self) -> float:
-        """The largest of them."""
+        """The largest violation of any condition."""
         return max(vars(self).values())
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What is largest in a history, from the undeformed body on, as long as there is contact.
+    """Largest force and length of a history, from the undeformed body on, while there is contact.
 
     Args:
         force: nodal contact force; 0 as long as it was nothing but round-off.
@@ -146,8 +142,7 @@ class Smallness:
 class ContactState:
     """The body at the end of one increment; `ContactProblem.step` continues from it.
 
-    States can be pickled, each process' part by itself, for the same number of processes;
-    `ContactProblem.save` writes files for any number.
+    `ContactProblem.save` writes a state to a file, for any number of processes.
 
     Args:
         displacement: full vector in the numbering of the displacements' space, which is the trial
@@ -203,33 +198,3 @@ class ContactState:
     def translations(self) -> Array:
         """Translations (pairs, dim) of all pairs' surfaces from their initial places."""
         return np.array([pair.translation for pair in self.pairs])
-
-    def __getstate__(self) -> dict[str, Any]:
-        vectors = {"displacement": self.displacement, "unknowns": self.unknowns}
-        if self.unknowns == self.displacement:
-            vectors["unknowns"] = None  # one and the same, unless the body is hybrid
-        kept = {
-            name: vector and (vector.getSizes(), vector.comm.size, vector.array_r.copy())
-            for name, vector in vectors.items()
-        }
-        return vars(self) | kept
-
-    def __setstate__(self, kept: dict[str, Any]) -> None:
-        moved = _unpickled(kept["displacement"])
-        every = moved if kept["unknowns"] is None else _unpickled(kept["unknowns"])
-        vars(self).update(kept | {"displacement": moved, "unknowns": every})
-
-
-def _unpickled(kept: tuple[tuple[int, int], int, Array]) -> PETSc.Vec:
-    """A vector from its sizes, number of processes and values of this one."""
-    sizes, processes, values = kept
-    world = MPI.COMM_WORLD
-    if processes not in (1, world.size):
-        raise ValueError(
-            f"a state pickled by {processes} processes is read by {world.size}: "
-            "ContactProblem.save writes files for any number"
-        )
-    comm = world if processes == world.size else MPI.COMM_SELF
-    vector = PETSc.Vec().createMPI(sizes, comm=comm)
-    vector.setArray(values)
-    return vector

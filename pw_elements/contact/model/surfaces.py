@@ -43,11 +43,6 @@ def normalised(vectors: Points) -> Points:
     return vectors / length
 
 
-def quarter_turned(vectors: Points) -> Points:
-    """Unit vectors a quarter turn to the left, (n, 2)."""
-    return normalised(np.column_stack((-vectors[:, 1], vectors[:, 0])))
-
-
 class Surface(Protocol):
     """Geometry of a rigid surface at its initial place."""
 
@@ -246,7 +241,7 @@ class SignedDistance:
         return field("the function of a signed distance", self.function(x), (len(x),), layout)
 
     def _slope(self, x: Points) -> Points:
-        """Gradient (n, dim)."""
+        """Gradient (n, dim) of the function."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)
@@ -254,79 +249,3 @@ class SignedDistance:
         steps = self.step * np.eye(x.shape[1])
         differences = [self._values(x + h) - self._values(x - h) for h in steps]
         return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
-
-
-@dataclass(frozen=True)
-class Polyline:
-    """Polygonal line in the plane, whose first and last segment extend to infinity.
-
-    The body lies to the left when one walks from the first point to the last. Corners that
-    protrude into the body are sharp (the normal at a point nearest to the corner is the
-    line that joins them) or rounded from within; re-entrant ones stay sharp.
-
-    Args:
-        points: (m, 2), two at least.
-        radius: of the rounding; it has to fit the shorter segment at each corner.
-
-    Raises:
-        ValueError: for fewer than two points, repeated points, or a radius that is negative
-            or too large for a segment.
-    """
-
-    points: Sequence[Sequence[float]]
-    radius: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.points, Sequence | np.ndarray):
-            raise ValueError(f"points = {self.points!r}: a polyline needs a sequence of them")
-        points = np.array([vector("a point of a polyline", point) for point in self.points])
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
-            raise ValueError("a polyline needs two points (x, y) at least")
-        if not np.linalg.norm(np.diff(points, axis=0), axis=1).all():
-            raise ValueError("two successive points of the polyline are the same")
-        if number("radius", self.radius) < 0:
-            raise ValueError(f"radius = {self.radius}: cannot be negative")
-        if np.any(np.sum(np.diff(self._inset(), axis=0) * np.diff(points, axis=0), axis=1) <= 0):
-            raise ValueError(f"radius = {self.radius}: leaves nothing of a segment")
-
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) of points x (n, 2) from the (rounded) line."""
-        return self._nearest(x)[0]
-
-    def normal(self, x: Points) -> Points:
-        """Unit vectors (n, 2) from the nearest point of the (rounded) line to points x (n, 2)."""
-        return self._nearest(x)[1]
-
-    def _inset(self) -> Points:
-        """The line moved into the rigid by the radius, corners where its segments meet."""
-        points = np.asarray(self.points, dtype=float)
-        normals = quarter_turned(np.diff(points, axis=0))
-        inset = points.copy()
-        inset[0] -= self.radius * normals[0]
-        inset[-1] -= self.radius * normals[-1]
-        both = normals[:-1] + normals[1:]
-        inset[1:-1] -= 2 * self.radius * both / np.sum(both**2, axis=1, keepdims=True)
-        return inset
-
-    def _nearest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points]:
-        line = self._inset()
-        normals = quarter_turned(span := np.diff(line, axis=0))
-        turns_right = np.sum(span[1:] * normals[:-1], axis=1) < 0
-        s = np.einsum("nkd,kd->nk", x[:, None] - line[:-1], span) / np.sum(span**2, axis=1)
-        low, high = np.zeros(len(span)), np.ones(len(span))
-        low[0], high[-1] = -np.inf, np.inf
-        clamped = np.clip(s, low, high)
-        away = x[:, None] - line[:-1] - clamped[..., None] * span
-        nearest = np.argmin(np.linalg.norm(away, axis=2), axis=1)
-        row = np.arange(len(x))
-        away, s, clamped = away[row, nearest], s[row, nearest], clamped[row, nearest]
-
-        distance = np.linalg.norm(away, axis=1)
-        sign = np.sign(np.sum(away * normals[nearest], axis=1))
-        direction = normals[nearest]
-        corner = (s != clamped) & (distance > 0)
-        if corner.any():  # nearest to a corner, outside of one that sticks out
-            before = nearest[corner] - (s[corner] < 0)
-            sign[corner] = np.where(turns_right[before], 1.0, -1.0)
-            direction[corner] = sign[corner, None] * away[corner] / distance[corner, None]
-        return sign * distance - self.radius, direction

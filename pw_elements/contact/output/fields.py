@@ -12,14 +12,19 @@ from dolfinx import fem
 
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.output.sides import Opposite, displacements, over_areas, sides
+from pw_elements.contact.output.mortar_sides import (
+    Opposite,
+    displacements,
+    mortar_sides,
+    over_areas,
+)
 from pw_elements.elasticity import Body, SurfaceNodes
 from pw_elements.spaces import as_function, is_hybrid, scalar_space, split
 
 Array = npt.NDArray[np.float64]
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
-_SAME = 1e-9
+_NEAR = 1e-9
 STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 
@@ -32,8 +37,8 @@ class ContactFields:
     nodes match, the nodes that a pair's own face have the same scalars and the opposite vectors.
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
-    that face the pair (see `sides`). The law is not stated there: gap and slip are means of those
-    of the pair's nodes that they face, and the status is the prevailing one. On both sides,
+    that face the pair (see `mortar_sides`). The law is not stated there: gap and slip are means of
+    those of the pair's nodes that they face, and the status is the prevailing one. On both sides,
     pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
     side: the forces are right there, but not their quotients by such an area.
 
@@ -55,8 +60,8 @@ class ContactFields:
         traction: vector, the tangential force of the surface on the body over the area that
             `pressure` has.
         surfaces: of each pair, areas being of what faces a deformable one; none without the body.
-        opposite: of each pair, what it faces where that is deformable, else None; `seen` of it has
-            the same results as arrays on every process.
+        opposite: of each pair, what it faces where that is deformable, else None; its `results`
+            has the same as arrays on every process.
         body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
             of others. Where materials meet it is that of either side.
         hybrid: trial space of hybrid bodies.
@@ -102,7 +107,7 @@ class ContactFields:
         always = displacement, force, gap, slip, status
         whole = body.spaces.trial if isinstance(body, Body) else body
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
-        both = [sides(k, pair, body) for k, pair in enumerate(state.pairs)]
+        both = [mortar_sides(k, pair, body) for k, pair in enumerate(state.pairs)]
         opposite = tuple(other for _, other in both)
         if isinstance(body, Body):
             surfaces = tuple(surface for surface, _ in both if surface is not None)
@@ -113,7 +118,7 @@ class ContactFields:
         return fields
 
     def fill(self, state: ContactState) -> None:
-        """Updates the functions.
+        """Gives the functions the values of another state.
 
         Args:
             state: another one of the same problem.
@@ -152,7 +157,7 @@ class ContactFields:
         """Scalars, slips and tractions at nodes that face pairs and are in none."""
         space, n = self.displacement.function_space, len(self.gap.x.array)
         each = [
-            other.seen(pair).on(_here(space, pair.opposite), n)
+            other.results(pair).on(_here(space, pair.opposite), n)
             for other, pair in zip(self.opposite, pairs, strict=True)
             if other is not None
         ]
@@ -175,7 +180,7 @@ class ContactFields:
                 out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]
 
     def functions(self) -> list[fem.Function]:
-        """All of these functions."""
+        """All functions, in the order of the attributes."""
         return [value for value in vars(self).values() if isinstance(value, fem.Function)]
 
 
@@ -225,6 +230,6 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
         for pair in state.pairs if alike else ():
             mine = (pair.node >= first) & (pair.node < last)
             away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
-            alike &= bool(away.max(initial=0.0) <= _SAME * np.abs(pair.position).max(initial=0.0))
+            alike &= bool(away.max(initial=0.0) <= _NEAR * np.abs(pair.position).max(initial=0.0))
         if not alike:
             raise ValueError("the state belongs to another space, or other processes, than this")

@@ -20,7 +20,7 @@ from pw_elements.checks import arguments, vector
 from pw_elements.contact.iteration import OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState, PairState, Surface
 from pw_elements.contact.output.fields import check_state
-from pw_elements.contact.output.sides import over_areas, sides
+from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
 from pw_elements.elasticity import Body, Indices, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES
 
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-_BLUE, _ORANGE = "#0072B2", "#D55E00"
+_BLUE = "#0072B2"
+_ORANGE = "#D55E00"
 # Arrows shorter than this, over the longest one, are none
 _INVISIBLE = 1e-3
 # Points of a picture along each axis at which it is asked whether a rigid surface is there
@@ -121,7 +122,7 @@ def draw_surface(
 
 @dataclass(frozen=True)
 class _Side:
-    """What is drawn of one side of a pair, at its nodes (m)."""
+    """Values that are drawn of one side of a pair, at its nodes (m)."""
 
     surface: SurfaceNodes
     normal: Array
@@ -132,14 +133,14 @@ class _Side:
 
     @classmethod
     def of(cls, number: int, pair: PairState, body: Body, opposite: bool) -> _Side:
-        own, other = sides(number, pair, body)
+        own, other = mortar_sides(number, pair, body)
         assert own is not None
         if not opposite:
             pressure, _, traction = over_areas(own, pair)
             return cls(own, pair.normal, pair.friction, pair.status, pressure, traction)
         if other is None or other.surface is None:
             raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
-        seen = other.seen(pair)
+        seen = other.results(pair)
         friction = seen.mean(seen.friction)
         return cls(other.surface, other.normal, friction, seen.status, seen.pressure, seen.traction)
 

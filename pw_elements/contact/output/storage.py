@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 _NODES = {"displacement": "nodes", "pressure": "pressure_nodes"}
 _FORMAT = "pw_elements contact state 3"
 # Largest distance of a node from its place in the file, over the body's extent
-_SAME = 1e-8
+_NEAR = 1e-8
 
 
 def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
@@ -144,7 +144,7 @@ def _rows(path: Path, stored: Array, field: SubSpace) -> npt.NDArray[np.intp]:
         times = np.bincount(nearest, minlength=len(stored))
         space.mesh.comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
         extent = np.ptp(stored, axis=0).max()
-        wrong = bool(np.any(distance > _SAME * extent) or np.any(times != 1))
+        wrong = bool(np.any(distance > _NEAR * extent) or np.any(times != 1))
     if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
         raise ValueError(f"{path} has the state of another mesh")
     return np.asarray(nearest)

@@ -32,7 +32,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -41,6 +40,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgWarning, solve
 from scipy.linalg.blas import dger
+from scipy.optimize import linprog
 
 from pw_elements.algebra import Reduction
 from pw_elements.checks import collective
@@ -75,19 +75,18 @@ _PIVOT = 1e-11
 _TIE = 1e-12
 # Pivots per unknown
 _PIVOTS = 20
-
-Remedy: TypeAlias = Literal["condensed", "cutback", "search"]
-REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback", "search")
+# Smallest gap of a loose body, over the largest at rest
+_OPEN = 1e-9
 
 log = logging.getLogger("pw_elements.contact")
 
 # Stiffness of the springs over the points' own, how often their ends follow, and Newton's steps
 _SPRINGS = (1e-3, 1e-5, 1e-7)
-_ROUNDS = 3
-_STEPS = 30
+_SPRING_ROUNDS = 3
+_NEWTON_STEPS = 30
 _DAMPED_STEPS = 100
 # Unknowns of the complementarity problem: its table takes 16 bytes times their square
-_MOST = 3000
+_MOST_UNKNOWNS = 3000
 
 
 class Condensation:
@@ -125,7 +124,7 @@ class Condensation:
 
     @property
     def report(self) -> SolverReport:
-        """What it took."""
+        """Factorisations that condensing the body took."""
         return self._system.report
 
     def at_rest(self, load: PETSc.Vec, supported: Array) -> Array:
@@ -158,7 +157,7 @@ def gathered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
 
 
 def scattered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
-    """This process' rows (m, ...) of `gathered` values."""
+    """Hands `gathered` values back: the rows (m, ...) of this process."""
     counts = [len(interface.in_order(k, interface.pair)) for k in range(interface.pairs)]
     return interface.local(np.split(values, np.cumsum(counts)[:-1]))
 
@@ -171,7 +170,7 @@ class Affine:
     value: Array
 
     def at(self, z: Array) -> Array:
-        """Its value."""
+        """The value of the function at z."""
         return self.slope @ z + self.value
 
 
@@ -245,11 +244,11 @@ class CondensedIncrement:
 
     @property
     def unknowns(self) -> int:
-        """Number of motions w."""
+        """Number of the points' motions w."""
         return len(self._places)
 
     def contact(self, z: Array) -> Contact:
-        """Gaps, slips and forces."""
+        """Gaps, slips and forces of all points at z."""
         gap = np.where(self.faced, self.gap.at(z), np.inf)
         return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
 
@@ -270,7 +269,7 @@ class CondensedIncrement:
                 return np.asarray(np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0])
 
     def in_components(self, framed: Affine) -> Affine:
-        """What is stated of each point along its frame, in the stated components: (p, ...)."""
+        """Turns values along each point's frame into the stated components (p, ...)."""
         turned = _through(np.swapaxes(self.frame, 1, 2), framed)
         slope = turned.slope.reshape(turned.value.size, turned.slope.shape[-1])[self._places]
         return Affine(slope, turned.value.ravel()[self._places])
@@ -281,7 +280,7 @@ class CondensedIncrement:
         return np.append(wrong.ravel()[self._places], self.balance.at(z))
 
     def solved_by(self, z: Array) -> bool:
-        """Whether all conditions hold."""
+        """Whether all conditions hold at z."""
         return self.error(z) <= _TOLERANCE
 
     def error(self, z: Array) -> float:
@@ -478,27 +477,7 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
 def tractable(interface: Interface) -> bool:
     """Whether the contact points are few enough for a dense problem."""
     points = sum(interface.comm.allgather(len(interface.pair)))
-    return unknowns(points, interface.position.shape[1]) <= _MOST
-
-
-def otherwise(
-    failure: ContactFailed,
-    increment: Increment,
-    condensed: Callable[[], Condensation],
-    place: Kinematics,
-    policy: Callable[[], Policy],
-    most: int,
-) -> tuple[Iterate | None, ContactFailed]:
-    """The solution where the iteration has failed, if there is one, and what else is to be told.
-
-    `NotUnique` is told as it is; for the arguments see `without_active_sets`.
-    """
-    if isinstance(failure, NotUnique):
-        return None, failure
-    try:
-        return without_active_sets(increment, condensed, place, policy, most), failure
-    except NotUnique as unique:
-        return None, unique
+    return unknowns(points, interface.position.shape[1]) <= _MOST_UNKNOWNS
 
 
 def without_active_sets(
@@ -518,7 +497,7 @@ def without_active_sets(
         most: linear systems of each ordinary iteration.
 
     Raises:
-        NotUnique: if the tangent is singular at all solutions met.
+        NotUnique: if the tangent is singular at all solutions met, or the body is loose.
     """
     comm = increment.interface.comm
     if not tractable(increment.interface):
@@ -528,12 +507,11 @@ def without_active_sets(
         condensation = condensed()
     except SingularSystem:
         return None
-    near: Array | None = None
+    first = problem = CondensedIncrement(increment, condensation, place)
+    near = first.start
     one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
-        for _ in range(_ROUNDS):
-            problem = CondensedIncrement(increment, condensation, place)
-            near = problem.start if near is None else near
+        for _ in range(_SPRING_ROUNDS):
             with collective(comm):
                 found = _search(problem, spring, near) if comm.rank == 0 else None
             z, exact = comm.bcast(found)
@@ -547,8 +525,10 @@ def without_active_sets(
                 one_of_many = solution or one_of_many
             reached: Array = z if exact is None else exact
             near, place = reached, increment.kinematics(*problem.split(reached))
+            problem = CondensedIncrement(increment, condensation, place)
     if one_of_many is not None:
         raise one_of_many
+    _refuse_loose(first, increment)
     return None
 
 
@@ -561,7 +541,7 @@ def confirmed(
     most: int,
     way: str,
 ) -> Iterate | NotUnique | None:
-    """What the ordinary iteration makes of z: a solution, one of many, or nothing.
+    """Starts the ordinary iteration from z: a solution, one of many, or nothing.
 
     Args:
         problem: condensed with the kinematics of a place.
@@ -616,10 +596,47 @@ def _search(
     z = sprung(problem, spring, near)
     if z is None:
         return None, None
-    exact = problem.newton(z, _STEPS, damped=False)
+    exact = problem.newton(z, _NEWTON_STEPS, damped=False)
     return z, problem.newton(z, _DAMPED_STEPS, damped=True) if exact is None else exact
 
 
 def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> ActiveSet:
     active = problem.contact(z).active_set()
     return ActiveSet(*(scattered(increment.interface, part) for part in vars(active).values()))
+
+
+def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
+    """Raises NotUnique if there is a state without contact forces, in which nothing touches."""
+    comm = increment.interface.comm
+    with collective(comm):
+        found = _loose(problem) if comm.rank == 0 else None
+    z = comm.bcast(found)
+    if z is not None and at_itself(problem, increment, z) is not None:
+        raise NotUnique(
+            "the loads are balanced without any contact force, and the body is loose: it can be "
+            "where nothing touches it, in many places; a support, or a load that presses it "
+            "against something, makes it one"
+        )
+
+
+def _loose(problem: CondensedIncrement) -> Array | None:
+    """The z without contact forces in which the smallest gap is largest; None if it is not open."""
+    n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0) or 1.0
+    stiffness = problem.scale.mean()
+    balanced = np.concatenate([problem.force.slope.reshape(-1, n), problem.balance.slope])
+    forces = np.append(problem.force.value.ravel(), problem.balance.value)
+    faced = problem.faced
+    best = linprog(
+        np.append(np.zeros(n), -1.0),
+        A_ub=np.column_stack([-problem.gap.slope[faced], np.ones(int(faced.sum()))]),
+        b_ub=problem.gap.value[faced] / scale,
+        A_eq=np.column_stack([balanced / stiffness, np.zeros(len(balanced))]),
+        b_eq=-forces / (stiffness * scale),
+        bounds=[(None, None)] * n + [(None, 1.0)],
+    )
+    if not best.success or best.x[-1] <= _OPEN:
+        return None
+    z = scale * best.x[:n]
+    points, dim = problem.frame.shape[:2]
+    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), *np.zeros((3, points)))
+    return z + problem.step(none, z)

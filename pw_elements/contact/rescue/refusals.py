@@ -1,4 +1,4 @@
-"""Which refusal it is when the iteration of an increment has failed, and its words.
+"""What is tried where the iteration of an increment has failed, and which refusal it is.
 
 Statics alone may prove that no contact forces balance the loads. In a rigid motion of a piece, or
 of a free surface, only loads and contact forces do work. Let v be the velocity of a contact point
@@ -22,7 +22,7 @@ Only contact points are gathered, and the program runs on one process: 3 seconds
 in space, 0.2 in the plane.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,14 @@ from scipy.optimize import linprog
 from scipy.sparse.csgraph import connected_components
 
 from pw_elements.checks import collective, listed
-from pw_elements.contact.iteration import TOLERANCE, Increment, Kinematics, contact_state
+from pw_elements.contact.iteration import (
+    TOLERANCE,
+    Increment,
+    Iterate,
+    Kinematics,
+    Policy,
+    contact_state,
+)
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
@@ -44,24 +51,27 @@ from pw_elements.contact.model import (
     dual_clearance,
     dual_rows,
 )
+from pw_elements.contact.rescue.condensed import Condensation, without_active_sets
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
-from pw_elements.solvers import SolverReport
+from pw_elements.solvers import NotConverged, SolverReport
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # Work of the loads over the sum of its parts' magnitudes: none below
-_WORK = 1e-9
+_ZERO_WORK = 1e-9
 # Contact forces over loads that would undo the proof where a cone is overstepped by round-off
 _HUGE = 1e3
 # Overstepping of a cone, a velocity over the largest one, that calls for a cut; rounds of cuts
-_CUT, _ROUNDS = 1e-10, 40
+_OVERSTEPPING = 1e-10
+_MOST_CUTS = 40
 # What motion costs, so that only moves what the loads push
 _PRICE = 1e-7
 # Steps along a free translation, over the extent of the contact points, at which normals are
 # asked, and the change that tells a curved surface
-_STEPS, _TURNED = (1e-4, 1e-2, 1.0), 1e-9
-_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+_TURNING_STEPS = (1e-4, 1e-2, 1.0)
+_TURNED = 1e-9
+_HIGHS_TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 _ENCLOSED = (
     "Supports and contact enclose an incompressible body, whose volume has no room and whose "
@@ -94,7 +104,7 @@ class Points:
         return [np.flatnonzero(cluster == k) for k in range(count)]
 
     def within(self, motions: Indices) -> "Points":
-        """Those which some of the motions move, in these motions."""
+        """The points that some of the motions move, and their velocities in these."""
         moved = self._moved()[:, motions].any(axis=1)
         return Points(
             self.pair[moved],
@@ -113,7 +123,7 @@ class Points:
         return dual_clearance(self.steepest, self.normal @ velocity, self.tangential @ velocity)
 
     def where(self, mask: npt.NDArray[np.bool_]) -> "Points":
-        """Some of them."""
+        """The points at which a mask is true."""
         return Points(*(values[mask] for values in vars(self).values()))
 
     def _moved(self) -> npt.NDArray[np.bool_]:
@@ -121,7 +131,7 @@ class Points:
 
 
 def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
-    """What `escape` finds, if it `proves` that there is no equilibrium."""
+    """The result of `escape`, if it `proves` that there is no equilibrium."""
     for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
         velocity, least = escape(points, power, price)
         if proves(points, velocity, power, size):
@@ -144,19 +154,19 @@ def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, 
     costs = np.concatenate([-power, power]) / scale + price  # of each way in each motion
     axes = np.eye(points.tangential.shape[1])
     rows = [points.rows(np.tile(d, (len(points.pair), 1))) for d in (*axes, *-axes)]
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_CUTS):
         limits = np.unique(np.vstack(rows), axis=0)
         best = linprog(
             costs,
             A_ub=np.hstack([-limits, limits]),
             b_ub=np.zeros(len(limits)),
             bounds=(0, 1),
-            options=_TOLERANCES,
+            options=_HIGHS_TOLERANCES,
         )
         if not best.success:
             return np.zeros(k), np.zeros(k)
         velocity = best.x[:k] - best.x[k:]
-        beyond = points.where(points.clearance(velocity) < -_CUT)
+        beyond = points.where(points.clearance(velocity) < -_OVERSTEPPING)
         sliding: Array = beyond.tangential @ velocity
         size = np.linalg.norm(sliding, axis=1, keepdims=True)
         if not size.any():
@@ -177,7 +187,7 @@ def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
     """
     work, parts = power @ velocity, size @ np.abs(velocity)
     braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
-    return bool(work > _WORK * parts and work > _HUGE * braked * parts)
+    return bool(work > _ZERO_WORK * parts and work > _HUGE * braked * parts)
 
 
 def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
@@ -213,7 +223,7 @@ def _turning(increment: Increment, place: Kinematics) -> npt.NDArray[np.bool_]:
     extent = np.ptp(interface.gathered(interface.position), axis=0).max()
     here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(free.any(axis=0)):
-        for step in (sign * part * extent for part in _STEPS for sign in (-1, 1)):
+        for step in (sign * part * extent for part in _TURNING_STEPS for sign in (-1, 1)):
             moved = place.translations.copy()
             moved[free[:, axis], axis] += step
             try:
@@ -245,6 +255,50 @@ def no_equilibrium(
         if comm.rank == 0:
             error = _proved(points, basis, work, size, rigid.modes)
     return comm.bcast(error), [int(k) for k in np.unique(points.pair[points.turning])]
+
+
+def rescue(
+    failure: ContactFailed | NotConverged,
+    increment: Increment,
+    place: Kinematics,
+    rigid: RigidMotions,
+    condensed: Callable[[], Condensation] | None,
+    policy: Callable[[], Policy],
+    most: int,
+    before: ContactState,
+    spent: Callable[[], tuple[int, SolverReport]],
+) -> Iterate:
+    """The solution of an increment whose iteration has failed, or the refusal that says why.
+
+    Args:
+        failure: of the iteration.
+        increment: its equations.
+        place: kinematics at its start.
+        rigid: motions of the body's pieces and of free surfaces.
+        condensed: the body, condensed to its contact points; None if that is not to be tried.
+        policy: makes one for each ordinary iteration.
+        most: linear systems of each ordinary iteration.
+        before: state at the increment's start.
+        spent: linear systems solved so far, and what they took.
+
+    Raises:
+        NoEquilibrium, NotUnique, NotFound: with what is known of the increment.
+        NotConverged: the failure, unless statics explain it.
+    """
+    proof, unproved = no_equilibrium(increment, place, rigid)
+    if proof is not None:
+        raise proof from None
+    if isinstance(failure, NotConverged):
+        raise failure
+    found = None
+    if condensed is not None and not isinstance(failure, NotUnique):
+        try:
+            found = without_active_sets(increment, condensed, place, policy, most)
+        except NotUnique as unique:
+            failure = unique
+    if found is None:
+        raise refusal(failure, increment, before, spent(), unproved) from None
+    return found
 
 
 def refusal(
@@ -291,7 +345,7 @@ def refusal(
 def _proved(
     points: Points, basis: Basis, work: Array, size: Array, modes: RigidModes
 ) -> NoEquilibrium | None:
-    """What is proved of all clusters of motions, in one."""
+    """One refusal with the proofs of all clusters of motions, None if there is no proof."""
     motion, missing, words = np.zeros(len(work)), np.zeros(len(work)), []
     for cluster in points.clusters():
         touched, motions = points.within(cluster), basis.motions[cluster]
@@ -332,7 +386,7 @@ def _movement(modes: RigidModes, points: Points, velocity: Array, motion: Array)
 
 
 def _contacts(points: Points, velocity: Array, of_surface: bool) -> list[str]:
-    """What the body, or else the surface, does at each pair in a motion (k,)."""
+    """Says what the body, or else the surface, does at each pair in a motion (k,)."""
     sliding, clear = points.tangential @ velocity, points.clearance(velocity)
     speed = np.linalg.norm(sliding, axis=1)
     nothing = NOTHING * max(speed.max(initial=0.0), clear.max(initial=0.0))

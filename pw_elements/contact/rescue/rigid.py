@@ -29,12 +29,12 @@ NOTHING = 1e-6
 
 # Stiffness of a motion, over what it would be for an arbitrary one, that is no more than round-off:
 # something is to be proved by it
-_NONE = 1e-11
+_ZERO_STIFFNESS = 1e-11
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Independent motions.
+    """Independent rigid motions, and a mode that tells each apart.
 
     Args:
         motions: (k, modes).
@@ -90,7 +90,7 @@ class RigidModes:
 
     @property
     def number(self) -> int:
-        """Of all modes."""
+        """Number of all modes, those of surfaces included."""
         return self.of_pieces + len(self.free)
 
     def of_piece(self, k: int) -> slice:
@@ -98,7 +98,7 @@ class RigidModes:
         return slice(k * self._each, (k + 1) * self._each)
 
     def displacements(self) -> Iterator[Array]:
-        """Of this process' nodes (owned dofs,) in each of the pieces' modes."""
+        """Displacements (owned dofs,) of this process' nodes in each of the pieces' modes."""
         for k in range(len(self.centre)):
             mine = self._piece == k
             s = (self._x[mine] - self.centre[k]) / self.length[k]
@@ -139,7 +139,7 @@ class RigidModes:
         return Basis(rows[:, np.argsort(order)], order[pivot])
 
     def names(self, motions: Array) -> list[str]:
-        """What moves how in each of the motions (k, modes), in words.
+        """Names what moves how in each of the motions (k, modes).
 
         Rotations of a piece are about a point at rest in all of them, if there is one.
         """
@@ -207,7 +207,7 @@ class RigidModes:
 
 
 def reduced_echelon(rows: Array) -> tuple[Array, Indices]:
-    """Of independent rows (k, n): their reduced echelon form, and its pivots (k,)."""
+    """Reduced echelon form of independent rows (k, n), and its pivots (k,)."""
     rows = rows.copy()
     pivot: list[int] = []
     for column in range(rows.shape[1]):
@@ -267,7 +267,7 @@ class RigidMotions:
         basis = []
         for k in range(pieces):
             mine = self.modes.of_piece(k)
-            free = null_space(held[:, mine], _NONE)
+            free = null_space(held[:, mine], _ZERO_STIFFNESS)
             basis.append(np.zeros((len(free), motions)))
             basis[-1][:, mine] = free
         surfaces = np.eye(motions)[held.shape[1] :]
@@ -275,7 +275,7 @@ class RigidMotions:
         return chosen, self._at_points(self._works()) @ chosen.motions.T
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
-        """What reduced loads and forces on free surfaces do in each mode, and its round-off.
+        """Work of reduced loads and of forces on free surfaces in each mode, and its round-off.
 
         Returns:
             Work (modes,), and the sum (modes,) of the magnitudes of its parts.
@@ -299,7 +299,7 @@ class RigidMotions:
             yield vector
 
     def _reduced(self) -> Iterator[PETSc.Vec]:
-        """The same, where they are not prescribed, under the reduction."""
+        """Reduced displacements of the pieces' modes, where they are not prescribed."""
         stiffness, kept = self._system.stiffness, self._column >= 0
         field = self._system.interface.field
         own = self._column[kept] - stiffness.getOwnershipRange()[0]
@@ -319,7 +319,7 @@ class RigidMotions:
             yield work
 
     def _at_points(self, motions: Iterable[PETSc.Vec]) -> Array:
-        """Of the pieces' modes (points dim,) and the surfaces': (m, dim, modes), relative."""
+        """Relative motions (m, dim, modes) of the points, from the pieces' (points dim,) modes."""
         interface, free = self._system.interface, self.modes.free
         m, dim = interface.position.shape
         relative = np.zeros((m, dim, self.modes.number))
@@ -330,7 +330,7 @@ class RigidMotions:
         return relative
 
     def _hold_of_supports(self, transposed: bool) -> Array:
-        """What pieces' modes do at prescribed displacements, and their forces, by `triangle`.
+        """Displacements of pieces' modes at supports and the forces they cause, by `triangle`.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of

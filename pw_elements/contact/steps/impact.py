@@ -24,9 +24,9 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import (
-    Problem,
     Reduction,
     check_load,
+    check_problem,
     critical_step,
     diagonal_mass,
     is_finite,
@@ -38,6 +38,7 @@ from pw_elements.contact.model import Cone, ContactPair, ContactState, PairState
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
+from pw_elements.spaces import Assembled
 
 Array = npt.NDArray[np.float64]
 
@@ -48,9 +49,9 @@ Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 # Part of the critical step that is taken unless another step is given
 _COURANT = 0.9
 # Of masses that are equal, and of a whole number of steps
-_ROUND_OFF = 1e-9
+_EQUAL = 1e-9
 # Largest penetration at the start that passes for round-off, over the extent of the contact nodes
-_PENETRATION = 1e-6
+_ROUND_OFF_DEPTH = 1e-6
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class NodalContact:
 
     @property
     def force(self) -> Array:
-        """Of the surface on the body, (m, dim)."""
+        """Force (m, dim) of the surface on the body."""
         return self.pressed[:, None] * self.normal + self.friction
 
 
@@ -174,7 +175,7 @@ class PairHistory:
 
     @classmethod
     def of(cls, interface: Interface, k: int, force: Array, translation: Array) -> "PairHistory":
-        """History of one pair.
+        """Picks the history of one pair.
 
         Args:
             interface: of all pairs.
@@ -192,7 +193,7 @@ class PairHistory:
 
 @dataclass(frozen=True)
 class ImpactHistory:
-    """Result of `solve_impact`.
+    """Motion, contact forces and energies that `solve_impact` found.
 
     Args:
         step: of time.
@@ -310,7 +311,7 @@ def solve_impact(
     start = {"the velocity": velocity}
     if displacement is not None:
         start["the displacement"] = displacement
-    Problem({"the stiffness": K, "the mass": M}, start, reductions=(reduction,), space=space)
+    check_problem({"the stiffness": K, "the mass": M}, start, reduction=reduction, space=space)
     comm = space.mesh.comm
     with collective(comm):
         positive("duration", duration)
@@ -324,7 +325,7 @@ def solve_impact(
         step = _COURANT * critical
     if step > critical:
         raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
-    sibling: Sibling | None = K.getAttr("sibling")
+    sibling: Sibling | None = Assembled.of(K).sibling
     interface = nodal_interface(stated, space, reduction, sibling)
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
@@ -333,7 +334,7 @@ def solve_impact(
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
     march = _March(K, _masses(M, space), free, interface, moves, load, step)
     march.start(u, v)
-    steps = int(np.ceil(duration / step * (1 - _ROUND_OFF)))
+    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with doing(comm, f"{steps} steps of time"):
@@ -382,7 +383,7 @@ class _March:
         self.places: list[Array] = []
 
     def start(self, u: PETSc.Vec, v: PETSc.Vec) -> None:
-        """From displacements and velocities at the time 0, which `advance` will change."""
+        """Starts from displacements and velocities at the time 0, which `advance` will change."""
         dt = self._step
         self._u, self._v, self._inner = u, v, u.duplicate()
         self._K.mult(u, self._inner)
@@ -394,14 +395,14 @@ class _March:
         gap, normal = self._surfaces
         gap = gap + np.sum(normal * self.at_points(u), axis=1)
         self._interface.refuse(
-            gap < -_PENETRATION * np.ptp(self._interface.gathered(self._interface.position)),
+            gap < -_ROUND_OFF_DEPTH * np.ptp(self._interface.gathered(self._interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it come from "
             "farther away (the sibling's coefficients reach a curved surface a little earlier)",
         )
         self._keep(np.zeros(3))
 
     def advance(self) -> NodalContact:
-        """Goes one step on."""
+        """Advances everything by one step."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
         load, now = self._loads(time), self._u.array_r.copy()
@@ -471,7 +472,7 @@ class _March:
         return np.asarray(load.array_r)
 
     def _translations(self, time: float) -> Array:
-        """Of the surfaces, (pairs, dim)."""
+        """Translations (pairs, dim) of the surfaces at a time."""
         comm, dim = self._comm, self._rows.shape[1]
         each = np.zeros((len(self._paths), dim))
         with collective(comm):
@@ -488,7 +489,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     mass = diagonal_mass(M).array_r.copy()
     of_node = mass.reshape(-1, space.dofmap.index_map_bs)
     with collective(space.mesh.comm):
-        if np.any(np.ptp(of_node, axis=1) > _ROUND_OFF * of_node[:, 0]):
+        if np.any(np.ptp(of_node, axis=1) > _EQUAL * of_node[:, 0]):
             raise ValueError(
                 "the masses of a node's components differ: friction has no direction then"
             )

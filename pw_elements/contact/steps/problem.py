@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Problem, Reduction, check_load, is_finite
+from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
 from pw_elements.checks import agree, arguments, check_mesh, collective, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
@@ -23,8 +23,13 @@ from pw_elements.contact.model import (
     Motion,
 )
 from pw_elements.contact.output import read_state, write_state
-from pw_elements.contact.rescue import REMEDIES, Remedy
-from pw_elements.contact.steps.stepping import Callback, Stepping, checked_callback
+from pw_elements.contact.steps.stepping import (
+    REMEDIES,
+    Callback,
+    Remedy,
+    Stepping,
+    checked_callback,
+)
 from pw_elements.progress import bar, doing
 from pw_elements.solvers import LinearSolver, Solver, by_chosen, chosen, collect_garbage
 from pw_elements.spaces import is_hybrid
@@ -48,7 +53,7 @@ def checked_problem(
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for what does not make one problem (see `Problem` and, of two bodies,
+        ValueError: for what does not make one problem (see `check_problem` and, of two bodies,
             `mortar.check_weights`), no iterations, or what differs between processes.
     """
     arguments.space(space)
@@ -56,7 +61,7 @@ def checked_problem(
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
         stated = _each(pairs, ContactPair, "a contact pair")
-    Problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
+    check_problem({_STIFFNESS: K}, reduction=reduction, space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
         surface = pair.surface
@@ -226,7 +231,7 @@ def check_state(state: ContactState, own: ContactState, space: fem.FunctionSpace
 
 
 def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
-    """A file's path.
+    """Checks the path of a file.
 
     Raises:
         TypeError: for what is none.
@@ -300,8 +305,7 @@ class ContactProblem:
             that has one; an exception that it raises ends the computation.
         remedies: what is tried where the iteration fails: "condensed" iterates without
             active sets, on the contact points alone; "cutback" halves the increment, which with
-            friction is another path (see `ContactState.substates`); and "search" examines all
-            statuses of a few points in the plane.
+            friction is another path (see `ContactState.substates`).
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem.
@@ -355,12 +359,11 @@ class ContactProblem:
                 displacement of a node in contact.
             FreeBody: if a rigid motion is held by nothing, even if every contact node stuck.
             NoEquilibrium: a `FreeBody`, if it is proved that no contact forces balance the loads.
-            NoSolution: if a search of all statuses proves that the increment has no state.
             NotUnique: if the tangent is singular at a solution: the friction is too large, or the
                 body is loose.
             NotFound: if no state has been found, though there may be one; `state` came nearest.
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
-            SolverNotConverged: if an iterative solver fails, singular tangents among the reasons;
+            NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)

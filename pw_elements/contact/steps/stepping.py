@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from time import perf_counter
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -55,22 +55,13 @@ from pw_elements.contact.model import (
     ContactState,
     Free,
     Motion,
-    NoSolution,
     NotFound,
-    NotUnique,
 )
-from pw_elements.contact.rescue import (
-    Condensation,
-    Remedy,
-    RigidMotions,
-    no_equilibrium,
-    otherwise,
-    refusal,
-    search,
-)
-from pw_elements.contact.steps.watch import Watch
+from pw_elements.contact.rescue import Condensation, RigidMotions, rescue
+from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, hush
-from pw_elements.solvers import Iterative, LinearSolver, SolverNotConverged, SolverReport
+from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
+from pw_elements.spaces import Assembled
 
 Array = npt.NDArray[np.float64]
 
@@ -80,6 +71,10 @@ log = logging.getLogger("pw_elements.contact")
 _SMALLEST = 1 / 16
 # What counts as no gap, over the extent of the contact nodes
 _TOUCHING = 1e-9
+
+# What is tried where the iteration fails: one without active sets, and smaller increments
+Remedy: TypeAlias = Literal["condensed", "cutback"]
+REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
 
 # Linear systems, and what they took
 Spent: TypeAlias = tuple[int, SolverReport]
@@ -255,7 +250,7 @@ Callback: TypeAlias = Callable[[Progress], object]
 
 
 def checked_callback(comm: MPI.Comm, callback: Callback | None) -> Callback | None:
-    """The user's function.
+    """Checks the user's function.
 
     Raises:
         ValueError: if it is none.
@@ -359,15 +354,15 @@ class Stepping:
         solver: LinearSolver,
     ) -> None:
         self.solver = solver
-        iterative = isinstance(solver, Iterative)
+        iterative = is_matrix_free(solver)
         self._K = K
         self._reduction = (reduction.masked() if iterative else reduction).equilibrated(K)
         self._most, self._callback = max_iterations, callback
         # others condense the body
         self._remedies = [one for one in remedies if one == "cutback" or not iterative]
-        self.interface = nodal_interface(pairs, space, self._reduction, K.getAttr("sibling"))
+        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K).sibling)
         self._whole, self.space = space, self.interface.field.space
-        self._watch = Watch(self.interface, self.space)
+        self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
 
     def step(
@@ -386,8 +381,8 @@ class Stepping:
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
-            except NotFound as failure:
-                joined = self._cut(state, end, reporter) or self._searched(state, end, failure)
+            except NotFound:
+                joined = self._cut(state, end, reporter)
                 if joined is None:
                     raise
                 iterations, report = self._spent(end.free, before)
@@ -401,21 +396,6 @@ class Stepping:
             return None
         start = held_by(state, self._K, self.interface)
         return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
-
-    def _searched(self, state: ContactState, end: Target, failure: NotFound) -> ContactState | None:
-        """The state at a target, after a search of all statuses; None if it does not find it."""
-        if "search" not in self._remedies:
-            return None
-        increment, place, policy = self._begun(state, end)
-        before = self._spent(end.free)
-        try:
-            now = search(increment, lambda: self._condensed, place, policy, self._most)
-        except NotUnique as unique:
-            raise refusal(unique, increment, state, self._spent(end.free, before), ()) from None
-        except NoSolution as proved:
-            proved.state = failure.state
-            raise
-        return None if now is None else self._ended(increment, now, state, before)
 
     def _solved(
         self,
@@ -431,21 +411,18 @@ class Stepping:
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
             now = newton(increment, active, place, policy(), self._most, told)
-        except (ContactFailed, SolverNotConverged) as failure:
-            proof, unproved = no_equilibrium(increment, place, rigid)
-            if proof is not None:
-                raise proof from None
-            if isinstance(failure, SolverNotConverged):
-                raise
-            found, last = None, failure
-            if "condensed" in self._remedies:
-                found, last = otherwise(
-                    failure, increment, lambda: self._condensed, place, policy, self._most
-                )
-            if found is None:
-                spent = self._spent(target.free, before)
-                raise refusal(last, increment, state, spent, unproved) from None
-            now = found
+        except (ContactFailed, NotConverged) as failure:
+            now = rescue(
+                failure,
+                increment,
+                place,
+                rigid,
+                (lambda: self._condensed) if "condensed" in self._remedies else None,
+                policy,
+                self._most,
+                state,
+                lambda: self._spent(target.free, before),
+            )
         if reporter:
             reporter.violation = increment.violation(now)
         return self._ended(increment, now, state, before)

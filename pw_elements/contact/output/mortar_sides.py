@@ -49,7 +49,7 @@ _BARELY = 1e-4
 
 
 @dataclass(frozen=True)
-class Seen:
+class OppositeResults:
     """Results at nodes (n) of opposite sides, summed over the pairs that they face.
 
     Args:
@@ -76,21 +76,22 @@ class Seen:
     tributary: Array
     share: Array
 
-    def on(self, rows: npt.NDArray[np.int32], n: int) -> "Seen":
-        """The same at rows of n nodes, or at none where they are negative; zero elsewhere."""
+    def on(self, rows: npt.NDArray[np.int32], n: int) -> "OppositeResults":
+        """Spreads the results over n nodes, at rows of theirs; negative rows are left out."""
         values = []
         for part in fields(self):
             own = getattr(self, part.name)
             values.append(np.zeros((n, *own.shape[1:])))
             values[-1][rows[rows >= 0]] = own[rows >= 0]
-        return Seen(*values)
+        return OppositeResults(*values)
 
-    def __add__(self, other: "Seen") -> "Seen":
-        return Seen(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+    def __add__(self, other: "OppositeResults") -> "OppositeResults":
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return OppositeResults(*(one + another for one, another in both))
 
     @property
     def faced(self) -> npt.NDArray[np.bool_]:
-        """Which nodes face anything."""
+        """Which nodes face a pair."""
         return self.facing > 0
 
     def mean(self, values: Array) -> Array:
@@ -99,22 +100,22 @@ class Seen:
 
     @property
     def status(self) -> npt.NDArray[np.int8]:
-        """Of most of what each node faces."""
+        """Status (n,) of the greatest part of what each node faces."""
         return self.statuses.argmax(axis=1).astype(np.int8)
 
     @property
     def pressure(self) -> Array:
-        """By measure 2, (n,); NaN where too little of a node's area faces a pair that is closed."""
+        """Pressure (n,) by measure 2; NaN where too little of a node's area faces a closed pair."""
         return self._over(self.pressed, self.area)
 
     @property
     def tributary_pressure(self) -> Array:
-        """By measure 3, (n,), likewise."""
+        """Pressure (n,) by measure 3; NaN where that by measure 2 is."""
         return self._over(self.pressed, self.tributary)
 
     @property
     def traction(self) -> Array:
-        """Tangential, (n, dim), likewise."""
+        """Tangential traction (n, dim); NaN where the pressure is."""
         return self._over(self.pulled, self.area)
 
     def _over(self, force: Array, area: Array) -> Array:
@@ -153,8 +154,8 @@ class Opposite:
         """Whether a pair has the same nodes."""
         return np.array_equal(self.own, pair.node) and np.array_equal(self.node, pair.opposite)
 
-    def seen(self, pair: PairState) -> Seen:
-        """Results at its nodes.
+    def results(self, pair: PairState) -> OppositeResults:
+        """Results at the nodes of the surface.
 
         Raises:
             ValueError: for forces that are not what the body's measure hands on.
@@ -171,7 +172,7 @@ class Opposite:
         normal = self.normal
         pressed = np.sum(pair.opposite_force * normal, axis=1)
         gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
-        return Seen(
+        return OppositeResults(
             facing,
             self.means @ gap,
             self.means @ pair.slip,
@@ -191,7 +192,7 @@ class Opposite:
         return np.asarray(self.area / np.where(length > 0, length, 1.0))
 
 
-def sides(
+def mortar_sides(
     number: int, pair: PairState, whose: Body | fem.FunctionSpace
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
     """The pair's own surface, with a body, and what it faces, where that is deformable.
@@ -241,7 +242,7 @@ def sides(
 
 @dataclass(frozen=True)
 class _Facing:
-    """Both surfaces of a pair, gathered, and the own nodes of this process."""
+    """Gathers both surfaces of a pair, and knows the pair's nodes on this process."""
 
     space: fem.FunctionSpace
     pair: PairState
@@ -256,7 +257,7 @@ class _Facing:
         return cls(space, pair, (one, other))
 
     def places(self, side: int, nodes: Indices) -> npt.NDArray[np.intp]:
-        """Where global numbers are among the nodes of a side's trace."""
+        """Places of global node numbers among those of a side's trace."""
         return np.searchsorted(self.traces[side].nodes, nodes)
 
     @cached_property
@@ -265,11 +266,11 @@ class _Facing:
         return np.flatnonzero((self.pair.node >= first) & (self.pair.node < last))
 
     def overlap(self, revolved: bool) -> Overlap:
-        """Of both, at the nodes of this process."""
+        """Overlap of both surfaces, at the nodes of this process."""
         return Overlap.of(*self.traces, self.pair.node[self._mine], revolved)
 
     def integrals(self, overlap: Overlap, tested: Array) -> sp.csr_array:
-        """Of the opposite's weights times functions of the pair's: (k, m), of all processes."""
+        """Integrals (k, m) of the opposite's weights times functions of the pair's."""
         node, opposite = self.pair.node, self.pair.opposite
         at, w = overlap.functions[2]
         order = np.argsort(opposite)

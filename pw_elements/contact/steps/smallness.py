@@ -1,4 +1,4 @@
-"""The watch over an increment: displacements stay small, surfaces stay outside of the body.
+"""The smallness check of an increment: displacements stay small, surfaces outside of the body.
 
 Once a surface has gone through the body the law means nothing. It takes gap and normal at the
 undeformed body, and nothing in it says that a surface comes from outside: one that has gone too
@@ -35,7 +35,7 @@ from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
 Array = npt.NDArray[np.float64]
 
 # Cells at a time
-_CHUNK = 4_000
+_CELLS_AT_ONCE = 4_000
 
 Indices = npt.NDArray[np.int64]
 
@@ -51,19 +51,20 @@ Mask = npt.NDArray[np.bool_]
 # Cosine from which on a push counts as outwards, and below minus which as inwards
 _OUTWARDS = 0.1
 # Step along a surface's way, and depth that counts as swallowed, over the smallest facet
-_STEP, _DEPTH = 0.25, 1e-3
+_WAY_STEP = 0.25
+_SWALLOWED = 1e-3
 # The way has this many steps at most
-_STEPS = 10_000
+_MOST_WAY_STEPS = 10_000
 # A chord without length has a mean strain of -1; no strain is as large at fewer than this
-_CRUSHED = 0.5
+_CRUSHING_STRAIN = 0.5
 # What is left of a chord without length, by round-off
-_LEFT = 1e-9
+_NO_CHORD = 1e-9
 # Number of nodes in contact, those pushed farthest, whose chords are looked at
-_CHORDS = 50
+_MOST_CHORDS = 50
 
 # Second-order terms are left out: strains e err by e/2 of themselves, a rotation w turns forces
 # by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
-_LIMITS = Smallness(strain=0.05, rotation=0.05, slip=0.5)
+_SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
 _logger = logging.getLogger("pw_elements.contact")
 
@@ -97,8 +98,8 @@ class Gradients:
         """
         moved = with_ghosts(self._space, displacement)
         strain, rotation = 0.0, 0.0
-        for first in range(0, len(self._nodes), _CHUNK):
-            cells = slice(first, first + _CHUNK)
+        for first in range(0, len(self._nodes), _CELLS_AT_ONCE):
+            cells = slice(first, first + _CELLS_AT_ONCE)
             gradient = self._gradient(moved, cells)
             strain = _largest_symmetric(gradient, strain)
             skew = (gradient - np.swapaxes(gradient, 1, 2)) / 2
@@ -162,7 +163,7 @@ class Facets:
 
     @classmethod
     def around(cls, node: Indices, space: fem.FunctionSpace, exterior: "Exterior") -> "Facets":
-        """Of points that are nodes of this process, given by their global numbers (m,)."""
+        """Collects the facets around nodes of this process, given by global numbers (m,)."""
         index_map, comm = space.dofmap.index_map, space.mesh.comm
         first = index_map.local_range[0]
         wanted = la.vector(index_map, 1)
@@ -182,7 +183,7 @@ class Facets:
         return cls(order[at[mine]], outward[mine], size[mine], len(node))
 
     def of(self, rows: Indices) -> "Facets":
-        """Those around some of the points, numbered anew."""
+        """The facets around some of the points, which are numbered anew."""
         number = np.full(self.points, -1)
         number[rows] = np.arange(len(rows))
         mine = number[self.point] >= 0
@@ -219,7 +220,7 @@ class Exterior:
 
     @classmethod
     def of(cls, space: fem.FunctionSpace) -> "Exterior":
-        """Of a space's mesh."""
+        """Collects the exterior facets of a space's mesh."""
         mesh, dim = space.mesh, space.mesh.topology.dim
         shape = mesh.ufl_domain().ufl_coordinate_element().basix_element
         topology = mesh.topology
@@ -258,7 +259,7 @@ class Exterior:
         return np.asarray(np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0))
 
     def exit(self, origin: Array, direction: Array, moved: Array) -> tuple[float, Array]:
-        """Where a ray leaves the body through a facet that lies across it, of this process.
+        """Finds where a ray leaves the body through a facet of this process that lies across it.
 
         Args:
             origin: (dim,), on the boundary.
@@ -287,7 +288,7 @@ class Exterior:
         return distance, there
 
 
-class Passage:
+class SurfacePassage:
     """Looks for rigid surfaces that pass through a body.
 
     Args:
@@ -325,7 +326,7 @@ class Passage:
         """
         for k, rigid in enumerate(self._rigid):
             way = translations[k] - past.translations[k]
-            if rigid and np.linalg.norm(way) > _STEP * self._finest[k]:
+            if rigid and np.linalg.norm(way) > _WAY_STEP * self._finest[k]:
                 mine = self._interface.pair == k
                 wrong = np.zeros(len(mine), dtype=bool)
                 wrong[mine] = self._swallowed(k, past, way)
@@ -343,7 +344,7 @@ class Passage:
         for k in range(self._interface.pairs):
             mine = closed & (self._interface.pair == k)
             self._refuse(k, mine & (cosine > _OUTWARDS), "pushes the body outwards at")
-            if strain > _CRUSHED:
+            if strain > _CRUSHING_STRAIN:
                 through = self._through(now, mine & (cosine < -_OUTWARDS))
                 self._refuse(k, through, "is through the whole thickness of the body at")
 
@@ -353,7 +354,7 @@ class Passage:
         surface, around, size = interface.surfaces[k], self._around[k], self._finest[k]
         x, before = interface.position[mine] - past.translations[k], past.displacement[mine]
         length = float(np.linalg.norm(way))
-        step = max(_STEP * size, length / _STEPS)
+        step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)
         # no sample just where a surface has no normal, such as the centre of a sphere
         x = x + 1e-7 * size * np.sqrt(np.arange(2, 2 + x.shape[1]))
 
@@ -363,7 +364,7 @@ class Passage:
                 place = x - share[:, None] * way
                 gap, normal = surface.gap(place), surface.normal(place)
                 depth = -(gap + np.sum(normal * before, axis=1))
-                wrong |= (depth > _DEPTH * size) & (around.cosines(normal) > _OUTWARDS)
+                wrong |= (depth > _SWALLOWED * size) & (around.cosines(normal) > _OUTWARDS)
                 if share.min() >= 1:
                     break
                 # outside, the surface is a gap away at least; half of it, if that is no distance
@@ -381,7 +382,8 @@ class Passage:
         keys = np.column_stack([interface.position[points], -np.round(pushed / size, 9)])
         every = interface.gathered(keys)
         first = sum(comm.allgather(len(points))[: comm.rank])
-        far = np.sort(np.lexsort(every.T)[:_CHORDS])  # where many are alike, the first by position
+        # where many are alike, the first by position
+        far = np.sort(np.lexsort(every.T)[:_MOST_CHORDS])
         farthest = points[far[(far >= first) & (far < first + len(points))] - first]
         moved = with_ghosts(self._space, self._interface.field.part(now.full))[
             self._exterior.vertices
@@ -397,7 +399,7 @@ class Passage:
         through = np.zeros(len(chosen), dtype=bool)
         for point, (length, there) in zip(farthest, nearest[first:], strict=False):
             left = length + normal[point] @ (np.array(there) - a[point])
-            through[point] = left <= _LEFT * length < np.inf
+            through[point] = left <= _NO_CHORD * length < np.inf
         return through
 
     def _refuse(self, k: int, wrong: Mask, what: str) -> None:
@@ -410,8 +412,8 @@ class Passage:
             )
 
 
-class Watch:
-    """Watches the increments of a body.
+class SmallnessCheck:
+    """Checks that displacements stay small and surfaces outside of the body.
 
     Args:
         interface: its contact points, nodes.
@@ -422,7 +424,7 @@ class Watch:
         exterior = Exterior.of(space)
         facets = Facets.around(interface.node, space, exterior)
         self._interface, self._sizes = interface, facets.sizes()
-        self._passage = Passage(interface, space, exterior, facets)
+        self._passage = SurfacePassage(interface, space, exterior, facets)
         self._gradients = Gradients(space)
 
     def before(self, increment: Increment) -> None:
@@ -451,7 +453,7 @@ class Watch:
         return smallness
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
-        """Over the size of facets; from the undeformed body on where bodies face each other."""
+        """Largest slip over the size of facets; of two bodies, that since the beginning."""
         interface, contact, past = self._interface, now.contact, increment.past
         moved = now.displacement - now.translations[interface.pair]
         was = past.displacement - past.translations[interface.pair]
@@ -467,7 +469,7 @@ def _warn(smallness: Smallness, before: Smallness, increment: int) -> None:
     left = [
         f"largest {name} {value:.3g} (above {limit:g})"
         for name, value in vars(smallness).items()
-        if value > (limit := getattr(_LIMITS, name)) >= getattr(before, name)
+        if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
     ]
     if left:
         _logger.warning(
