@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from pw_elements import Direct, Iterative, Spaces
-from pw_elements.contact import (
-    STICK,
-    ContactProblem,
-    FreeBody,
-    NotFound,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import STICK, ContactProblem, FreeBody, NotFound, Plane, solve_contact
 from pw_elements.contact.iteration import ContactSystem, LinearisedLaw
 from pw_elements.contact.iteration.krylov import NodePoints, _apart
 from pw_elements.contact.model import MatchingNodes

@@ -300,22 +300,20 @@ def test_enclosed_bodies_have_no_modes_without_a_pressure():
 
 
 @pytest.mark.parametrize(
-    ("nu", "state", "formulation", "hybrid"),
+    ("nu", "state", "hybrid"),
     [
-        (0.48, "plane strain", None, False),
-        (0.481, "plane strain", None, True),
-        (0.5, "solid", None, True),
-        (0.5, "plane stress", None, False),
-        (0.481, "plane strain", "displacements", False),
-        (0.3, "axisymmetric", "hybrid", True),
+        (0.48, "plane strain", False),
+        (0.481, "plane strain", True),
+        (0.5, "solid", True),
+        (0.5, "plane stress", False),
     ],
 )
-def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, formulation, hybrid):
+def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, hybrid):
     caplog.set_level("INFO", logger="pw_elements")
     mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
-    body = Body.on(mesh, Material(1.0, nu), state, formulation)
+    body = Body.on(mesh, Material(1.0, nu), state)
     assert body.spaces.is_hybrid is hybrid
-    assert (f"hybrid: nu = {nu:g}" in caplog.text) is (hybrid and formulation is None)
+    assert (f"hybrid: nu = {nu:g}" in caplog.text) is hybrid
 
 
 def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog):
@@ -330,8 +328,6 @@ def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog
     parts = meshtags(mesh, 2, cells, (nu.x.array > 0.4).astype(np.int32))
     body = Body.on(mesh, Material(1.0, nu), "plane strain", parts=parts)
     assert body.spaces.parts is parts
-    with pytest.raises(ValueError, match="formulation 'mixed': use displacements or hybrid"):
-        Body.on(mesh, Material(1.0, 0.4), "plane strain", "mixed")
 
 
 def test_an_incompressible_column_buckles_as_euler_says():

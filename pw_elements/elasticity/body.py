@@ -256,11 +256,13 @@ class Body:
         mesh: Mesh,
         material: Material,
         state: StressState | str,
-        formulation: Literal["displacements", "hybrid"] | None = None,
         parts: MeshTags | None = None,
         thickness: Scalar = 1.0,
     ) -> "Body":
         """Makes a body with the element that its material needs.
+
+        That is the one of `Spaces.hybrid` if Poisson's ratio exceeds 0.48 anywhere, which is
+        logged, except in plane stress, and the one of `Spaces.petrov_galerkin` otherwise.
 
             body = Body.on(mesh, Material(1e6, 0.499), "axisymmetric")
             U = body.spaces.trial
@@ -269,31 +271,23 @@ class Body:
             mesh: of the body.
             material: constants and density.
             state: as of `Body`.
-            formulation: "displacements" for `Spaces.petrov_galerkin`, "hybrid" for
-                `Spaces.hybrid`. By default "hybrid" if Poisson's ratio exceeds 0.48 anywhere
-                (which is logged), except in plane stress.
             parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
             thickness: of a plane body.
 
         Raises:
             TypeError: for arguments of the wrong type.
-            ValueError: for an unknown name, and as `Body`.
+            ValueError: as `Body`.
         """
         arguments.mesh(mesh)
         arguments.of_type("material", material, Material, "Material(E, nu) makes one")
-        names = ("displacements", "hybrid")
-        with collective(mesh.comm):
-            if formulation not in (None, *names):
-                raise ValueError(f"formulation {formulation!r}: use {' or '.join(names)}")
-        agree(mesh.comm, {"the formulation": formulation})
-        if formulation is None:
-            largest = _largest(material.poissons_ratio, mesh.comm)
-            plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
-            formulation = "hybrid" if largest > _HYBRID_NU and not plane_stress else "displacements"
-            if formulation == "hybrid" and mesh.comm.rank == 0:
+        largest = _largest(material.poissons_ratio, mesh.comm)
+        plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
+        if largest <= _HYBRID_NU or plane_stress:
+            spaces = Spaces.petrov_galerkin(mesh)
+        else:
+            spaces = Spaces.hybrid(mesh, parts)
+            if mesh.comm.rank == 0:
                 _logger.info("hybrid: nu = %g, displacements alone would lock", largest)
-        hybrid = formulation == "hybrid"
-        spaces = Spaces.hybrid(mesh, parts) if hybrid else Spaces.petrov_galerkin(mesh)
         return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
 
     def strain(self, u: Expr) -> Expr:

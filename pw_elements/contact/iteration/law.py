@@ -257,7 +257,7 @@ class ContactTangent(Protocol):
 
     @property
     def solver(self) -> PreparedSolver:
-        """The solver of the systems, which counts what it does."""
+        """The solver of these systems, which counts what it does."""
         ...
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:

@@ -110,7 +110,7 @@ class LinearEquilibrium:
         return residual
 
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """All unknowns (n,) of the problem."""
+        """All unknowns (n,) of reduced ones."""
         full = self.offset.duplicate()
         self.right.multAdd(reduced, self.offset, full)
         return full

@@ -53,7 +53,7 @@ def plot(
     the mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
 
     Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
-    `recovery`), in units of the modulus. Labels have no units; set your own.
+    `SurfaceNodes`), in units of the modulus. Labels have no units; set your own.
 
     Args:
         state: what to draw.
