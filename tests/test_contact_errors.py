@@ -197,7 +197,7 @@ def test_cycling_nodes_change_one_at_a_time():
     """Two nodes that swap their states: the remedy lets the worse one go first."""
     history = Cycles(MPI.COMM_SELF)
     one, two = (
-        ActiveSet(np.array(s, dtype=np.int8), np.zeros((2, 1)), np.zeros(2))
+        ActiveSet(np.array(s, dtype=np.int8), np.zeros((2, 1)), *np.zeros((3, 2)))
         for s in ([OPEN, STICK], [STICK, OPEN])
     )
     frame = np.tile(np.eye(2), (2, 1, 1))
