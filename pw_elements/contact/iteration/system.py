@@ -35,7 +35,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # What does not count as different
-_SAME = 1e-12
+_EQUAL = 1e-12
 
 
 class PointRows:
@@ -442,6 +442,6 @@ class Tangent:
         if self._factorised is None:  # no process differs in this
             return None
         size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
-        change = np.abs(combinations - self._factorised) > _SAME * size
+        change = np.abs(combinations - self._factorised) > _EQUAL * size
         rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
         return self.solver.solve_changed(right, rows)
