@@ -175,7 +175,7 @@ def _faces(
         places = np.arange(moved.shape[1])[None]
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
-        own, places = facets_in_cells(nodes, exterior_facets(mesh, _anywhere))
+        own, _, places = facets_in_cells(nodes, exterior_facets(mesh, _anywhere))
         cells = own[:, None]
     behind = moved.mean(axis=1)[cells[:, 0]]
     each = mesh.comm.allgather((moved[cells, places], field[cells, places], behind))

@@ -8,7 +8,7 @@ import pytest
 from pw_elements import Reduction, prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactProblem
 from pw_elements.contact.iteration import ActiveSet, Contact
-from pw_elements.contact.iteration.policy import Edges
+from pw_elements.contact.iteration.policy import EdgeRelease
 from pw_elements.contact.model import Cone, Coulomb
 from tests.contact_cases import at
 from tests.two_bodies import Stack
@@ -34,7 +34,7 @@ def receded(x, closed, pressure, shear=None, friction=0.0, stuck=True):
     held = np.where((friction > 0) & stuck, STICK, SLIP)
     status = np.where(closed, held, OPEN).astype(np.int8)
     old = ActiveSet(status, np.zeros((n, dim - 1)), *np.zeros((3, n)))
-    edges = Edges(x, np.zeros(n, dtype=np.int32), [0], MPI.COMM_SELF)
+    edges = EdgeRelease(x, np.zeros(n, dtype=np.int32), [0], MPI.COMM_SELF)
     law = known.active_set(old)
     return law, edges.deeper(law, old, known)
 
@@ -110,7 +110,7 @@ def test_a_cold_start_takes_few_iterations(monkeypatch, dim, friction):
     taken, states = [], []
     for alone in (False, True):
         if alone:
-            monkeypatch.setattr(Edges, "deeper", lambda _, new, *__: new)
+            monkeypatch.setattr(EdgeRelease, "deeper", lambda _, new, *__: new)
         problem = ContactProblem(stack.K, supports, stack.pair("lower", friction), stack.space)
         states.append(problem.step(problem.undeformed, stack.K.createVecLeft()))
         taken.append(states[-1].iterations)

@@ -35,6 +35,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.iteration import ActiveSet, Contact
 from pw_elements.contact.iteration.policy import Cycles
+from pw_elements.contact.model import Cone, Coulomb
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact_cases import Block, Greco, at
@@ -197,12 +198,13 @@ def test_cycling_nodes_change_one_at_a_time():
     """Two nodes that swap their states: the remedy lets the worse one go first."""
     history = Cycles(MPI.COMM_SELF)
     one, two = (
-        ActiveSet(np.array(s, dtype=np.int8), np.zeros((2, 1)), np.zeros(2))
+        ActiveSet(np.array(s, dtype=np.int8), np.zeros((2, 1)), *np.zeros((3, 2)))
         for s in ([OPEN, STICK], [STICK, OPEN])
     )
     frame = np.tile(np.eye(2), (2, 1, 1))
     force = np.array([[2.0, 0.0], [-1.0, 0.0]])  # of the first set: one closes, one opens
-    contact = Contact(frame, np.zeros(2), np.zeros((2, 1)), force, np.full(2, 0.3), np.ones(2))
+    cone = Cone([Coulomb(0.3)], [np.full(2, 0.3)])
+    contact = Contact(frame, np.zeros(2), np.zeros((2, 1)), force, cone, np.ones(2))
     assert not history.repeats(one)
     assert history.slowed(one, contact).status.tolist() == [STICK, OPEN]
     assert not history.repeats(two)

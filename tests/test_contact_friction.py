@@ -28,6 +28,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.model import Cone
+from pw_elements.contact.steps.impact import nodal_contact
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import triangles
 from tests.contact_cases import Block, at
@@ -172,6 +173,25 @@ def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
     load = BLOCK.pressure + BLOCK.load((0.4 * 200 * 4 / 2, 0.0), at(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
         solve_contact(BLOCK.K, load, BLOCK.free, floor, BLOCK.space)
+
+
+def test_a_law_holds_in_a_step_of_explicit_dynamics():
+    """Slip that is left is along the friction, which then is all that the law allows."""
+    rng, n, step = np.random.default_rng(5), 500, 0.1
+    normal = rng.normal(size=(n, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    motion, mass, half = rng.normal(size=(n, 3)), rng.uniform(1, 9, n), rng.uniform(1, 99, n)
+    cone, rest = Cone([Falling(0.9, None)], [half]), np.zeros((n, 3))
+    held = np.zeros((n, 3), dtype=bool)
+    found = nodal_contact(motion, np.zeros(n), normal, rest, held, mass, cone, step)
+    after = motion + step**2 * found.force / mass[:, None]
+    slip = after - np.sum(after * normal, axis=1)[:, None] * normal
+    limit = 0.9 * found.pressed / (1 + found.pressed / half)
+    size, length = (np.linalg.norm(part, axis=1) for part in (found.friction, slip))
+    assert (size <= limit * (1 + 1e-12)).all()
+    assert np.sum(found.friction * slip, axis=1) == pytest.approx(-limit * length, abs=1e-9)
+    closed = found.pressed > 0
+    assert 0 < (length[closed] < 1e-12).sum() < closed.sum()
 
 
 def test_chords_of_a_cone():

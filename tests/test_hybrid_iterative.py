@@ -31,7 +31,7 @@ from pw_elements import (
     split,
     vibration_modes,
 )
-from pw_elements.solvers import chosen
+from pw_elements.solvers import auto_solver
 from tests.contact_cases import at
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -206,4 +206,4 @@ def test_a_split_pressure_needs_factors():
 
 def test_auto_takes_it_for_large_bodies_in_space():
     spaces = Spaces.hybrid(block("hexahedron", 9))
-    assert chosen(None, Reduction.dirichlet(spaces.trial, []).supports) == Iterative()
+    assert auto_solver(None, Reduction.dirichlet(spaces.trial, []).supports) == Iterative()

@@ -38,7 +38,7 @@ from pw_elements import (
 )
 from pw_elements._compat import cell_nodes
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.solvers import Multigrid, chosen, matrices
+from pw_elements.solvers import Multigrid, auto_solver, matrices
 from study.inner_nodes import centre_nodes
 from tests.contact_cases import at
 
@@ -202,7 +202,7 @@ def test_many_random_problems():
 @pytest.mark.parametrize("rows", [12_000, 90])
 def test_matrices_in_blocks(monkeypatch, rows):
     """They give the same, coarse level included, however many rows are converted at once."""
-    monkeypatch.setattr(matrices, "_AT_ONCE", rows)
+    monkeypatch.setattr(matrices, "_ROWS_AT_ONCE", rows)
     body, K, f, held = case("pw-T10")
     blocked = assemble_matrix(body.stiffness(), blocked=True)
     assert blocked.getType() == "seqbaij"
@@ -317,17 +317,22 @@ def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
     flat = Reduction.dirichlet(Spaces.galerkin(fine).trial, []).supports
     with caplog.at_level(logging.INFO, logger="pw_elements"):
         for word in (None, "auto"):
-            assert chosen(word, small) == chosen(word, flat) == chosen(word, None) == Direct()
+            assert (
+                auto_solver(word, small)
+                == auto_solver(word, flat)
+                == auto_solver(word, None)
+                == Direct()
+            )
         assert not caplog.records
-        assert chosen("auto", large) == chosen(None, large) == Iterative()
-        assert chosen("auto", large, "a reason") == Direct()
+        assert auto_solver("auto", large) == auto_solver(None, large) == Iterative()
+        assert auto_solver("auto", large, "a reason") == Direct()
     said = [record.getMessage() for record in caplog.records]
     assert said[0] == "auto: Iterative for 19575 unknowns in space; factors take some 0.2 GB"
     assert "auto: Direct for 19575 unknowns in space (a reason)" in said[2]
     asked = Iterative(1e-3)
-    assert chosen(asked, None) is asked
+    assert auto_solver(asked, None) is asked
     with pytest.raises(ValueError, match="solver 'fast': use"):
-        chosen("fast", small)
+        auto_solver("fast", small)
     with pytest.raises(ValueError, match=r"tolerance = 0\.0"):
         Iterative(0.0)
 

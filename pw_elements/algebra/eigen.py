@@ -33,10 +33,10 @@ from pw_elements.solvers import (
     Solver,
     SolverReport,
     Supports,
-    by_chosen,
-    chosen,
+    auto_solver,
     is_matrix_free,
     unblocked,
+    with_fallback,
 )
 from pw_elements.spaces import Assembled, is_hybrid
 
@@ -165,7 +165,7 @@ def vibration_modes(
         shift = number("shift", shift)
     taken = _chosen(solver, reduction, symmetrised)
     every = partial(_vibrations, unblocked(K), unblocked(M), reduction, count, symmetrised, shift)
-    return by_chosen(taken, solver, reduction.supports, every)
+    return with_fallback(taken, solver, reduction.supports, every)
 
 
 def _vibrations(
@@ -248,7 +248,7 @@ def buckling(
     check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
     taken = _chosen(solver, reduction, symmetrised)
     every = partial(_buckles, unblocked(K), K_sigma, reduction, count, symmetrised)
-    return by_chosen(taken, solver, reduction.supports, every)
+    return with_fallback(taken, solver, reduction.supports, every)
 
 
 def _buckles(
@@ -306,7 +306,7 @@ def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSo
     hybrid = reduction.space is not None and is_hybrid(reduction.space)
     if hybrid and symmetrised:
         raise ValueError("a pair of hybrid spaces has no symmetrised twin: it is never definite")
-    return chosen(solver, reduction.supports, why, modes=True)
+    return auto_solver(solver, reduction.supports, why, modes=True)
 
 
 def _pair(

@@ -31,11 +31,11 @@ from pw_elements.solvers import (
     PreparedSolver,
     SingularSystem,
     Solver,
-    by_chosen,
-    chosen,
+    auto_solver,
     collect_garbage,
     is_matrix_free,
     unbalanced,
+    with_fallback,
 )
 from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
 
@@ -63,8 +63,8 @@ def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = Non
             a solver that does not serve the reduction.
     """
     check_problem({"the stiffness": K}, None, {"the load": f}, (reduction,), solver=solver)
-    taken = chosen(solver, reduction.supports)
-    return by_chosen(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
+    taken = auto_solver(solver, reduction.supports)
+    return with_fallback(taken, solver, reduction.supports, partial(_solved, K, f, reduction))
 
 
 def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolver) -> PETSc.Vec:

@@ -397,14 +397,14 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
 
 def facet_nodes(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
-    cells, places = facets_in_cells(space, facets)
+    cells, _, places = facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], places])
 
 
 def facets_in_cells(
     space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """The cell (f,) of each exterior facet, and the places (f, k) of its nodes in that cell."""
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp], npt.NDArray[np.int32]]:
+    """Cell (f,) of each exterior facet, its side (f,), and places (f, k) of its nodes there."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
     topology.create_connectivity(dim - 1, dim)
@@ -415,7 +415,7 @@ def facets_in_cells(
     cells = of_facet.array[of_facet.offsets[facets]]
     local = (of_cell.array.reshape(-1, count)[cells] == facets[:, None]).argmax(axis=1)
     closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(count)])
-    return cells, closure[local]
+    return cells, local, closure[local]
 
 
 def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:

@@ -17,15 +17,15 @@ from pw_elements.solvers.iterative import (
     Krylov,
     SaddlePoint,
     Solver,
-    by_chosen,
-    chosen,
+    auto_solver,
     free_motion,
+    with_fallback,
 )
 from pw_elements.solvers.matrices import (
+    Followers,
     Masked,
     Projection,
     Supports,
-    Ties,
     collect_garbage,
     connected_pieces,
     destroy,

@@ -71,16 +71,18 @@ NO_SUPPORTS = (
 )
 
 # Iterations allowed, and vectors kept to be orthogonal to
-_MOST, _KEPT = 1000, 100
+_MOST_ITERATIONS = 1000
+_KEPT_VECTORS = 100
 # The true residual over what the method takes it for
 _DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
 # Stiffness of a rigid motion over that of an arbitrary one: as good as none below
-_FREE = 1e-8
+_FREE_STIFFNESS = 1e-8
 
 # Bytes of MUMPS' LU factors and work space in space: coefficient and power of the unknowns,
 # fitted to what MUMPS says of blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
-_BYTES, _POWER = 160.0, 1.42
+_FACTOR_BYTES = 160.0
+_FACTOR_POWER = 1.42
 
 T = TypeVar("T")
 
@@ -88,9 +90,10 @@ log = logging.getLogger("pw_elements")
 
 # Unknowns in space from which on "auto" takes Krylov's method; for modes, which take some 50
 # solutions, it is slower than factors until these take several gigabytes
-_MANY, _MANY_FOR_MODES = 15_000, 200_000
+_MANY = 15_000
+_MANY_FOR_MODES = 200_000
 # Memory that has to be left, over what factors are expected to take, which is a fit
-_ROOM = 2.0
+_SPARE_MEMORY = 2.0
 
 
 class SaddlePoint:
@@ -339,10 +342,10 @@ class Krylov:
         ksp = PETSc.KSP().create(operator.comm)
         ksp.setOperators(operator)
         ksp.setType("gmres")
-        ksp.setGMRESRestart(_KEPT)
+        ksp.setGMRESRestart(_KEPT_VECTORS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=self._how.tolerance, atol=0.0, max_it=_MOST)
+        ksp.setTolerances(rtol=self._how.tolerance, atol=0.0, max_it=_MOST_ITERATIONS)
         counted = self._counted  # a method would make a cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # residuals are judged here, not by an error of PETSc's
@@ -458,12 +461,12 @@ def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
         triangles.append(np.vstack([own, np.zeros((width - len(own), width))]))
     every = np.concatenate(comm.allgather(np.array(triangles)), axis=1)
     least = np.linalg.svd(every, compute_uv=False)[:, -1]
-    return bool(np.any(least < _FREE * np.sqrt(width)))
+    return bool(np.any(least < _FREE_STIFFNESS * np.sqrt(width)))
 
 
 def memory_of_factors(dofs: int) -> float:
     """Bytes that LU factors in space take, by a fit: within a factor of two."""
-    return float(_BYTES * dofs**_POWER)
+    return float(_FACTOR_BYTES * dofs**_FACTOR_POWER)
 
 
 def free_memory(comm: MPI.Comm) -> float:
@@ -492,7 +495,7 @@ def _free_here() -> float:
         return left
 
 
-def chosen(
+def auto_solver(
     solver: Solver, supports: Supports | None, needs_factors: str = "", modes: bool = False
 ) -> LinearSolver:
     """The solver that is meant: factors in the plane and of small bodies by "auto", or None.
@@ -527,13 +530,13 @@ def chosen(
     return taken
 
 
-def by_chosen(
+def with_fallback(
     taken: LinearSolver,
     solver: Solver,
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
-    """What a computation gives with the solver that was `chosen`, or with `factors_instead`.
+    """What a computation gives with the `auto_solver`, or with `factors_instead`.
 
     Args:
         taken: that solver.
@@ -567,7 +570,7 @@ def factors_instead(solver: Solver, supports: Supports | None, failure: NotConve
         raise failure
     comm = supports.space.mesh.comm
     taken, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
-    if not _ROOM * taken <= left:
+    if not _SPARE_MEMORY * taken <= left:
         raise NotConverged(
             f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
         ) from failure

@@ -29,7 +29,8 @@ Sizes = tuple[int, int]
 
 # Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
 # and the most parts in which it is done, for their sum takes time
-_AT_ONCE, _PARTS = 12_000, 32
+_ROWS_AT_ONCE = 12_000
+_MOST_PARTS = 32
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
@@ -46,7 +47,7 @@ def galerkin_product(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
         return made
     comm, first, rows = K.comm, K.getOwnershipRange()[0], K.getLocalSize()[0]
     most = comm.tompi4py().allreduce(rows, MPI.MAX)
-    at_once = _AT_ONCE * max(1, -(-most // (_AT_ONCE * _PARTS)))
+    at_once = _ROWS_AT_ONCE * max(1, -(-most // (_ROWS_AT_ONCE * _MOST_PARTS)))
     sets = [
         PETSc.IS().createStride(last - start, start, 1, comm=comm)
         for start, last in (K.getOwnershipRangeColumn(), P.getOwnershipRangeColumn())
@@ -179,7 +180,7 @@ def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], i
     return piece[part + first].astype(np.int64), int(pieces)
 
 
-class Ties:
+class Followers:
     """W and its transpose, for some nodes (k) of this process.
 
     Args:
@@ -340,7 +341,7 @@ class Masked:
         self, K: PETSc.Mat, projection: Projection, scale: PETSc.Vec | None = None
     ) -> None:
         self._K, self._projection, self._scale = K, projection, scale
-        self.ties: Ties | None = None
+        self.ties: Followers | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Image y of x."""

@@ -3,7 +3,7 @@
 With P the interpolation of vertex values to all nodes, P^T K P is the stiffness of linear
 elements, for standard and new elements alike. Nothing of K is copied or changed by supports:
 what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi), or moves
-with other nodes, see `Ties`.
+with other nodes, see `Followers`.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from pw_elements.solvers.matrices import (
+    Followers,
     Masked,
     Projection,
     Supports,
-    Ties,
     add,
     block_diagonal,
     collect_garbage,
@@ -34,7 +34,8 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # Part of the held nodes whose change is worth a new coarse level, and new aggregates below it
-_RENEWED, _AGGREGATED = 0.1, 0.5
+_RENEWED = 0.1
+_AGGREGATED = 0.5
 # Change of a projector that counts: open to closed is one
 _TURNED = 0.3
 
@@ -138,17 +139,17 @@ class LinearLevel:
         self._near_null = near_null_space(linear)
         self._moved = _Interpolation(self._P, fine, self._held)
         self.interpolation = python_matrix(self._P.getSizes(), self._moved, K.comm)
-        self._ties: Ties | None = None
+        self._ties: Followers | None = None
         self._tied: PETSc.Mat | None = None
         self._near: _Near | None = None
         self._matrix: PETSc.Mat | None = None
         self._exchanged: PETSc.Mat | None = None  # the part of it that is
 
-    def tie(self, ties: Ties) -> None:
+    def tie(self, ties: Followers) -> None:
         """Has what is held of nodes follow others from now on, see `Multigrid.tie`."""
         vertex, at = self._vertices_of(ties.nodes)
         self._ties = ties
-        self._moved.ties = Ties(ties.opposite.matMult(self._P), vertex, self._block, at)
+        self._moved.ties = Followers(ties.opposite.matMult(self._P), vertex, self._block, at)
 
     def watch(self, nodes: Indices) -> None:
         """Says which local nodes are held at times."""
@@ -249,7 +250,7 @@ class _Interpolation:
     def __init__(self, P: PETSc.Mat, fine: Projection, coarse: Projection) -> None:
         self._P, self._fine, self._coarse = P, fine, coarse
         self._on_coarse, self._on_fine = P.createVecs()
-        self.ties: Ties | None = None
+        self.ties: Followers | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Values y at all nodes from x at vertices."""
@@ -442,12 +443,12 @@ class Multigrid:
         coarse.getPC().setType("gamg")
         self._preconditioner = preconditioner
 
-    def tie(self, nodes: Indices, opposite: PETSc.Mat) -> Ties:
+    def tie(self, nodes: Indices, opposite: PETSc.Mat) -> Followers:
         """Has what is held of local nodes (m,) follow others from now on, by (m block, n) weights.
 
         A body that nothing else holds is then held by the other one.
         """
-        self._masked.ties = Ties(opposite, nodes, self._block)
+        self._masked.ties = Followers(opposite, nodes, self._block)
         self._linear.tie(self._masked.ties)
         return self._masked.ties
 

@@ -128,7 +128,17 @@ CONSTANTS = {"OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState
 
 def public() -> list[str]:
     """Return the full names of all that has a page."""
-    return [f"{module}.{name}" for module, names in GROUPS.values() for name in names]
+    return [f"{module}.{name}" for module, names in _groups().values() for name in names]
+
+
+def _groups() -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Return the groups, and one for each module with public names that none of them has."""
+    groups = dict(GROUPS)
+    for module in ("pw_elements", "pw_elements.contact", "pw_elements.meshes"):
+        named = {name for of, names in GROUPS.values() if of == module for name in names}
+        if others := sorted({*import_module(module).__all__} - named - CONSTANTS):
+            groups[f"Others of {module}"] = (module, tuple(others))
+    return groups
 
 
 def _placed(module: str, name: str) -> tuple[str, str]:
@@ -147,7 +157,7 @@ def write(pages: Path, used: dict[str, list[Example]]) -> None:
     pages.mkdir(parents=True)
     parts = ["# Reference", _INTRODUCTION]
     tree = []
-    for group, (module, names) in GROUPS.items():
+    for group, (module, names) in _groups().items():
         rows = []
         for placed in names:
             where, name = _placed(module, placed)

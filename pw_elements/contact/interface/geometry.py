@@ -37,13 +37,14 @@ _PLACES = np.array(
 _NINE = 9
 
 # Overlaps of less than this part of the slave's sub-facet are none
-_NOTHING = 1e-12
+_NO_OVERLAP = 1e-12
 # Sub-facets whose normals have a larger cosine stand across each other, or look the same way
 _FACING = -1e-2
 # Corners of a sub-facet of a surface, by their number, one after the other along its rim
 _RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 # Steps of Newton's method, which ends earlier where they change no place in a cell by more
-_STEPS, _STILL = 25, 1e-14
+_NEWTON_STEPS = 25
+_STILL = 1e-14
 
 
 @dataclass(frozen=True)
@@ -230,7 +231,7 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     )
     pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
     found = Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair])
-    some = found.share > _NOTHING
+    some = found.share > _NO_OVERLAP
     return Segments(*(getattr(found, part)[some] for part in vars(found)))
 
 
@@ -245,7 +246,7 @@ def weights(corners: Array, places: Array) -> Array:
     apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
     twist = np.linalg.solve(edges, apart[:, :, None])[:, None, :, 0]
     u, v = inner[..., 0].copy(), inner[..., 1].copy()
-    for _ in range(_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
+    for _ in range(_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
         wrong = [at + twist[..., i] * u * v - inner[..., i] for i, at in enumerate((u, v))]
         a, b = 1 + twist[..., 0] * v, twist[..., 0] * u
         c, e = twist[..., 1] * v, 1 + twist[..., 1] * u

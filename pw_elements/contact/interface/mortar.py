@@ -79,7 +79,8 @@ _SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
 _CELLS = {**_SIMPLEX, 4: basix.CellType.quadrilateral}
 # Of products of weights, quadratic functions and, in axisymmetry, the radius, on sub-facets of so
 # many corners; and where quadrilaterals are no parallelograms, so that nothing is a polynomial
-_DEGREE, _TWISTED = {2: 4, 3: 4, 4: 6}, 10
+_DEGREE = {2: 4, 3: 4, 4: 6}
+_TWISTED_DEGREE = 10
 # Difference of opposite sides of parallelograms, over their size
 _PARALLEL = 1e-9
 
@@ -130,7 +131,7 @@ class Overlap:
         point = np.where(np.isin(nodes, own), point, -1)
         degree = _DEGREE[corners.shape[1]]
         if _twisted(found.on_slave) or _twisted(found.on_master):
-            degree = _TWISTED
+            degree = _TWISTED_DEGREE
         points, weights = basix.make_quadrature(_SIMPLEX[one.dim], degree)
         rule = np.column_stack([1 - points.sum(axis=1), points])
         weights = weights / weights.sum()

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # Cells at a time, to save memory
-_AT_ONCE = 20_000
+_CELLS_AT_ONCE = 20_000
 
 # Largest distance of a node from where its counterpart should be, over the body's diagonal
 _MATCHING = 1e-6
@@ -107,8 +107,8 @@ def midpoints_around(space: fem.FunctionSpace) -> Array:
     dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
     sums = la.vector(space.dofmap.index_map, dim + 1)
     sums.array[:] = 0.0
-    for first in range(0, owned, _AT_ONCE):
-        some = slice(first, min(first + _AT_ONCE, owned))
+    for first in range(0, owned, _CELLS_AT_ONCE):
+        some = slice(first, min(first + _CELLS_AT_ONCE, owned))
         middle = mesh.geometry.x[cell_nodes(mesh)[some], :dim].mean(axis=1)
         parts = np.concatenate([middle, np.ones((len(middle), 1))], axis=1)
         cells = space.dofmap.list[some]

@@ -156,7 +156,8 @@ class Interface:
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
-        nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
+        with np.errstate(invalid="ignore"):  # of an infinite coefficient
+            nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
         wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
         self.check_supports(None)

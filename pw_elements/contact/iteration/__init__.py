@@ -21,8 +21,8 @@ from pw_elements.contact.iteration.newton import (
 from pw_elements.contact.iteration.policy import (
     LeftFree,
     Policy,
-    first_active_set,
-    first_unknowns,
+    initial_active_set,
+    initial_unknowns,
     null_space,
     triangle,
 )

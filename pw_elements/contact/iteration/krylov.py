@@ -31,13 +31,13 @@ from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
+    Followers,
     Krylov,
     MatrixFree,
     Multigrid,
     SaddlePoint,
     SingularSystem,
     Supports,
-    Ties,
     collect_garbage,
     connected_pieces,
     destroy,
@@ -56,13 +56,15 @@ _ENOUGH = 6
 _FORCING = 0.02
 # Residual at the end, over the largest nodal contact force, and what each further exact solution
 # takes of it
-_EXACT, _MORE = 1e-11, 0.1
+_EXACT = 1e-11
+_MORE = 0.1
 # Forces over the residual from which on they say anything of the solution
 _KNOWN = 1e-3
 # A true residual over the one asked for that shows round-off at work, as does one that stays
 _STALLED = 2.0
 # Singular values of E (0: held, 1: free): no equation of forces, and held for the preconditioner
-_NONE, _HELD = 1e-9, 0.5
+_NO_FORCE = 1e-9
+_HELD = 0.5
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ class Tied:
     is left of its stated gap is taken out once more.
     """
 
-    def __init__(self, inner: PETSc.PC, ties: Ties, points: NodePoints) -> None:
+    def __init__(self, inner: PETSc.PC, ties: Followers, points: NodePoints) -> None:
         self._inner, self._ties, self._points = inner, ties, points
         self._motion, self._nodal = ties.opposite.createVecLeft(), ties.opposite.createVecRight()
         self._rest = self._nodal.duplicate()
@@ -269,7 +271,7 @@ class Bordered:
 
 
 @dataclass(frozen=True)
-class Anchors:
+class RigidHolds:
     """As many nodes of each connected piece as there are dimensions, far from each other.
 
     Args:
@@ -285,8 +287,8 @@ class Anchors:
     comm: MPI.Comm
 
     @classmethod
-    def of(cls, space: fem.FunctionSpace, nodes: Indices) -> "Anchors":
-        """Anchors among local contact nodes (m,)."""
+    def of(cls, space: fem.FunctionSpace, nodes: Indices) -> "RigidHolds":
+        """Picks the held nodes among local contact nodes (m,)."""
         comm: MPI.Comm = space.mesh.comm
         piece, pieces = connected_pieces(space)
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
@@ -389,7 +391,7 @@ class KrylovTangent:
         # supports that hold all pieces need no help of contact
         elastic, held = self.solver.elastic
         loose = free_motion(elastic, held)
-        self._anchors = Anchors.of(held.space, points.node) if loose else None
+        self._rigid_holds = RigidHolds.of(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
         self._accuracy, self._size = _EXACT, 0.0
@@ -470,10 +472,10 @@ class KrylovTangent:
         left, size, _ = np.linalg.svd(E)
         held, fixed = (
             np.einsum("nak,nk,nbk->nab", left, (size < bound).astype(float), left)
-            for bound in (_HELD, _NONE)
+            for bound in (_HELD, _NO_FORCE)
         )
-        if self._anchors is not None:
-            held = self._anchors.held(held)
+        if self._rigid_holds is not None:
+            held = self._rigid_holds.held(held)
         self._multigrid.hold(self._points.node, held, self._points.scale)
         if self._tied is not None:
             self._tied.hold(held)

@@ -25,7 +25,8 @@ TOLERANCE = 1e-9
 # it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
 # Relative change of friction beside a singular tangent, and of a solution that goes on there
-_BESIDE, _NEAR = 1e-6, 1e-3
+_FRICTION_CHANGE = 1e-6
+_SOLUTION_CHANGE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ class Increment:
         solutions, they have about the same one then; else one runs away, to either side.
         """
         where, beside = counted(active, self.system.comm), []
-        for share in (1 - _BESIDE, 1 + _BESIDE):
+        for share in (1 - _FRICTION_CHANGE, 1 + _FRICTION_CHANGE):
             try:
                 less_or_more = replace(
                     active, slope=share * active.slope, level=share * active.level
@@ -201,7 +202,7 @@ class Increment:
         else:
             less, more = beside
             apart, wrong = (less.full - more.full).norm(), self.violation(less) * TOLERANCE
-            if apart <= _NEAR * less.full.norm() and wrong <= _NEAR:
+            if apart <= _SOLUTION_CHANGE * less.full.norm() and wrong <= _SOLUTION_CHANGE:
                 self.nearest = less, self.violation(less)
                 return NotUnique(
                     f"{error}: no rigid motion is free, so the friction of the {where} is too "
@@ -262,7 +263,10 @@ class Increment:
 
     def _lost(self, now: Iterate) -> tuple[float, float]:
         """Forces that may be nothing but round-off: of displacements, and of coordinates."""
-        lengths = _LOST * np.abs(now.displacement), ROUND_OFF * np.abs(self.interface.position)
+        lengths = (
+            _LOST * np.abs(now.displacement),
+            ROUND_OFF * np.abs(self.interface.position),
+        )
         forces = [(self.system.scale[:, None] * part).max(initial=0.0) for part in lengths]
         moved, placed = np.max(self.system.comm.allgather(forces), axis=0)
         return float(moved), float(placed)

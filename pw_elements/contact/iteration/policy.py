@@ -43,7 +43,9 @@ _NEIGHBOURS = {2: 3, 3: 7}
 _DECIMALS = 9
 # Where the way from a point that pulls to the nearest free one is looked at, the part of it that
 # may be held, and of its length that is gone on by
-_ALONG, _MOST, _SHARE = np.linspace(0.1, 0.9, 9), 0.5, 0.99
+_ALONG = np.linspace(0.1, 0.9, 9)
+_HELD_SHARE = 0.5
+_WAY_SHARE = 0.99
 
 FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in frames, by name
 
@@ -53,9 +55,9 @@ _DIGITS = 10
 _RESCUES = 3
 
 # A gap of this part of the surface's extent counts as closed in a cold start
-_TOUCHING = 1e-9
+_TOUCHING_GAP = 1e-9
 # Stiffness of a motion, over what it would be for an arbitrary one, that is as good as none
-_FREE = 1e-8
+_FREE_STIFFNESS = 1e-8
 # Padding of cells among which that around a point of another mesh is looked for
 _BESIDE = 1e-6
 # Cells whose nodes are looked for, and rows that are factorised, at once, to save memory
@@ -81,7 +83,7 @@ class _Part:
     around: Indices
 
 
-class Edges:
+class EdgeRelease:
     """Lets points at the edge of a contact, or of its sticking part, go as deep again as they pull.
 
     Where a smooth contact is taken for larger than it is, by a length e, the pressure at a distance
@@ -148,8 +150,8 @@ class Edges:
             width, nearest = cKDTree(x[free]).query(x[pulls])
             along = x[pulls][:, None] + _ALONG[:, None] * (x[free][nearest] - x[pulls])[:, None]
             to_rest, to_others = (cKDTree(x[some]).query(along)[0] for some in (rest, ~rest))
-            width[np.mean(to_rest < to_others, axis=1) > _MOST] = 0.0  # no edge
-            found = cKDTree(x).query_ball_point(x[pulls], _SHARE * width)
+            width[np.mean(to_rest < to_others, axis=1) > _HELD_SHARE] = 0.0  # no edge
+            found = cKDTree(x).query_ball_point(x[pulls], _WAY_SHARE * width)
             deep = np.zeros(len(x), dtype=bool)
             deep[np.concatenate(found).astype(np.int64)] = True
             deeper[part.own] = (deep & held & holds)[part.place]
@@ -231,7 +233,7 @@ class LeftFree:
         constraints = equations(active, np.ones(m))[1] @ frame
         rows = np.einsum("nab,nbm->nam", constraints, self.relative).reshape(m * dim, motions)
         held = np.pad(self.held, ((0, 0), (0, motions - self.held.shape[1])))
-        free = null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE)
+        free = null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE_STIFFNESS)
         return self.names(free) if len(free) else []
 
 
@@ -355,7 +357,7 @@ class LastHold:
 class Policy:
     """The next active set, by the law, slowed where it cycles and with its last hold kept."""
 
-    def __init__(self, hold: LastHold, comm: MPI.Comm, edges: Edges | None = None) -> None:
+    def __init__(self, hold: LastHold, comm: MPI.Comm, edges: EdgeRelease | None = None) -> None:
         self._hold, self._comm, self._edges = hold, comm, edges
         self._cycles = Cycles(comm)
 
@@ -364,7 +366,7 @@ class Policy:
         """For the points of an interface; `free_motions` as in `LastHold`."""
         pair, comm = interface.pair, interface.comm
         mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
-        edges = Edges(interface.position, pair, mortar, comm)
+        edges = EdgeRelease(interface.position, pair, mortar, comm)
         hold = LastHold(free_motions, pair, interface.pairs, comm)
         return cls(hold, comm, edges if mortar else None)
 
@@ -417,7 +419,7 @@ def _differs(a: ActiveSet, b: ActiveSet) -> Mask:
     return (a.status != b.status) | turned | steeper
 
 
-def first_active_set(
+def initial_active_set(
     place: Kinematics,
     before: ContactState,
     guess: ContactState | None,
@@ -446,7 +448,7 @@ def first_active_set(
     )
 
 
-def first_unknowns(
+def initial_unknowns(
     before: ContactState, guess: ContactState | None, space: fem.FunctionSpace
 ) -> PETSc.Vec:
     """Unknowns (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
@@ -489,7 +491,7 @@ def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
 def _touching(place: Kinematics) -> ActiveSet:
     """Points that the moved surface reaches; the nearest of each pair in any case."""
     interface: Interface = place.interface
-    gap, near = place.gap, _TOUCHING * interface.extent
+    gap, near = place.gap, _TOUCHING_GAP * interface.extent
     closed = gap <= near
     for k in range(interface.pairs):
         mine = interface.pair == k

@@ -35,65 +35,78 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # What does not count as different
-_SAME = 1e-12
+_EQUAL = 1e-12
 
 
-@dataclass(frozen=True)
 class PointRows:
-    """Rows of the contact points, whose entries are linear in what combines their equations.
+    """Rows E L K + C G - D of the contact points, whose entries are linear in E, C and D.
 
-    Entry e is the sum over k of combination[k][point[e]] times parts[k][e], a column of dim
-    numbers of which `taken` are in the matrix.
+    Each row of a point has all columns that any of its equations and motions have.
 
     Args:
-        point: (entries,), number of the contact point.
-        parts: (entries, dim) each.
-        taken: (values,) entry and component of each value, in the order of the matrix.
+        forces: L K, (m dim, n).
+        motion: G, (m dim, n).
+        borders: (free translations, m dim), ones where a translation moves a point; these are the
+            last columns.
+        own: (m, dim), local number of each row in the matrix, -1 where there is none.
+
+    Attributes:
+        row: (rows,), local number in the matrix.
         pointers: (rows + 1,), where the values of each row begin.
         column: (values,).
-        row: (rows,), local number in the matrix.
     """
 
-    point: Indices
-    parts: list[Array]
-    taken: tuple[Indices, Indices]
-    pointers: Indices
-    column: Indices
-    row: Indices
-
-    @classmethod
-    def of(
-        cls, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
-    ) -> "PointRows":
-        """Rows `own` (m, dim) of a matrix, -1 for none, of E L K + C G - D, as in `Tangent`.
-
-        The columns of D are the last ones.
-        """
-        m, dim = own.shape
-        moved = borders.T.tocsr()
-        last = moved.indices + forces.shape[1] - borders.shape[0]
-        parts = forces, motion, -sp.csr_matrix((moved.data, last, moved.indptr), forces.shape)
-        pattern = sum(_structure(part, np.repeat(np.arange(m), dim), m) for part in parts)
-        pattern.sort_indices()
-        point = np.repeat(np.arange(m), np.diff(pattern.indptr))
-        entry, axis = np.nonzero(own[point] >= 0)
-        row = own[point[entry], axis]
-        order = np.argsort(row, kind="stable")
-        entry, axis = entry[order], axis[order]
-        rows, counts = np.unique(row, return_counts=True)
-        return cls(
-            point,
-            [_blocks(part, pattern, dim) for part in parts],
-            (entry, axis),
-            np.concatenate([[0], np.cumsum(counts)]),
-            pattern.indices[entry],
-            rows,
+    def __init__(
+        self, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
+    ) -> None:
+        (m, dim), n = own.shape, np.int64(forces.shape[1])
+        moved = borders.T.tocoo()
+        last = moved.row, moved.col + n - borders.shape[0]
+        follow = sp.coo_matrix((-moved.data, last), forces.shape)
+        parts = [part.tocoo() for part in (forces, motion, follow)]
+        number = np.repeat(np.arange(3), [part.nnz for part in parts])
+        (point, across), column, value = (
+            np.divmod(np.concatenate([part.row for part in parts]), dim),
+            np.concatenate([part.col for part in parts]),
+            np.concatenate([part.data for part in parts]),
         )
+        # entries of points, in order, and which of them each number of the parts belongs to
+        entries, entry = np.unique(point * n + column, return_inverse=True)
+        count, first = _runs(entries // n, m)
+        flat = np.flatnonzero(own.ravel() >= 0)
+        flat = flat[np.argsort(own.ravel()[flat])]
+        self.row, (at, axis) = own.ravel()[flat], np.divmod(flat, dim)
+        self.pointers = np.concatenate([[0], np.cumsum(count[at])])
+        self.column = (entries % n)[_spans(first[at], count[at])]
+        # and what each of them takes of E, C and D
+        order = np.argsort(point, kind="stable")
+        given, begin = _runs(point, m)
+        taken, times = order[_spans(begin[at], given[at])], given[at]
+        row = np.repeat(self.pointers[:-1] - first[at], times) + entry[taken]
+        place = dim * (np.repeat(axis, times) + dim * (number + 3 * point)[taken]) + across[taken]
+        shape = (len(self.column), m * 3 * dim * dim)
+        self._of_law = sp.csr_matrix((value[taken], (row, place)), shape)
+
+    def values(self, combinations: Array) -> Array:
+        """Values of all entries for E, C and D of each point, (m, 3, dim, dim)."""
+        return np.asarray(self._of_law @ combinations.ravel())
 
     def place(self, first: int) -> list[npt.NDArray]:
         """Pointers, columns and rows for PETSc, in a matrix whose first row here has a number."""
         parts = self.pointers, self.column, first + self.row
         return [part.astype(PETSc.IntType) for part in parts]
+
+
+def _runs(of: Indices, most: int) -> tuple[Indices, Indices]:
+    """Number of times that 0 to `most` - 1 occur, and where each begins if they are in order."""
+    count = np.bincount(of, minlength=most)
+    return count, np.cumsum(count) - count
+
+
+def _spans(first: Indices, count: Indices) -> Indices:
+    """Whole numbers from each first on, as many as are counted, one span after the other."""
+    shift = first - (np.cumsum(count) - count)
+    return np.repeat(shift, count) + np.arange(count.sum())
 
 
 def tangent_rows(
@@ -119,27 +132,6 @@ def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
     rows = sp.csr_matrix((data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + more))
     rows.sort_indices()
     return rows
-
-
-def _structure(rows: sp.csr_matrix, of_point: Indices, points: int) -> sp.csr_matrix:
-    """Positive numbers where any row of a point has an entry, zeros among them: (points, n)."""
-    ones = sp.csr_matrix((np.ones(len(rows.indices)), rows.indices, rows.indptr), rows.shape)
-    gather = sp.csr_matrix(
-        (np.ones(len(of_point)), (of_point, np.arange(len(of_point)))), (points, len(of_point))
-    )
-    return gather @ ones
-
-
-def _blocks(rows: sp.csr_matrix, pattern: sp.csr_matrix, dim: int) -> Array:
-    """Values (entries, dim) of a point's dim rows in the columns of a pattern (points, n)."""
-    width = np.int64(pattern.shape[1])
-    point = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
-    keys = width * point + pattern.indices
-    values = np.zeros((len(keys), dim))
-    row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
-    at = np.searchsorted(keys, width * (row // dim) + rows.indices)
-    values[at, row % dim] = rows.data
-    return values
 
 
 def with_points(
@@ -305,7 +297,7 @@ class ContactSystem:
         fixed, read = tangent_rows(*operators, interface.equation, len(free))
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         borders = border_columns(free, interface.pair, self._own.shape[1])
-        rows = PointRows.of(read, moved, borders, self._own)
+        rows = PointRows(read, moved, borders, self._own)
         border = balance_rows(borders @ read, self.comm)
         matrix = with_points(fixed, rows, border, self.comm)
         enclosed = partial(free_pressure, self.stiffness, reduction, self._own[stated])
@@ -430,12 +422,9 @@ class Tangent:
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
         """As `ContactTangent` says. More than final is by factors of the very matrix."""
         combinations = np.stack([law.E, law.C, law.D], axis=1)
-        values = sum(
-            np.einsum("eab,eb->ea", combinations[self._points.point, k], part)
-            for k, part in enumerate(self._points.parts)
-        )
         pointers, columns, rows = self._place
-        self.matrix.setValuesIJV(pointers, columns, values[self._points.taken], rowmap=rows)
+        values = self._points.values(combinations)
+        self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
         self.matrix.assemble()
         known = self.matrix.createVecRight()
         known.setArray(np.append(right, balance[: self._borders]))
@@ -453,6 +442,6 @@ class Tangent:
         if self._factorised is None:  # no process differs in this
             return None
         size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
-        change = np.abs(combinations - self._factorised) > _SAME * size
+        change = np.abs(combinations - self._factorised) > _EQUAL * size
         rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
         return self.solver.solve_changed(right, rows)

@@ -29,7 +29,7 @@ class PairState:
         gap: (m,), infinite for nodes that nothing faces.
         slip: (m, dim), tangential displacement relative to the surface in this increment;
             zero for open nodes.
-        friction: (m,), Coulomb's mu.
+        friction: (m,), Coulomb's mu; of another law its limit over the normal force.
         status: (m,), OPEN, STICK or SLIP.
         translation: (dim,) of the surface from its initial place.
         force: (dim,), total force of the surface on the body; in axisymmetry sums round the

@@ -244,6 +244,7 @@ def frame(
             "force_tangential": ordered(contact.friction),
             "gap": ordered(contact.gap),
             "slip": ordered(np.where((status == OPEN)[:, None], 0.0, contact.slip)),
+            "friction": ordered(interface.cone.coefficient(contact.pressed)),
             "status": ordered(status),
             "translation": translations[k].copy(),
             "force": ordered(contact.force).sum(axis=0),

@@ -31,14 +31,14 @@ from pw_elements.contact.steps.stepping import (
     checked_callback,
 )
 from pw_elements.progress import bar, doing
-from pw_elements.solvers import LinearSolver, Solver, by_chosen, chosen, collect_garbage
+from pw_elements.solvers import LinearSolver, Solver, auto_solver, collect_garbage, with_fallback
 from pw_elements.spaces import is_hybrid
 
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
-_SAME = 1e-9
+_SAME_PLACE = 1e-9
 
 
 def checked_problem(
@@ -245,7 +245,7 @@ def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
     """Raises ValueError for a state of other contact nodes than a problem's own, or with NaN."""
     alike = len(state.pairs) == len(own.pairs) and all(
         pair.position.shape == mine.position.shape
-        and np.abs(pair.position - mine.position).max() <= _SAME * np.abs(mine.position).max()
+        and np.abs(pair.position - mine.position).max() <= _SAME_PLACE * np.abs(mine.position).max()
         for pair, mine in zip(state.pairs, own.pairs, strict=True)
     )
     if not alike:
@@ -331,7 +331,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping = self._by(chosen(solver, reduction.supports))
+        self._stepping = self._by(auto_solver(solver, reduction.supports))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     def step(
@@ -374,7 +374,7 @@ class ContactProblem:
                 self._stepping = self._by(solver)
             return self._stepping.step(state, load, moved, guess)
 
-        return by_chosen(self._stepping.solver, self._asked, self._supports, stepped)
+        return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
 
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""

@@ -31,6 +31,7 @@ from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import RIGID, Interface
 from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
+from pw_elements.elasticity import facets_in_cells
 
 Array = npt.NDArray[np.float64]
 
@@ -223,15 +224,9 @@ class Exterior:
         """Collects the exterior facets of a space's mesh."""
         mesh, dim = space.mesh, space.mesh.topology.dim
         shape = mesh.ufl_domain().ufl_coordinate_element().basix_element
-        topology = mesh.topology
-        topology.create_connectivity(dim - 1, dim)
-        topology.create_connectivity(dim, dim - 1)
-        facets = exterior_facet_indices(topology)
-        behind = topology.connectivity(dim - 1, dim)
-        cell = behind.array[behind.offsets[facets]]
+        mesh.topology.create_connectivity(dim - 1, dim)
+        cell, side, places = facets_in_cells(space, exterior_facet_indices(mesh.topology))
         on_facet = np.array(basix.topology(shape.cell_type)[dim - 1])
-        own = topology.connectivity(dim, dim - 1).array.reshape(-1, len(on_facet))[cell]
-        side = np.argmax(own == facets[:, None], axis=1)
 
         middles = basix.geometry(shape.cell_type)[on_facet].mean(axis=1)
         x = mesh.geometry.x[cell_nodes(mesh)[cell]][:, :, :dim]
@@ -246,10 +241,9 @@ class Exterior:
             np.array([dofs[0] for dofs in e.entity_dofs[0]])[on_facet][side]
             for e in (shape, element)
         )
-        closure = np.array(element.entity_closure_dofs[dim - 1])[side]
         rows = np.arange(len(cell))[:, None]
         dofs = space.dofmap.list[cell]
-        return cls(dofs[rows, closure], dofs[rows, u_of], x[rows, x_of], outward)
+        return cls(dofs[rows, places], dofs[rows, u_of], x[rows, x_of], outward)
 
     @property
     def size(self) -> Array:

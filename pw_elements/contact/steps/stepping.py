@@ -45,8 +45,8 @@ from pw_elements.contact.iteration import (
     Policy,
     Reference,
     contact_state,
-    first_active_set,
-    first_unknowns,
+    initial_active_set,
+    initial_unknowns,
     newton,
 )
 from pw_elements.contact.model import (
@@ -407,7 +407,7 @@ class Stepping:
         """The state at a target, in one piece."""
         increment, place, policy = self._begun(state, target, guess)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
-        active = first_active_set(place, state, guess, rigid.left_free)
+        active = initial_active_set(place, state, guess, rigid.left_free)
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
             now = newton(increment, active, place, policy(), self._most, told)
@@ -438,7 +438,7 @@ class Stepping:
         increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
         policy = partial(Policy.of, rigid.left_free, interface)
         translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
-        system.start(lambda: first_unknowns(state, guess, self._whole), translations)
+        system.start(lambda: initial_unknowns(state, guess, self._whole), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
