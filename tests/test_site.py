@@ -147,7 +147,7 @@ def test_sheets_have_all_that_their_texts_ask_for():
         pytest.skip(f"results are incomplete: {sheets.incomplete[0]}")
     assert all("\n## Verdicts\n" in page for page in pages[:-1])
     assert "\n## Alternatives\n" in pages[-1]
-    assert "What to use when" in sheets.decision()
+    assert "What the new element changes, by purpose" in sheets.decision()
 
 
 def test_mathematics_of_statements_is_set():
