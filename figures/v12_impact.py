@@ -22,7 +22,7 @@ WINDOW = 0.1  # of time, over which total forces are averaged
 
 def draw(results: Results) -> Figure:
     """Panels: mean pressures of inner nodes in order; total force; error of the frequency."""
-    fig, (pressures, total, order) = plt.subplots(1, 3, figsize=(FULL, 2.9))
+    fig, (pressures, total, order) = plt.subplots(1, 3, figsize=(FULL, 2.5))
     for scheme, (label, element, dashes) in SERIES.items():
         look = {"color": LOOK[element]["color"], "linestyle": dashes, "lw": 1.1}
         bar = results.curves(BAR.format(scheme))

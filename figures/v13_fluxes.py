@@ -22,7 +22,7 @@ NEEDS += [f"V13/graded-{way}-{n}" for way in WAYS for n in SIZES[1:]] + [TREFFTZ
 
 def draw(results: Results) -> Figure:
     """Panels: fluxes along a side of the square, through the wall, largest errors there."""
-    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.8))
+    fig, axes = plt.subplots(1, 3, figsize=(FULL, 2.3))
     for ax, name, axis in ((axes[0], SQUARE, 0), (axes[1], WALL, 1)):
         for way, look in WAYS.items():
             curves = results.curves(name.format(way))
