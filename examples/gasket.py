@@ -55,7 +55,7 @@ left.set(ylim=(-4, 75), xlabel="r [mm]", ylabel="z [mm]", title="Displacements Ã
 for state, name in zip(states, ("bolted", "under pressure"), strict=True):
     fields = ContactFields.of(state, joint)
     (own,), (opposite,), (contact,) = fields.surfaces, fields.opposite, state.pairs
-    on_gasket, on_flange = own.pressure(contact.force_normal), opposite.seen(contact).pressure
+    on_gasket, on_flange = own.pressure(contact.force_normal), opposite.results(contact).pressure
     (line,) = right.plot(own.position[:, 0], on_gasket, ".-", label=f"gasket, {name}")
     right.plot(opposite.surface.position[:, 0], on_flange, "o", mfc="none", c=line.get_color(),
                label=f"flange, {name}")

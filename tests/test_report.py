@@ -467,9 +467,7 @@ def test_first_page_gives_the_numbers_of_the_results(sheets):
     edge = [100 * stored(f"V2/line-{kind}-T6", "error_pressure_own") for kind in both]
     slip = [100 * stored(f"V10/mindlin-{kind}-T10-4", "shear_error_common_rms") for kind in both]
     spheres = [100 * stored(f"V11/spheres-{way}-dual-5", "pressure_l2") for way in ("p2", "pw")]
-    steps = [
-        stored(f"V12/bar-3d-{mass}-7", "critical_step_over_h") for mass in ("hrz", "sibling")
-    ]
+    steps = [stored(f"V12/bar-3d-{mass}-7", "critical_step_over_h") for mass in ("hrz", "sibling")]
     for expected in (
         f"gets {stored('7.2/galerkin-T6', 'sawtooth'):.2f} times",
         f"{edge[0]:.2f} % {edge[1]:.2f} %",

@@ -65,6 +65,7 @@ QUICK = [
     "V10/sphere-transferred-T10-3",
     "V10/punch-galerkin-T10-2",
     "V10/mindlin-pw-T10-2",
+    "V10/mindlin-pw-T10-8",
     "V11/patch-3d-pw-dual",
     "V11/overhang-2d-p2-dual",
     "V11/hertz-2d-p2-p1-4",
