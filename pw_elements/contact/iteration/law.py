@@ -29,6 +29,7 @@ c magnifies, let rows of nodes jump from one direction to the other and back.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -105,25 +106,25 @@ class Contact:
     cone: Cone
     scale: Array
 
-    @property
+    @cached_property
     def pressing(self) -> Array:
         """p, (n,); minus infinity for nodes which nothing faces."""
         return self.force[:, 0] - self.scale * self.gap
 
-    @property
+    @cached_property
     def shearing(self) -> Array:
         """s, (n, dim - 1)."""
         return self.force[:, 1:] - self.scale[:, None] * self.slip
 
-    @property
-    def limit(self) -> Array:
-        """Limits of friction l(max(0, p)), (n,)."""
-        return self.cone.limit(np.maximum(0.0, self.pressing))[0]
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Limits of friction l(max(0, p)), (n,), and their slopes, (n,)."""
+        return self.cone.limit(np.maximum(0.0, self.pressing))
 
     def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
         """The linearisation of F here; with regard to the one before, if it is given."""
         p, s = self.pressing, self.shearing
-        size, radius = np.linalg.norm(s, axis=1), self.limit
+        size, radius = np.linalg.norm(s, axis=1), self.limits[0]
         slipping = (p > 0) & (size >= radius)
         if before is not None:
             slipping &= ~(np.sum(s * before.direction, axis=1) < 0)
@@ -138,7 +139,7 @@ class Contact:
         """F, (n, dim), forces: zero at a solution."""
         p, s = self.pressing, self.shearing
         normal = self.force[:, :1] - np.maximum(0.0, p)[:, None]
-        return np.hstack([normal, self.force[:, 1:] - projected(s, self.limit)])
+        return np.hstack([normal, self.force[:, 1:] - projected(s, self.limits[0])])
 
 
 def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> ActiveSet:

@@ -249,7 +249,7 @@ class Increment:
         moved, placed = self._lost(now)
         pressed = contact.force[:, :1] > placed
         gap = np.where(np.isfinite(contact.gap), contact.gap, 0.0)
-        slope = contact.cone.limit(np.maximum(0.0, contact.pressing))[1]
+        slope = contact.limits[1]
         excused = slope * contact.scale * np.abs(gap)  # friction's limit has the gap
         lost = np.where(pressed, excused[:, None], placed) + np.zeros_like(wrong)
         lost[:, 0] = placed

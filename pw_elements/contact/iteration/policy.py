@@ -124,7 +124,7 @@ class EdgeRelease:
         """The new set, in which more points let go next to those that have done so."""
         shear = contact.shearing
         size = np.linalg.norm(shear, axis=1)
-        excess = size - contact.limit
+        excess = size - contact.limits[0]
         sticking_, closed = old.status == STICK, old.status != OPEN
         slips = self._beside(sticking_, new.status == STICK, excess) & contact.cone.rough
         slips &= size > 0

@@ -11,6 +11,7 @@ rise with r_n: so the slope at zero bounds it, and the cone of that slope holds 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -100,10 +101,15 @@ class Cone:
 
     def limit(self, force: Array) -> tuple[Array, Array]:
         """Largest tangential forces (m,) beside normal forces (m,), and their slopes (m,)."""
-        parts = np.split(force, np.cumsum([len(at) for at in self.at])[:-1])
-        each = [law.limit(*given) for law, *given in zip(self.laws, self.at, parts, strict=True)]
-        limits, slopes = zip(*each, strict=True)
+        pairs = zip(self.laws, self.at, self._parts, strict=True)
+        limits, slopes = zip(*(law.limit(at, force[part]) for law, at, part in pairs), strict=True)
         return np.concatenate(limits), np.concatenate(slopes)
+
+    @cached_property
+    def _parts(self) -> list[slice]:
+        """Where the pairs' points are."""
+        ends = np.cumsum([0, *map(len, self.at)])
+        return [slice(*part) for part in pairwise(ends)]
 
     def coefficient(self, force: Array) -> Array:
         """The limit over normal forces (m,); its slope at zero where there is none."""
