@@ -131,9 +131,17 @@ def _block(page: HTML5Translator, node: nodes.Element) -> None:
     raise nodes.SkipNode
 
 
+def _back(app: Sphinx, page: str, template: str, context: dict[str, str], tree: object) -> None:
+    """Point sources' links at names as their pages have them, which may be of another face."""
+    if page.startswith("_modules/"):
+        link = r"(reference/([\w.]+?)\.(\w+)\.html#)[\w.]+?\.\3(?=[.\"])"
+        context["body"] = re.sub(link, r"\1\2.\3", context["body"])
+
+
 def setup(app: Sphinx) -> None:
     """Add what Sphinx does not do by itself."""
     ways = {"inline_renderers": (_inline, None), "block_renderers": (_block, None)}
     app.add_html_math_renderer("mathml", **ways)
     app.connect("autodoc-process-docstring", readable, priority=100)
     app.connect("autodoc-process-signature", short_types)
+    app.connect("html-page-context", _back)

@@ -214,7 +214,7 @@ class _Sheets(Texts):
     def decision(self) -> str:
         """Return the table of what to use when, for a page beside the evidence's folder."""
         self.numbers = {}
-        return _raw(self.text("decision").replace('href="', 'href="evidence/'))
+        return _raw(str(self.text("decision")).replace('href="', 'href="evidence/'))
 
     def _facts(self, section: str) -> str:
         sheet = HEADS.get(section, {})
