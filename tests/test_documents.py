@@ -9,7 +9,10 @@ from dolfinx import fem, mesh
 
 import pw_elements.algebra
 from study.judge.claims import GRADES, PAPER, load_claims
+from study.judge.facts import load_facts
+from study.judge.measures.beam import computed_ratio, exact_ratio
 from study.paper.items import TABLE_2
+from tests.computed_results import ComputedResults
 
 PROJECT = Path(__file__).parents[1]
 CENTRE = 0.0736713  # of -Δu = 1 on the unit square with u = 0 around, the classical value
@@ -54,9 +57,19 @@ def test_the_readme_counts_the_statements_as_they_are_graded():
     first, _, others = counts.partition(" ")
     readme = " ".join((PROJECT / "README.md").read_text().split())
     assert f"Of {len(grades)} statements of the paper, {first} are {others}." in readme
+    assert f"They rest on {len(load_facts())} independent facts." in readme
 
 
 def test_the_readme_has_the_differences_of_table_2():
     lower = [100 * (1 - TABLE_2["6-node user element"][i] / TABLE_2["CPS6"][i]) for i in (0, 1)]
     readme = " ".join((PROJECT / "README.md").read_text().split())
     assert "in the paper's Table 2 it is lower by {:.1f} % and {:.1f} %".format(*lower) in readme
+
+
+def test_the_readme_has_the_computed_differences_of_critical_stresses(tmp_path):
+    results = ComputedResults(tmp_path)
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    lower = [-computed_ratio(results, "pw-T6", "galerkin-T6", mode) for mode in (1, 2)]
+    exact = [-exact_ratio(results, "G", "euler", mode) for mode in (1, 2)]
+    assert "lower the critical stress by {:.1g} % and {:.1g} %".format(*lower) in readme
+    assert "the exact plane-stress values are {:.0f} % and {:.0f} % lower".format(*exact) in readme

@@ -468,6 +468,9 @@ def test_first_page_gives_the_numbers_of_the_results(sheets):
     slip = [100 * stored(f"V10/mindlin-{kind}-T10-4", "shear_error_common_rms") for kind in both]
     spheres = [100 * stored(f"V11/spheres-{way}-dual-5", "pressure_l2") for way in ("p2", "pw")]
     steps = [stored(f"V12/bar-3d-{mass}-7", "critical_step_over_h") for mass in ("hrz", "sibling")]
+    total = [stored(f"V10/sphere-{kind}-T10-5", "force_error") for kind in both]
+    assert edge[1] / edge[0] == pytest.approx(0.5, abs=0.05)  # "about half"
+    assert total[1] / total[0] == pytest.approx(2, abs=0.2)  # "about twice as far off"
     for expected in (
         f"gets {stored('7.2/galerkin-T6', 'sawtooth'):.2f} times",
         f"{edge[0]:.2f} % {edge[1]:.2f} %",
