@@ -149,22 +149,24 @@ _ROOT = Path(__file__).parents[2]
 
 # What tests the study's own sections, and those of the paper that have no file of their own
 _TESTED = {
-    "2": ("paper/test_s4", "test_mechanics", "test_eigen"),
+    "2": ("paper/test_s4", "library/test_mechanics", "library/test_eigen"),
     "I": ("paper/test_s1",),
-    "T": ("test_t_proof", "test_recovery", "test_properties_elements"),
-    "C": ("test_convergence",),
-    **dict.fromkeys(("V1", "V2", "V3"), ("test_verification_static", "test_oracle")),
-    **dict.fromkeys(("V4", "V5", "V6", "V7"), ("test_verification_friction", "test_oracle")),
-    "V8": ("test_vibration", "test_oracle"),
-    "V9": ("test_explicit",),
-    "V10": ("test_verification_space", "test_oracle_random"),
-    "V11": ("test_verification_mortar", "test_contact_mortar"),
-    "V12": ("test_impact",),
-    "V13": ("test_fluxes",),
-    "V14": ("test_verification_residual",),
-    "V15": ("test_verification_rubber", "test_hybrid"),
-    "P": ("test_peers",),
-    "K": ("test_iterative", "test_contact_iterative"),
+    "T": ("library/test_t_proof", "library/test_recovery", "library/test_properties_elements"),
+    "C": ("study/test_convergence",),
+    **dict.fromkeys(("V1", "V2", "V3"), ("study/test_verification_static", "oracle/test_sections")),
+    **dict.fromkeys(
+        ("V4", "V5", "V6", "V7"), ("study/test_verification_friction", "oracle/test_sections")
+    ),
+    "V8": ("study/test_vibration", "oracle/test_sections"),
+    "V9": ("study/test_explicit",),
+    "V10": ("study/test_verification_space", "oracle/test_random_small"),
+    "V11": ("study/test_verification_mortar", "contact/test_mortar"),
+    "V12": ("contact/test_impact",),
+    "V13": ("library/test_fluxes",),
+    "V14": ("study/test_verification_residual",),
+    "V15": ("study/test_verification_rubber", "library/test_hybrid"),
+    "P": ("study/test_peers",),
+    "K": ("library/test_iterative", "contact/test_iterative"),
 }
 
 

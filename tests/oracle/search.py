@@ -16,7 +16,7 @@ the program's multipliers say why: a combination of the conditions that is negat
     sum (normal r_n + shear r_t + gap g + slip v) + sum total (R - P) = -1,
 
 while each term is positive or zero by the law, or zero by balance. Where all branches are closed
-no state exists. That is arithmetic, and is checked as such by `tests/contact_proofs.py`: round-off
+no state exists. That is arithmetic, and is checked as such by `tests/oracle/proofs.py`: round-off
 could undo it only at motions that are `HUGE` times those of the loads.
 """
 

@@ -1,6 +1,6 @@
 import pytest
 
-from tests.computed_results import ComputedResults
+from tests.study.computed_results import ComputedResults
 
 
 @pytest.fixture(scope="session")

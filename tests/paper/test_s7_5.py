@@ -27,7 +27,7 @@ from tests.oracle.problem import (
     sorted_nodes,
     without_inner_nodes,
 )
-from tests.oracle_sections import converged, points
+from tests.oracle.sections import converged, points
 from tests.paper.statements import judged, printed
 
 test_statement = judged("7.5")

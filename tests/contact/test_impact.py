@@ -1,0 +1,331 @@
+"""Central differences with contact against known answers, and the study's section V12."""
+
+from dataclasses import replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Sibling,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    critical_step,
+    lumped_mass,
+    prescribe,
+)
+from pw_elements.contact import (
+    STICK,
+    ContactFields,
+    ContactPair,
+    ContactProblem,
+    Plane,
+    solve_contact,
+    solve_impact,
+    write,
+)
+from pw_elements.contact.model import Cone, Coulomb, MatchingNodes
+from pw_elements.contact.steps.impact import nodal_contact
+from pw_elements.elasticity import StressState
+from pw_elements.meshes import mapped, triangles
+from study.matrices import dense
+from study.verification import v12_impact
+from study.verification.c_mesh_families import on_strip
+from tests.contact.cases import at
+
+FLOOR = Plane((0.0, 0.0), (0.0, 1.0))
+
+
+class Thrown:
+    """A block 2 x 1 on the sibling, free to fly."""
+
+    def __init__(self, E=50.0, comm=MPI.COMM_SELF):
+        def uneven(x):
+            return np.column_stack([x[:, 0] + 0.05 * np.sin(3 * x[:, 0]), x[:, 1:]])
+
+        mesh = mapped(triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3)), uneven)
+        self.body = Body(Spaces.galerkin(mesh), Material(E, 0.3), StressState.PLANE_STRAIN)
+        self.space = self.body.spaces.trial
+        self.sibling = Sibling.of(self.space)
+        self.K = self.sibling.matrix(assemble_matrix(self.body.stiffness()))
+        M = self.sibling.matrix(assemble_matrix(self.body.mass()))
+        self.M = lumped_mass(M, self.space)
+        self.mass = self.M.getDiagonal().array.copy()
+        self.total = self.mass[::2].sum()
+        self.free = self.sibling.dirichlet([])
+
+    def even(self, vector):
+        """The same velocity or displacement of all nodes."""
+        found = self.K.createVecRight()
+        found.array.reshape(-1, 2)[:] = vector
+        return found
+
+    def weight(self, gravity):
+        return self.sibling.load(assemble_vector(self.body.body_load(gravity)))
+
+    def fly(self, duration, velocity, mu=0.0, **stated):
+        floor = ContactPair(at(1, 0.0), FLOOR, mu)
+        velocity = velocity if isinstance(velocity, PETSc.Vec) else self.even(velocity)
+        return solve_impact(
+            self.K, self.M, self.free, floor, self.space, duration, velocity, **stated
+        )
+
+
+BLOCK = Thrown()
+
+
+def test_free_flight_is_a_parabola():
+    velocity, gravity = np.array([0.3, 2.0]), np.array([0.0, -0.5])
+    history = BLOCK.fly(1.7, velocity, load=BLOCK.weight(gravity))
+    t = history.time[-1]
+    moved = history.displacement.array.reshape(-1, 2)
+    assert moved == pytest.approx(np.tile(velocity * t + gravity * t**2 / 2, (len(moved), 1)))
+    assert not history.pairs[0].force.any()
+    assert history.energies.imbalance < 1e-12
+
+
+def test_momentum_changes_by_the_impulses_and_energy_by_the_work():
+    gravity = np.array([0.2, -1.0])
+    history = BLOCK.fly(3.0, (1.0, -0.7), 0.4, load=BLOCK.weight(gravity))
+    dt, steps = history.step, len(history.time) - 1
+    momentum = (BLOCK.mass * history.velocity.array).reshape(-1, 2).sum(axis=0)
+    pushes = history.pairs[0].total.sum(axis=0) * dt
+    # half a step of the load less, for velocities at half steps
+    falls = BLOCK.total * gravity * dt * (steps - 0.5)
+    assert momentum == pytest.approx(BLOCK.total * np.array([1.0, -0.7]) + pushes + falls)
+    energies = history.energies
+    assert energies.imbalance < 1e-12
+    assert energies.normal_work[-1] < -1e-3
+    assert energies.friction_work[-1] < -0.1 * energies.total[0]
+    assert np.all(
+        np.abs(history.pairs[0].force[..., 0]) <= 0.4 * history.pairs[0].force[..., 1] + 1e-12
+    )
+
+
+def test_rough_plane_stops_a_block_after_v2_over_2_mu_g():
+    mu, gravity, speed = 0.2, 1.0, 0.5
+    block = Thrown(E=5e4)
+    weight = block.weight((0.0, -gravity))
+    # it starts as it rests on the plane under its weight, rollers at a corner holding it
+    roller = block.sibling.dirichlet(
+        [prescribe(block.space, 0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))]
+    )
+    rests = solve_contact(block.K, weight, roller, ContactPair(at(1, 0.0), FLOOR), block.space)[0]
+    stop = speed / (mu * gravity)
+    history = block.fly(
+        1.3 * stop,
+        (speed, 0.0),
+        mu,
+        load=weight,
+        displacement=rests.displacement,
+        frames=1,
+    )
+    u = history.displacement.array - rests.displacement.array
+    travel = (block.mass * u)[::2].sum() / block.total
+    assert travel == pytest.approx(speed**2 / (2 * mu * gravity), rel=0.01)
+    velocity = (block.mass * history.velocity.array)[::2].sum() / block.total
+    assert abs(velocity) < 0.01 * speed
+    sliding = history.time[:-1] < 0.9 * stop
+    drag = -history.pairs[0].total[sliding, 0].mean()
+    assert drag == pytest.approx(mu * gravity * block.total, rel=0.01)
+    assert (history.frames[0].pairs[0].status == STICK).all()
+
+
+def test_forces_are_those_seen_from_a_train():
+    """A body that is thrown at a plane at rest, and a plane that is driven into a resting body."""
+    velocity = np.array([0.6, -0.8])
+    thrown = BLOCK.fly(1.5, velocity, 0.3)
+    driven = BLOCK.fly(1.5, (0.0, 0.0), 0.3, paths=lambda time: -velocity * time)
+    size = np.abs(thrown.pairs[0].force).max()
+    assert driven.pairs[0].force == pytest.approx(thrown.pairs[0].force, abs=1e-9 * size)
+    assert driven.energies.imbalance < 1e-12
+    assert driven.energies.normal_work[-1] > 0.1
+    assert driven.pairs[0].translation[-1] == pytest.approx(-velocity * driven.time[-1])
+
+
+@pytest.mark.parametrize("scheme", ["hrz", "sibling"])
+def test_bar_moves_as_computed_by_hand(scheme):
+    """The loop of section V12's scheme `pw` shares no code with the library's."""
+    found = v12_impact.Scheme.of(scheme, on_strip("", 0.25))
+    held = found.walls([1.0])
+    library, other = v12_impact._by_library(found, held), v12_impact._by_hand(found, held)
+    assert library.critical_step == pytest.approx(other.critical_step, rel=1e-8)
+    assert library.energy == pytest.approx(other.energy, rel=1e-8)
+    rows = len(other.force)
+    assert library.force[:rows] == pytest.approx(other.force, abs=1e-6 * other.force.max())
+
+
+def test_critical_step_is_that_of_the_highest_frequency():
+    held = BLOCK.sibling.dirichlet([prescribe(BLOCK.space, 0, at(0, 0.0))])
+    R = dense(held.right)
+    values = scipy.linalg.eigvalsh(R.T @ dense(BLOCK.K) @ R, R.T @ dense(BLOCK.M) @ R)
+    assert critical_step(BLOCK.K, BLOCK.M, held) == pytest.approx(2 / np.sqrt(values[-1]))
+
+
+def test_law_holds_at_random_points():
+    rng = np.random.default_rng(3)
+    n, step = 2000, 0.1
+    normal = rng.normal(size=(n, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    motion, shift = rng.normal(size=(2, n, 3))
+    gap, mass, mu = rng.normal(size=n), rng.uniform(1, 9, n), rng.choice([0.0, 0.3, 2.0], n)
+    gap[:50] = np.inf
+    cone = Cone([Coulomb(0.0)], [mu])
+    found = nodal_contact(motion, gap, normal, shift, np.zeros((n, 3), bool), mass, cone, step)
+    after = motion + step**2 * found.force / mass[:, None]
+    reached = gap + np.sum(normal * after, axis=1)
+    slip = after - shift - np.sum(normal * (after - shift), axis=1)[:, None] * normal
+    size, limit = np.linalg.norm(found.friction, axis=1), mu * found.pressed
+    assert (found.pressed >= 0).all()
+    assert reached.min() > -1e-12
+    assert found.gap == pytest.approx(reached, abs=1e-12)
+    assert np.minimum(found.pressed, reached) == pytest.approx(0.0, abs=1e-12)
+    assert (size <= limit * (1 + 1e-12)).all()
+    slides = np.linalg.norm(slip, axis=1)
+    closed = found.pressed > 0
+    assert found.slip == pytest.approx(slip, abs=1e-12)
+    work = np.sum(found.friction * slip, axis=1)
+    assert work == pytest.approx(-limit * slides, abs=1e-9)
+    assert 0 < (slides[closed] < 1e-12).sum() < closed.sum()
+
+
+def test_held_directions_know_no_friction():
+    """A block between smooth walls on a plane that runs away below it."""
+    walls = BLOCK.sibling.dirichlet([prescribe(BLOCK.space, 0, lambda x: x[0] > -1)])
+    floor = ContactPair(at(1, 0.0), FLOOR, 0.5)
+    history = solve_impact(
+        BLOCK.K,
+        BLOCK.M,
+        walls,
+        floor,
+        BLOCK.space,
+        1.0,
+        BLOCK.even((0.0, -1.0)),
+        paths=[lambda time: (time, 0.0)],
+    )
+    assert history.pairs[0].force[..., 1].max() > 0
+    assert not history.pairs[0].force[..., 0].any()
+
+
+def test_frames_are_written(tmp_path):
+    history = BLOCK.fly(1.0, (0.3, -1.0), 0.2, frames=4)
+    assert len(history.frames) == 4
+    assert history.frame_times[-1] == pytest.approx(history.time[-1])
+    write(tmp_path / "thrown.bp", history.frames, BLOCK.body, history.frame_times)
+    assert (tmp_path / "thrown.bp").exists()
+    fields = ContactFields.of(history.frames[-1], BLOCK.body)
+    true = BLOCK.sibling.displacement(history.displacement)
+    assert fields.displacement.x.array == pytest.approx(true.array)
+    (pair,) = history.frames[-1].pairs
+    assert pair.force_vector == pytest.approx(history.pairs[0].force[-1])
+    with pytest.raises(ValueError, match="is no solution"):
+        solve_contact_from(history.frames[-1])
+
+
+def solve_contact_from(state):
+    problem = ContactProblem(BLOCK.K, BLOCK.free, ContactPair(at(1, 0.0), FLOOR), BLOCK.space)
+    return problem.step(state, BLOCK.weight((0.0, -1.0)))
+
+
+def refused(**changed):
+    stated = {
+        "K": BLOCK.K,
+        "M": BLOCK.M,
+        "reduction": BLOCK.free,
+        "pairs": ContactPair(at(1, 0.0), FLOOR),
+        "space": BLOCK.space,
+        "duration": 1.0,
+        "velocity": BLOCK.even((0.0, -1.0)),
+    }
+    solve_impact(**{**stated, **changed})
+
+
+def new_element():
+    mesh = BLOCK.body.spaces.mesh
+    body = Body(Spaces.petrov_galerkin(mesh), Material(50.0, 0.3), StressState.PLANE_STRAIN)
+    return assemble_matrix(body.stiffness())
+
+
+def uneven_mass():
+    M = BLOCK.M.copy()
+    diagonal = M.getDiagonal()
+    diagonal.array[::2] *= 2
+    M.setDiagonal(diagonal)
+    return M
+
+
+def without_mass():
+    M = BLOCK.M.copy()
+    M.zeroEntries()
+    return M
+
+
+def condensed():
+    return replace(BLOCK.free, inner=BLOCK.K)
+
+
+REFUSED = {
+    "unsymmetric": (lambda: {"K": new_element()}, "complex.*grow.*Sibling"),
+    "full mass": (lambda: {"M": BLOCK.K}, "not diagonal"),
+    "no mass": (lambda: {"M": without_mass()}, "not positive"),
+    "uneven mass": (lambda: {"M": uneven_mass()}, "components differ"),
+    "long step": (lambda: {"step": 10.0}, "stable up to"),
+    "no step": (lambda: {"step": 0.0}, "has to be positive"),
+    "no time": (lambda: {"duration": np.nan}, "finite number"),
+    "frames": (lambda: {"frames": 1.5}, "whole number"),
+    "paths": (lambda: {"paths": [None, None]}, "2 paths for 1 contact pairs"),
+    "no path": (lambda: {"paths": [1.0]}, "has to be a function of time"),
+    "path": (lambda: {"paths": [lambda _: (1.0,)]}, "path of contact pair 0"),
+    "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
+    "failing load": (lambda: {"load": lambda _: 1 / 0}, "the load failed"),
+    "infinite load": (lambda: {"load": BLOCK.even((np.inf, 0.0))}, "load.*not finite"),
+    "condensation": (lambda: {"reduction": condensed()}, "no condensation"),
+    "matching": (
+        lambda: {"pairs": ContactPair(at(1, 0.0), MatchingNodes(at(1, 1.0), FLOOR))},
+        "not of two bodies",
+    ),
+    "inside": (lambda: {"displacement": BLOCK.even((0.0, -0.1))}, "would be shot out"),
+    "driven in": (lambda: {"paths": lambda _: (0.0, 0.1)}, "would be shot out"),
+    "velocity": (lambda: {"velocity": BLOCK.even((np.nan, 0.0))}, "velocity is not finite"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_impact_is_refused(name):
+    changed, words = REFUSED[name]
+    with pytest.raises((TypeError, ValueError), match=words):
+        refused(**changed())
+
+
+def test_standard_element_needs_a_positive_mass():
+    K, M = assemble_matrix(BLOCK.body.stiffness()), assemble_matrix(BLOCK.body.mass())
+    with pytest.raises(ValueError, match="no positive lumped mass"):
+        lumped_mass(M, BLOCK.space)
+    with pytest.raises(ValueError, match="not diagonal"):
+        critical_step(K, M, Reduction.dirichlet(BLOCK.space, []))
+
+
+def test_bar_in_space_has_even_pressure_on_the_sibling_alone():
+    even = v12_impact.bar("sibling", 3, 3).scalars
+    assert even["pressure_min"] > 0.99
+    assert even["pressure_max"] < 1.01
+    assert even["open_share"] == 0
+    assert 0.97 < even["energy_end"] <= 1
+    uneven = v12_impact.bar("hrz", 3, 3).scalars
+    assert uneven["force_min"] < 0.1 * even["force_min"]
+    # by own weights its mid-sides have the pressure, too, and its corners none
+    assert uneven["pressure_error_common_max"] < 0.2
+    assert "pressure_error_alone_max" in even
+    assert "pressure_error_alone_max" not in uneven
+    assert uneven["open_share"] > 0.05
+
+
+def test_unsymmetric_stiffness_gains_energy():
+    assert v12_impact.bar("pw", 2, 8).scalars["energy_end"] > 1.2

@@ -1,0 +1,186 @@
+"""What is told while a computation runs: loggers, the user's function, a line on a terminal."""
+
+import logging
+import os
+import pty
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pw_elements import assemble_matrix, vibration_modes
+from pw_elements.contact import OPEN, SLIP, STICK, ContactProblem, solve_contact
+from pw_elements.progress import bar
+from tests.contact.cases import Block
+
+PROJECT = Path(__file__).parents[2]
+BLOCK = Block(8)
+
+
+def solved(callback=None):
+    loads = [0.01 * load for load in BLOCK.pulled(60.0, 2)]  # small displacements
+    pair = BLOCK.pair(0.3)
+    return solve_contact(BLOCK.K, loads, BLOCK.free, [pair], BLOCK.space, callback=callback)
+
+
+def test_the_log_has_a_line_for_each_increment_and_iteration(caplog):
+    with caplog.at_level(logging.DEBUG, "pw_elements"):
+        states = solved()
+    mine = [record for record in caplog.records if record.name == "pw_elements.contact"]
+    increments = [r.getMessage() for r in mine if r.levelno == logging.INFO]
+    iterations = [r.getMessage() for r in mine if r.levelno == logging.DEBUG]
+    assert len(increments) == 3
+    assert len(iterations) == sum(state.iterations for state in states)
+    for k, (line, state) in enumerate(zip(increments, states, strict=True)):
+        status = state.pairs[0].status
+        count = [np.count_nonzero(status == which) for which in (OPEN, STICK, SLIP)]
+        assert line.startswith(f"increment {k}: {state.iterations} iterations, {count[0]} open, ")
+        assert f"{count[1]} stick, {count[2]} slip, residual " in line
+        assert f"LU by mumps, {state.report.factorisations} factorisations" in line
+    assert iterations[0].startswith("increment 0: iteration 1: ")
+    factors = [r for r in caplog.records if r.name == "pw_elements.linear_solver"]
+    assert len(factors) == sum(state.report.factorisations for state in states)
+
+
+def test_eigenvalue_problems_are_logged(caplog):
+    M = assemble_matrix(BLOCK.body.mass())
+    with caplog.at_level(logging.INFO, "pw_elements"):
+        vibration_modes(BLOCK.K, M, BLOCK.free, 4)
+    (line,) = [r.getMessage() for r in caplog.records if r.name == "pw_elements.eigen"]
+    assert line.startswith(f"4 eigenvalues of {BLOCK.K.getSize()[0]} unknowns: ")
+
+
+def test_the_callback_sees_iterations_and_increments():
+    seen = []
+    states = solved(seen.append)
+    ends = [event for event in seen if event.state is not None]
+    assert [event.state for event in ends] == states
+    assert len(seen) == sum(state.iterations + 1 for state in states)
+    assert [event.increment for event in ends] == [0, 1, 2]
+    nodes = len(states[0].pairs[0].status)
+    for event in seen:
+        assert event.open + event.stick + event.slip == nodes
+    for event, state in zip(ends, states, strict=True):
+        status = state.pairs[0].status
+        assert event.stick == np.count_nonzero(status == STICK)
+        assert event.slip == np.count_nonzero(status == SLIP)
+        assert (event.iteration, event.violation <= 1) == (state.iterations, True)
+    first = [event for event in seen if event.increment == 0]
+    assert [event.iteration for event in first[:-1]] == list(range(1, len(first)))
+    assert first[0].violation > 1e3
+    alone = solved()
+    for state, other in zip(states, alone, strict=True):
+        assert np.array_equal(state.displacement.array_r, other.displacement.array_r)
+
+
+def test_a_callback_that_raises_ends_the_computation():
+    class Enough(Exception):
+        pass
+
+    def once(event):
+        if event.state is not None:
+            raise Enough(str(event))
+
+    with pytest.raises(Enough, match=r"\d+ open, \d+ stick, \d+ slip"):
+        solved(once)
+    problem = ContactProblem(
+        BLOCK.K, BLOCK.free, BLOCK.pair(0.3), BLOCK.space, callback=lambda _: 1 / 0
+    )
+    with pytest.raises(ZeroDivisionError):
+        problem.step(problem.undeformed, BLOCK.pressure)
+    with pytest.raises(ValueError, match="callback: list in place of a function"):
+        solved([])
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+def test_what_fails_on_one_process_ends_all_and_one_speaks():
+    command = ["mpirun", "-n", "2", sys.executable, "-m", "tests.contact.progress_parallel"]
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
+    assert run.returncode == 0, run.stderr
+    said = run.stdout.splitlines()
+    assert sorted(line for line in said if "Enough" in line) == [
+        "0 Enough enough",
+        "1 Enough enough",
+    ]
+    assert sorted(line for line in said if "More" in line) == [
+        "0 More one and two",
+        "1 RuntimeError More: one and two",
+    ]
+    assert sorted(line for line in said if "called" in line) == ["0 called True", "1 called True"]
+    told = [line for line in said if "increment" in line]
+    assert len(told) > 2
+    assert all(line.startswith("0 increment 0: ") for line in told)
+
+
+PROGRAM = """
+import logging, sys
+if "log" in sys.argv:
+    logging.basicConfig(level=logging.INFO)
+if "warnings" in sys.argv:
+    logging.basicConfig()
+if "silent" in sys.argv:
+    logging.getLogger("pw_elements").setLevel(logging.ERROR)
+if "null" in sys.argv:
+    logging.getLogger("pw_elements").addHandler(logging.NullHandler())
+from pw_elements import assemble_matrix, solve, vibration_modes
+from tests.contact.test_progress import BLOCK, solved
+vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.free, 4)
+solved(lambda event: None)
+"""
+
+
+def on_a_terminal(*arguments):
+    """What the program writes to a terminal."""
+    terminal, end = pty.openpty()
+    command = [sys.executable, "-c", PROGRAM, *arguments]
+    with subprocess.Popen(command, cwd=PROJECT, stderr=end, stdout=subprocess.DEVNULL) as run:
+        os.close(end)
+        written = b""
+        while True:
+            try:
+                part = os.read(terminal, 4096)
+            except OSError:  # the program has closed it
+                break
+            if not part:
+                break
+            written += part
+    os.close(terminal)
+    assert run.returncode == 0, written
+    return written.decode()
+
+
+@pytest.mark.parametrize("words", [(), ("warnings",)])
+def test_a_line_on_a_terminal_says_what_is_done_and_goes(words):
+    written = on_a_terminal(*words)
+    lines = written.split("\r\x1b[K")
+    size = BLOCK.K.getSize()[0]
+    for expected in (
+        f"4 eigenvalues of {size} unknowns",
+        f"LU by mumps of {size} unknowns",
+        "|--------------------| 0/3, contact increment 0, iteration 1",
+        "|#############-------| 2/3, contact increment 2",
+    ):
+        assert any(line.startswith(expected) for line in lines), expected
+    assert lines[-1] == ""  # nothing stays
+    assert "\n" not in written
+
+
+@pytest.mark.parametrize("word", ["log", "silent", "null"])
+def test_no_line_where_the_log_speaks_or_is_to_be_silent(word):
+    written = on_a_terminal(word)
+    assert "\x1b[K" not in written
+    assert ("INFO:pw_elements.contact:increment 2: " in written) == (word == "log")
+
+
+def test_nothing_is_written_where_there_is_no_terminal():
+    command = [sys.executable, "-c", PROGRAM]
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
+    assert (run.stdout, run.stderr) == ("", "")
+
+
+def test_bars():
+    assert bar(0, 4) == "|--------------------| 0/4"
+    assert bar(4, 4) == "|####################| 4/4"

@@ -1,0 +1,128 @@
+from decimal import Decimal, getcontext
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pw_elements.contact import (
+    FlatPunch,
+    Motion,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+)
+from tests.contact.polyline import Polyline
+
+RANDOM = np.random.default_rng(5)
+
+# walked from left to right: the body is above; a step up (re-entrant, then sticking out) and a tip
+STEP = [(-2.0, 0.0), (0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, -1.0)]
+
+SURFACES = {
+    "plane": Plane((1.0, 2.0), (1.0, -3.0)),
+    "plane in space": Plane((1.0, 2.0, 3.0), (1.0, -3.0, 2.0)),
+    "circle": Sphere((0.5, -0.2), 0.3),
+    "sphere": Sphere((0.5, -0.2, 1.0), 0.3),
+    "flat punch": FlatPunch((0.0, 1.0), (0.0, -2.0), 10.0),
+    "line": Polyline(STEP),
+    "rounded line": Polyline(STEP, 0.2),
+    "signed distance": SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - 1),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_normal_is_the_gradient_of_the_gap(name):
+    surface = SURFACES[name]
+    dim = 3 if "sp" in name and "signed" not in name else 2
+    x = RANDOM.uniform(-3, 3, (200, dim))
+    normal = surface.normal(x)
+    assert np.linalg.norm(normal, axis=1) == pytest.approx(1)
+    h = 1e-5
+    gradient = np.stack(
+        [(surface.gap(x + h * e) - surface.gap(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=1
+    )
+    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1) < 1e-4  # not across a medial line
+    assert smooth.mean() > 0.98
+    assert normal[smooth] == pytest.approx(gradient[smooth], abs=1e-4)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.2])
+def test_gap_to_a_broken_line(radius):
+    line = Polyline(STEP, radius)
+    far = [(-30.0, 0.0), *STEP[1:-1], (2.0 + 20, -1.0 - 40)]
+    samples = np.concatenate([np.linspace(a, b, 20001) for a, b in pairwise(far)])
+    gap = line.gap(samples)
+    assert gap.min() > -1e-12  # rounding takes material away
+    assert gap.max() == pytest.approx(radius * (np.sqrt(2) - 1), rel=1e-3)
+    x = RANDOM.uniform(-3, 3, (300, 2))
+    nearest = np.array([np.linalg.norm(samples - p, axis=1).min() for p in x])
+    deviation = line.gap(x) - np.sign(line.gap(x)) * nearest
+    assert np.all(deviation > -3e-3)
+    assert np.all(deviation < radius * 0.42 + 3e-3)
+
+
+def test_corners_that_stick_out_push_towards_the_point():
+    assert Polyline(STEP).gap(np.array([[-0.3, 1.4]])) == pytest.approx(0.5)
+    assert Polyline(STEP).normal(np.array([[-0.3, 1.4]])) == pytest.approx(np.array([[-0.6, 0.8]]))
+    assert Polyline(STEP).gap(np.array([[0.2, 0.9], [-1.0, -3.0]])) == pytest.approx([-0.1, -3.0])
+    assert Polyline(STEP).gap(np.array([[0.3, -0.4]])) == pytest.approx(-0.5)
+
+
+def test_parabola_measures_along_its_axis():
+    x = np.array([[1.0, 0.5], [2.0, 0.0]])
+    for radius, side in ((4.0, 1.0), (-4.0, -1.0)):
+        gap = Parabola((0.0, 1.0), radius).gap(x)
+        assert gap == pytest.approx(side * (1 + x[:, 0] ** 2 / (2 * radius) - x[:, 1]))
+        assert Parabola((0.0, 1.0), radius).normal(x) == pytest.approx(
+            np.tile([0.0, -side], (2, 1))
+        )
+    bowl = Parabola((0.0, 0.0, 0.0), 2.0)
+    assert bowl.gap(np.array([[1.0, 2.0, -1.0]])) == pytest.approx(5 / 4 + 1)
+
+
+def test_flat_punch_ends_at_its_edge():
+    punch = FlatPunch((1.0, 2.0, 0.0), (0, 0, -1), 0.5)
+    x = np.array([[1.5, 2.0, -0.1], [1.51, 2.0, -0.1], [1.3, 2.3, 0.0], [1.4, 2.4, 0.0]])
+    assert punch.gap(x) == pytest.approx([0.1, np.inf, 0.0, np.inf])
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Plane((0, 0), (0, 0)), "finite length"),
+        (lambda: Parabola((0, 0), 0.0), "radius = 0"),
+        (lambda: Sphere((0, 0), -1.0), "has to be positive"),
+        (lambda: FlatPunch((0, 0), (0, 1), 0.0), "half_width"),
+        (lambda: Sphere((0, 0), 1.0).normal(np.zeros((1, 2))), "normal .* is not defined"),
+        (lambda: Motion((0, 0), (1,)), "differ in length"),
+    ],
+)
+def test_surfaces_that_are_none(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_small_gaps_to_large_spheres_keep_their_digits(dim, side):
+    """Against fifty digits: |y| - R in double precision would lose all digits but a few."""
+    radius = 2.0**20
+    ball = Sphere([*[0.5] * (dim - 1), side * radius], radius)
+    rng = np.random.default_rng(3)
+    x = 0.5 + rng.uniform(-1, 1, (20, dim))
+    x[:, -1] = rng.uniform(-1e-6, 1e-6, 20)
+    getcontext().prec = 50
+    for place, gap in zip(x, ball.gap(x), strict=True):
+        y = [Decimal(a) - Decimal(c) for a, c in zip(place, ball.centre, strict=True)]
+        exact = sum((a * a for a in y), Decimal(0)).sqrt() - Decimal(radius)
+        assert abs(Decimal(gap) - exact) < Decimal("1e-21")
+
+
+def test_gap_to_a_sphere_everywhere():
+    rng = np.random.default_rng(4)
+    for dim in (2, 3):
+        centre, x = rng.normal(size=dim), rng.normal(size=(200, dim)) * 3
+        distance = np.linalg.norm(x - centre, axis=1) - 1.5
+        assert Sphere(centre, 1.5).gap(x) == pytest.approx(distance, abs=1e-14)
+        assert Sphere(centre, 1.5).gap(np.array([centre])) == pytest.approx([-1.5])

@@ -1,0 +1,469 @@
+"""Small displacements are watched, surfaces stay outside, residuals do not cry wolf."""
+
+import logging
+from dataclasses import replace
+from itertools import pairwise
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    FlatPunch,
+    Motion,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+    SurfacePassed,
+    solve_contact,
+)
+from pw_elements.contact.iteration import results
+from pw_elements.contact.model import Smallness
+from pw_elements.contact.steps.smallness import Exterior, Gradients
+from pw_elements.elasticity import StressState
+from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from tests.contact.cases import Block, Punch, at
+from tests.contact.polyline import Polyline
+from tests.contact.test_matching import Blocks
+from tests.oracle.random_contact import outcome
+
+BLOCK = Block(16)  # 4 x 2, on a clamped base in these tests
+FOOT = Reduction.dirichlet(
+    BLOCK.space, [prescribe(BLOCK.space, axis, at(1, 0.0)) for axis in (0, 1)]
+)
+BALL = Sphere((2, 3), 1)
+PLATE = Plane((0, 2), (0, -1))
+
+
+def driven(surface, *motions, friction=0.0):
+    """States of the block under a surface that takes these translations."""
+    motions = [m if isinstance(m, Motion) else Motion(m) for m in motions]
+    loads = [BLOCK.K.createVecLeft()] * len(motions)
+    pair = ContactPair(at(1, 2.0), surface, friction, motions)
+    return solve_contact(BLOCK.K, loads, FOOT, [pair], BLOCK.space)
+
+
+# -- strain and rotation ---------------------------------------------------------------------
+
+
+def bent(x):
+    """Smooth and invertible on the unit square and cube."""
+    return x + 0.08 * np.sin(2 * x[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
+
+
+def distorted(mesh):
+    return mapped(mesh, bent)
+
+
+def flat(build):
+    return build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 3))
+
+
+def cube(cell):
+    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2), cell)
+
+
+SPACES = {
+    "triangles": lambda: Spaces.galerkin(distorted(flat(triangles))),
+    "curved triangles": lambda: Spaces.petrov_galerkin(curved(flat(triangles), bent)),
+    "quadrilaterals": lambda: Spaces.petrov_galerkin(distorted(flat(quadrilaterals))),
+    "8 nodes": lambda: Spaces.serendipity(flat(quadrilaterals)),
+    "composite": lambda: Spaces.composite(distorted(flat(triangles))),
+    "tetrahedra": lambda: Spaces.petrov_galerkin(distorted(cube(CellType.tetrahedron))),
+    "hexahedra": lambda: Spaces.galerkin(distorted(cube(CellType.hexahedron))),
+}
+
+
+def in_space(space, field):
+    """Vector of the nodal values of a field of positions (n, 3), (n, dim)."""
+    owned = space.dofmap.index_map.size_local
+    values = field(space.tabulate_dof_coordinates()[:owned])[:, : space.mesh.geometry.dim]
+    return PETSc.Vec().createWithArray(np.ascontiguousarray(values).ravel(), comm=MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_uniform_gradients_are_met_exactly(name):
+    """Uniaxial, a small turn, and any others: against the norms of the parts by NumPy."""
+    space = SPACES[name]().trial
+    dim = space.mesh.geometry.dim
+    gradients, rng = Gradients(space), np.random.default_rng(8)
+    turn = np.zeros((3, 3))
+    turn[:2, :2] = [[0.0, -1e-3], [1e-3, 0.0]]
+    along = np.zeros((3, 3))
+    along[0, 0] = -0.02
+    for A in [along, turn, *rng.normal(size=(5, 3, 3))]:
+        strain, rotation = gradients.largest(in_space(space, lambda x, A=A: x @ A.T + 7.0))
+        part = A[:dim, :dim]
+        assert strain == pytest.approx(np.linalg.norm(part + part.T, 2) / 2, abs=1e-12)
+        assert rotation == pytest.approx(np.linalg.norm(part - part.T, 2) / 2, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["triangles", "tetrahedra"])
+def test_quadratic_displacements_are_largest_at_vertices(name):
+    space = SPACES[name]().trial
+    dim = space.mesh.geometry.dim
+    rng = np.random.default_rng(3)
+    B = rng.normal(size=(dim, dim, dim))
+    B = B + np.swapaxes(B, 1, 2)
+    strain, rotation = Gradients(space).largest(
+        in_space(space, lambda x: np.einsum("ijk,nj,nk->ni", B, x[:, :dim], x[:, :dim]) / 2)
+    )
+    gradient = np.einsum("ijk,nj->nik", B, space.mesh.geometry.x[:, :dim])
+    both = [gradient + side * np.swapaxes(gradient, 1, 2) for side in (1, -1)]
+    exact = [np.linalg.norm(part, 2, axis=(1, 2)).max() / 2 for part in both]
+    assert (strain, rotation) == pytest.approx(tuple(exact), rel=1e-10)
+
+
+def test_what_is_largest_within_a_cell_is_seen():
+    """A bubble, whose gradient is zero at the vertices of the one cell that it fills."""
+    mesh = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1))
+    space = Spaces.galerkin(mesh).trial
+
+    def bubble(x):
+        return np.outer(x[:, 0] * (1 - x[:, 0]) * x[:, 1] * (1 - x[:, 1]), [1.0, 0.0, 0.0])
+
+    strain, rotation = Gradients(space).largest(in_space(space, bubble))
+    x, y = np.meshgrid(*[np.linspace(0, 1, 201)] * 2)
+    along, across = (1 - 2 * x) * y * (1 - y), (1 - 2 * y) * x * (1 - x)
+    largest = (np.abs(along) + np.hypot(along, across)).max() / 2
+    assert 0.7 * largest < strain <= largest
+    assert 0.7 * np.abs(across).max() / 2 < rotation <= np.abs(across).max() / 2
+
+
+def test_a_turned_body_is_turned_by_its_angle():
+    """The theory's rotation is the sine of the angle, and strains are cosine - 1."""
+    space = SPACES["curved triangles"]().trial
+    angle = 0.01
+    c, s = np.cos(angle) - 1, np.sin(angle)
+    turned = in_space(space, lambda x: x @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 0]]).T)
+    assert Gradients(space).largest(turned) == pytest.approx((-c, s), rel=1e-9)
+
+
+# -- what states report ----------------------------------------------------------------------
+
+
+def pressed_evenly(shorter, aside):
+    """A block on rollers, shortened by a plate of friction 0 that also moves aside."""
+    sides = [prescribe(BLOCK.space, 1, at(1, 0.0)), prescribe(BLOCK.space, 0, at(0, 0.0))]
+    pair = ContactPair(at(1, 2.0), PLATE, 0.0)
+    problem = ContactProblem(BLOCK.K, Reduction.dirichlet(BLOCK.space, sides), pair, BLOCK.space)
+    return problem, Motion((aside, -shorter))
+
+
+def test_states_report_strain_rotation_and_slip():
+    """Uniaxial stress: strain d/h, no rotation; the plate slips along and the block widens."""
+    problem, motion = pressed_evenly(0.02, -0.3)
+    state = problem.step(problem.undeformed, BLOCK.K.createVecLeft(), [motion])
+    widened = 0.3 * 0.01 * 4
+    edge = 4 / 16
+    expected = Smallness(0.01, 0.0, (0.3 + widened) / edge)
+    assert vars(state.smallness) == pytest.approx(vars(expected), abs=1e-12)
+    rested = problem.step(state, BLOCK.K.createVecLeft(), [motion])
+    assert rested.smallness.slip == pytest.approx(0.0, abs=1e-12)  # of this increment
+    lifted = problem.step(rested, BLOCK.K.createVecLeft(), [Motion((3.0, 1.0))])
+    assert lifted.smallness.slip == 0.0  # of what touches
+
+
+def test_matching_nodes_slip_away_from_their_partners():
+    """They keep them, so that all slip counts that there ever was."""
+    blocks = Blocks()
+    problem = blocks.problem(blocks.pair(0.0))
+    state, slips = problem.undeformed, []
+    for aside in (0.02, 0.05):
+        state = problem.step(state, blocks.load((0.0, -0.1)), [Motion((aside, 0.0))])
+        (pair,) = state.pairs
+        relative = np.abs(pair.displacement[:, 0] - aside).max()
+        assert state.smallness.slip == pytest.approx(relative * 3)  # edges of 1/3
+        slips.append(state.smallness.slip)
+    assert slips[1] == pytest.approx(0.15, rel=0.1)
+
+
+def test_leaving_the_range_is_logged_once(caplog):
+    with caplog.at_level(logging.WARNING, "pw_elements.contact"):
+        driven(PLATE, (0, -0.001), (0, -0.2), (0, -0.25), (0, 0.0), friction=0.3)
+    (record,) = caplog.records
+    assert record.name == "pw_elements.contact"
+    message = record.getMessage()
+    assert message.startswith("increment 1 leaves the range of small displacements: largest strain")
+    assert "(above 0.05)" in message
+
+
+# -- surfaces that pass through --------------------------------------------------------------
+
+ROUND = SignedDistance(lambda x: (x[:, 0] - 2) ** 2 + (x[:, 1] - 3) ** 2 - 1)
+TIP = Polyline([(6, 4), (2, 2), (-2, 4)])
+HALVES = [(0, -0.1 * k) for k in range(1, 25)]
+
+PASSED = {
+    "ball pulls": (BALL, [(0, -1.1)], "passes through .* nodes at .1.125, 2., .1.25, 2"),
+    "ball is below": (BALL, [(0, -2.2)], "passes through"),
+    "ball is far below": (BALL, [(0, -1e3)], "passes through"),
+    "ball in steps": (BALL, HALVES, "passes through .* nodes at .2, 2.;"),
+    "ball in fine steps": (BALL, [(0, -0.93 - 0.02 * k) for k in range(9)], "outwards|passes"),
+    "ball from afar": (BALL, [(0, 20), (0, -2.2)], "passes through"),
+    "ball goes through sideways": (BALL, [(-4, -1), (4, -1.5)], "passes through"),
+    "level set": (ROUND, [(0, -2.2)], "passes through"),
+    "plate": (PLATE, [(0, -10)], "whole thickness .* at .0, 2., .0.125, 2."),
+    "plate just through": (PLATE, [(0, -2.001)], "whole thickness"),
+    "slanted plate": (Plane((0, 2), (0.3, -1)), [(0, -3)], "whole thickness"),
+    "flat punch": (FlatPunch((2, 2), (0, -1), 1), [(0, -3)], "whole thickness"),
+    "parabola": (Parabola((2, 2), 1), [(0, -3)], "whole thickness"),
+    "tip": (TIP, [(0, -3)], "whole thickness"),
+}
+
+
+@pytest.mark.parametrize("name", PASSED)
+def test_surfaces_do_not_pass_through(name):
+    surface, motions, message = PASSED[name]
+    with pytest.raises(SurfacePassed, match="contact pair 0 .*" + message) as caught:
+        driven(surface, *motions)
+    assert len(caught.value.states) < len(motions)
+
+
+def test_a_surface_that_goes_through_by_force_is_found():
+    """Nothing says beforehand where a force takes it."""
+    slack = Material(1.0, 0.3)
+    body = Body(BLOCK.body.spaces, slack, StressState.PLANE_STRESS)
+    K = assemble_matrix(body.stiffness())
+    pair = ContactPair(at(1, 2.0), PLATE, 0.0, [Motion((0, None), (0, -50.0))])
+    with pytest.raises(SurfacePassed, match="whole thickness"):
+        solve_contact(K, K.createVecLeft(), FOOT, [pair], BLOCK.space)
+
+
+ALLOWED = {
+    "deep": (PLATE, [(0, -1.9)]),
+    "far along": (PLATE, [(1e4, -0.1)]),
+    "lifted far": (PLATE, [(0, -0.1), (100, 1e5), (0, -0.1)]),
+    "ball rolls by": (BALL, [(20, -0.01), (-30, -0.01), (0, -0.01)]),
+    "ball comes from afar": (BALL, [(0, 1e5), (0, -0.01)]),
+    "ball passes over the corner": (BALL, [(-3, -0.1), (0, -0.1)]),
+    "ball goes round the side": (BALL, [(10, 0), (10, -10), (0, -10)]),
+    "level set": (ROUND, [(5, -0.3), (-5, -0.3), (0, -0.3)]),
+    "punch slides off": (FlatPunch((2, 2), (0, -1), 1), [(0, -0.1), (1.5, -0.1), (9, -5)]),
+    "tip ploughs": (TIP, [(-1, -0.2), (1, -0.2)]),
+    "parabola": (Parabola((2, 2), 4), [(50, -0.1), (-50, -0.1), (0, -0.1)]),
+}
+
+
+@pytest.mark.parametrize("name", ALLOWED)
+def test_surfaces_may_go_where_they_like_outside(name):
+    surface, motions = ALLOWED[name]
+    states = driven(surface, *motions, friction=0.3)
+    assert len(states) == len(motions)
+    assert all(state.residuals.largest() < 1e-10 for state in states)
+
+
+def test_a_body_may_go_along_as_far_as_it_likes():
+    """Between two plates that both move by twenty heights."""
+    pairs = [
+        ContactPair(at(1, 2.0), PLATE, 0.3, [Motion((0, -40.01))]),
+        ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 0.3, [Motion((0, -40.0))]),
+    ]
+    (state,) = solve_contact(BLOCK.K, BLOCK.K.createVecLeft(), BLOCK.free, pairs, BLOCK.space)
+    assert state.smallness.strain < 0.01
+    assert state.pairs[0].displacement[:, 1] == pytest.approx(-40.01)
+
+
+def test_a_surface_may_go_where_the_body_was():
+    """A ball comes under a block that has been lifted by its supports."""
+    lifted = [prescribe(BLOCK.space, axis, at(1, 0.0), 5.0 * axis) for axis in (0, 1)]
+    pair = ContactPair(at(1, 2.0), BALL, 0.3, [Motion((20, 0)), Motion((0, -2.2))])
+    states = solve_contact(
+        BLOCK.K,
+        [BLOCK.K.createVecLeft()] * 2,
+        Reduction.dirichlet(BLOCK.space, lifted),
+        [pair],
+        BLOCK.space,
+    )
+    assert not states[-1].pairs[0].status.any()
+
+
+def test_a_slender_beam_may_bend_by_more_than_its_height():
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (40.0, 1.0), (40, 2))
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.PLANE_STRESS)
+    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    wall = Reduction.dirichlet(space, [prescribe(space, axis, at(0, 0.0)) for axis in (0, 1)])
+
+    def top(x):
+        return np.isclose(x[1], 1.0) & (x[0] > 30.0)
+
+    pair = ContactPair(top, Sphere((38.0, 2.0), 1.0), 0.0, [Motion((0, -8.0))])
+    with pytest.raises(SurfacePassed):  # gap and normal are taken where the beam was
+        solve_contact(K, K.createVecLeft(), wall, [pair], space)
+    pair = ContactPair(top, Plane((40, 1), (-0.05, -1)), 0.0, [Motion((0, -3.0))])
+    (state,) = solve_contact(K, K.createVecLeft(), wall, [pair], space)
+    assert state.residuals.largest() < 1e-8
+    assert state.smallness.strain < 0.01
+
+
+@pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
+def test_thickness_in_space(cell):
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (2, 2, 1)], (4, 4, 2), cell)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.SOLID)
+    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    foot = Reduction.dirichlet(space, [prescribe(space, axis, at(2, 0.0)) for axis in range(3)])
+
+    def pushed(surface, depth):
+        pair = ContactPair(at(2, 1.0), surface, 0.0, [Motion((0, 0, -depth))])
+        return solve_contact(K, K.createVecLeft(), foot, [pair], space)
+
+    plate, ball = Plane((0, 0, 1), (0, 0, -1)), Sphere((1, 1, 1.5), 0.5)
+    assert pushed(plate, 0.9)[0].smallness.strain > 0.9
+    with pytest.raises(SurfacePassed, match="whole thickness"):
+        pushed(plate, 1.01)
+    assert pushed(ball, 0.02)
+    for depth in (0.6, 1.6, 10.0):
+        with pytest.raises(SurfacePassed, match="passes through"):
+            pushed(ball, depth)
+
+
+EXITS = {
+    "triangles": lambda: flat(triangles),
+    "quadrilaterals": lambda: flat(quadrilaterals),
+    "tetrahedra": lambda: cube(CellType.tetrahedron),
+    "hexahedra": lambda: cube(CellType.hexahedron),
+}
+
+
+@pytest.mark.parametrize("name", EXITS)
+def test_rays_leave_through_the_other_side(name):
+    """Of the unit square or cube: against its faces' equations, and a linear field there."""
+    mesh = EXITS[name]()
+    dim = mesh.geometry.dim
+    space = Spaces.galerkin(mesh).trial
+    exterior, rng = Exterior.of(space), np.random.default_rng(6)
+    B = rng.normal(size=(dim, dim))
+    moved = (space.tabulate_dof_coordinates()[:, :dim] @ B.T)[exterior.vertices]
+    left = 0
+    for _ in range(200):
+        origin, direction = rng.uniform(0.01, 0.99, dim), rng.normal(size=dim)
+        axis = rng.integers(dim)
+        origin[axis] = 0.0
+        direction[axis] = rng.uniform(1.0, 4.0)
+        direction /= np.linalg.norm(direction)
+        ways = np.where(direction > 0, 1 - origin, -origin) / direction
+        length, there = exterior.exit(origin, direction, moved)
+        if np.abs(direction[ways.argmin()]) > 0.6:
+            left += 1
+            assert length == pytest.approx(ways.min())
+            assert there == pytest.approx(B @ (origin + length * direction))
+        else:
+            assert length == np.inf
+    assert 50 < left < 200
+
+
+def test_thickness_is_that_of_the_piece_that_is_pushed():
+    """Of two slabs, half a thickness apart; what lies behind a surface or beyond is no matter."""
+    blocks = Blocks(gap=0.5)
+    held = [prescribe(blocks.space, axis, at(1, y)) for axis in (0, 1) for y in (0.0, 1.5)]
+    foot = Reduction.dirichlet(blocks.space, held)
+
+    def pushed(level, depth):
+        pair = ContactPair(at(1, level), Plane((0, level), (0, -1)), 0.0, [Motion((0, -depth))])
+        return solve_contact(blocks.K, blocks.K.createVecLeft(), foot, [pair], blocks.space)
+
+    for level in (1.0, 2.5):
+        assert pushed(level, 0.9)[0].smallness.strain > 0.9
+        with pytest.raises(SurfacePassed, match="whole thickness"):
+            pushed(level, 1.1)
+
+
+def test_ways_through_the_body_by_brute_force():
+    """Random ways of balls above and below the top: a dense sampling of each says the same."""
+    rng = np.random.default_rng(1)
+    problem = ContactProblem(BLOCK.K, FOOT, ContactPair(at(1, 2.0), BALL), BLOCK.space)
+    x = problem.undeformed.pairs[0].position[1:-1]  # sides of the block see the outermost ones
+    found = []
+    for _ in range(60):
+        way = rng.uniform((-3, -3), (3, 0.2))
+        centres = np.array([2.0, 3.0]) + np.linspace(0, 1, 4001)[:, None] * way
+        away = x[:, None] - centres
+        distance = np.linalg.norm(away, axis=2)
+        inside = 1 - distance
+        outwards = away[:, :, 1] / distance
+        clearly = np.any((inside > 0.05) & (outwards > 0.2))
+        hardly = np.any((inside > 0) & (outwards > 0.1))
+        message = ""
+        try:
+            driven(BALL, tuple(way))
+        except SurfacePassed as error:
+            message = str(error)
+        passed = "passes through" in message or "outwards" in message
+        assert passed >= clearly
+        assert passed <= hardly
+        found.append(passed)
+    assert 10 < sum(found) < 50
+
+
+# -- residuals of unloaded states ------------------------------------------------------------
+
+# Of the 1 600 random problems those in which a state without contact force had residuals above
+# 1e-8, up to 0.08, when these were measured with its own force and displacement
+UNLOADED = (
+    *(194, 219, 280, 429, 434, 621, 659, 718, 780, 856, 905, 931, 999, 1003, 1025, 1075),
+    *(1103, 1197, 1211, 1213, 1280),
+)
+
+
+@pytest.mark.random
+@pytest.mark.parametrize("seed", UNLOADED)
+def test_unloaded_states_have_small_residuals(seed):
+    result = outcome(seed)
+    unloaded = [
+        own
+        for own, pressed in zip(result["library"], result["pressed"], strict=True)
+        if pressed < 1e3
+    ]
+    assert unloaded
+    assert max(unloaded) <= 1e-8
+
+
+def test_histories_carry_their_scale(tmp_path):
+    """Pressed, and released by a ten-thousandth at a time until nothing is left."""
+    case = Punch()
+    problem = ContactProblem(
+        case.K, case.foot, ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6), case.space
+    )
+    depths, states = (-0.2, -0.1, -1e-5, -1e-9, -1e-13, 0.0, 5.0, -0.05), [problem.undeformed]
+    for depth in depths:
+        motion = [Motion((0.01 if depth < -0.01 else 0.0, depth))]
+        states.append(problem.step(states[-1], case.K.createVecLeft(), motion))
+    for before, after in pairwise(states):
+        assert after.scale.force >= before.scale.force
+        assert after.residuals.largest() < 1e-10
+    largest = np.hypot(
+        states[1].pairs[0].force_normal, np.abs(states[1].pairs[0].force_tangential[:, 0])
+    ).max()
+    assert states[-1].scale.force == pytest.approx(largest)
+    assert states[-1].scale.length < 0.3  # not the way through the air
+    problem.save(states[-2], tmp_path / "lifted.npz")
+    read = problem.load(tmp_path / "lifted.npz")
+    assert (read.scale, read.smallness) == (states[-2].scale, states[-2].smallness)
+
+
+def test_a_wrong_state_after_unloading_is_still_told(monkeypatch):
+    """What is left when one node is given a force of a millionth of the largest there was."""
+    case = Punch()
+    problem = ContactProblem(
+        case.K, case.foot, ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6), case.space
+    )
+    nothing = case.K.createVecLeft()
+    pressed = problem.step(problem.undeformed, nothing, [Motion((0, -0.2))])
+    measured = results._residuals
+
+    def wrong(increment, now, force, length):
+        forces = now.contact.force.copy()
+        forces[0, 0] -= 1e-6 * force
+        now = replace(now, contact=replace(now.contact, force=forces))
+        return measured(increment, now, force, length)
+
+    monkeypatch.setattr(results, "_residuals", wrong)
+    state = problem.step(pressed, nothing, [Motion((0, 1.0))])
+    assert state.residuals.tension == pytest.approx(1e-6)

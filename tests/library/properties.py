@@ -1,0 +1,133 @@
+"""What the property-based tests share: small problems, dense matrices and bounds of round-off."""
+
+import functools
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    prescribe,
+    reactions,
+    solve,
+)
+from tests.library.random_meshes import Grid, Placement
+
+METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
+
+
+def dense(matrix):
+    indptr, indices, data = matrix.getValuesCSR()
+    return sp.csr_matrix((data, indices, indptr), shape=matrix.getSize()).toarray()
+
+
+def assert_small(error, bound):
+    """Every number below the bound, none of them NaN."""
+    largest = np.abs(error).max(initial=0.0)
+    assert largest <= bound, f"{largest:.3g} exceeds {bound:.3g}"
+
+
+def terms(A):
+    """Most entries in a row: a sum of n terms errs by up to n round-offs of their absolute sum."""
+    return np.count_nonzero(A, axis=1).max()
+
+
+def rigid_modes(x):
+    """Translations and rotations about the middle (n, dim, modes) of nodes x (n, dim)."""
+    n, dim = x.shape
+    s = x - x.mean(axis=0)
+    s = s / np.abs(s).max()
+    planes = [(i, j) for i in range(dim) for j in range(i)]
+    modes = np.zeros((n, dim, dim + len(planes)))
+    modes[:, :, :dim] = np.eye(dim)
+    for k, (i, j) in enumerate(planes):
+        modes[:, i, dim + k], modes[:, j, dim + k] = -s[:, j], s[:, i]
+    return modes
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """A body on a placed grid, its stiffness and nodes; numbers may be in any unit."""
+
+    grid: Grid
+    placement: Placement = field(default_factory=Placement)
+    method: str = "pw"
+    state: str = "plane stress"
+    material: Material = field(default_factory=lambda: Material(1.0, 0.3))
+
+    @functools.cached_property
+    def placed(self):
+        return self.grid.moved(self.placement.point)
+
+    @functools.cached_property
+    def body(self):
+        return Body(METHODS[self.method](self.placed.mesh()), self.material, self.state)
+
+    @functools.cached_property
+    def space(self):
+        return self.body.spaces.trial
+
+    @functools.cached_property
+    def K(self):
+        return assemble_matrix(self.body.stiffness())
+
+    @functools.cached_property
+    def x(self):
+        """Nodes (n, dim)."""
+        return self.space.tabulate_dof_coordinates()[:, : self.grid.dim]
+
+    @functools.cached_property
+    def round_off(self):
+        return self.placed.round_off()
+
+    def side(self, axis, value=0.0):
+        return self.placement.side(axis, value)
+
+    def clamped(self, axis=0):
+        held = [prescribe(self.space, i, self.side(axis)) for i in range(self.grid.dim)]
+        return Reduction.dirichlet(self.space, held)
+
+    def solved(self, force):
+        """Displacements, reactions and loads (n, dim) under a body force, a side held."""
+        f = assemble_vector(self.body.body_load(force))
+        a = solve(self.K, f, self.clamped())
+        vectors = (a, reactions(self.K, a, f), f)
+        return tuple(v.array.reshape(-1, self.grid.dim) for v in vectors)
+
+    def error_of_forces(self, a):
+        """Bound of the error of a nodal force K a, and of what a direct solver leaves of one."""
+        K = np.abs(dense(self.K))
+        return len(K) * self.round_off * (K @ np.abs(a.ravel())).max()
+
+    def error_of_solution(self, reduction, a, f, round_off=None):
+        """Bounds of the errors of a displacement and of a nodal force, from round-off of data.
+
+        With entries of K and f wrong by a relative d the solution is wrong by at most
+        |K^-1| (d |K||a| + d |f|), component by component (R. D. Skeel 1979); the forces K a by
+        |K| times that and d |K||a|.
+        """
+        A, full = dense(reduction.matrix(self.K)), np.abs(dense(self.K))
+        d = terms(full) * (self.round_off if round_off is None else round_off)
+        wrong = d * (full @ np.abs(a.ravel()) + np.abs(f.ravel()))
+        free = dense(reduction.right).T @ wrong
+        moved = np.abs(np.linalg.inv(A)) @ free
+        return moved.max(), (full @ dense(reduction.right) @ moved + wrong).max()
+
+
+def eigenvalue_error(A, B, which, wrong_A, wrong_B):
+    """An eigenvalue of A d = mu B d, and how far it moves if A and B are wrong by these norms.
+
+    First order: |y|(|dA| + |mu||dB|)|x| / |y B x| with the left and right eigenvectors y and x.
+    """
+    mu, left, right = scipy.linalg.eig(A, B, left=True)
+    k = which(mu)
+    y, x = left[:, k], right[:, k]
+    size = np.linalg.norm(y) * np.linalg.norm(x) / abs(y.conj() @ B @ x)
+    return mu[k], size * (wrong_A + abs(mu[k]) * wrong_B)

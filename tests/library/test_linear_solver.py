@@ -1,0 +1,180 @@
+"""Direct solvers: what they report, when old factors serve, and whose options pass."""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+
+from pw_elements import (
+    Body,
+    Direct,
+    Material,
+    Reduction,
+    SingularSystem,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    buckling,
+    prescribe,
+    solve,
+    vibration_modes,
+)
+from pw_elements.elasticity import StressState
+from pw_elements.meshes import triangles
+from tests.contact.cases import Block, at
+
+N = 200
+
+
+def matrix_of(dense):
+    matrix = PETSc.Mat().createAIJ(dense.shape, comm=MPI.COMM_SELF)
+    matrix.setUp()
+    n = len(dense)
+    matrix.setValues(range(n), range(n), dense)
+    matrix.assemble()
+    return matrix
+
+
+def vector_of(values):
+    vector = PETSc.Vec().createSeq(len(values))
+    vector.setArray(values)
+    return vector
+
+
+@pytest.fixture
+def dense():
+    rng = np.random.default_rng(5)
+    return rng.normal(size=(N, N)) + 20 * np.eye(N)
+
+
+def test_one_factorisation_serves_after_small_changes(dense):
+    matrix, right = matrix_of(dense), np.arange(float(N))
+    factors = Direct().prepare(matrix)
+    assert factors.report.factorisations == 0
+    x = factors.solve(vector_of(right))
+    assert dense @ x.array_r == pytest.approx(right, abs=1e-11)
+    dense[7] = -dense[7]
+    dense[8, 3] += 5.0
+    matrix.setValues([7, 8], range(N), dense[[7, 8]])
+    matrix.assemble()
+    corrected = factors.solve_changed(vector_of(right), rows=2)
+    assert dense @ corrected.array_r == pytest.approx(right, abs=1e-10)
+    assert factors.report.factorisations == 1
+    assert 0 < factors.report.krylov_iterations <= 3
+    assert factors.orientations == {int(np.sign(np.linalg.det(matrix_before(dense))))}
+    assert factors.solve_changed(vector_of(right), rows=10**6) is None
+    anew = factors.solve(vector_of(right))
+    assert dense @ anew.array_r == pytest.approx(right, abs=1e-11)
+    assert factors.report.factorisations == 2
+    assert factors.orientations == {-1, 1}  # a row has changed its sign
+
+
+def matrix_before(dense):
+    before = dense.copy()
+    before[7] = -before[7]
+    before[8, 3] -= 5.0
+    return before
+
+
+def test_more_changes_than_said_are_not_passed_off_as_a_solution(dense):
+    matrix = matrix_of(dense)
+    factors = Direct().prepare(matrix)
+    factors.solve(vector_of(np.ones(N)))
+    other = np.random.default_rng(6).normal(size=(N, N)) + 20 * np.eye(N)
+    matrix.setValues(range(N), range(N), other)
+    matrix.assemble()
+    assert factors.solve_changed(vector_of(np.ones(N)), rows=1) is None
+
+
+@pytest.mark.parametrize("package", ["mumps", "superlu_dist", "petsc"])
+def test_singular_matrices_are_refused_by_any_package(package):
+    dense = np.diag(np.arange(30.0))
+    options = {"pc_factor_mat_solver_type": package}
+    prepared = Direct(options).prepare(matrix_of(dense))
+    with pytest.raises((SingularSystem, PETSc.Error)):
+        prepared.set_up()
+
+
+@pytest.fixture(scope="module")
+def beam():
+    mesh = triangles(MPI.COMM_SELF, (0.0, -0.5), (8.0, 0.5), (16, 4))
+    body = Body(Spaces.petrov_galerkin(mesh), Material(2.0, 0.3), StressState.PLANE_STRESS)
+    U = body.spaces.trial
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    f = assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, at(0, 8.0))))
+    held = Reduction.dirichlet(U, [prescribe(U, i, at(0, 0.0)) for i in (0, 1)])
+    return body, K, M, f, held
+
+
+PACKAGES = [
+    None,
+    Direct(),
+    Direct({"pc_factor_mat_solver_type": "superlu_dist"}),
+    Direct({"mat_mumps_icntl_7": 0}),  # minimum degree
+]
+
+
+def method(solver):
+    package = (solver or Direct()).options.get("pc_factor_mat_solver_type", "mumps")
+    return f"LU by {package}"
+
+
+@pytest.mark.parametrize("solver", PACKAGES)
+def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver):
+    _, K, M, f, held = beam
+    a, reference = solve(K, f, held, solver=solver), solve(K, f, held)
+    assert (a - reference).norm() < 1e-10 * reference.norm()
+    report = a.getAttr("report")
+    assert (report.method, report.factorisations) == (method(solver), 1)
+    modes = vibration_modes(K, M, held, 3, solver=solver)
+    assert modes.eigenvalues == pytest.approx(vibration_modes(K, M, held, 3).eigenvalues, rel=1e-9)
+    assert modes.report.method == method(solver)
+    assert modes.report.factorisations in (1, 2)  # slender bodies take a second shift
+
+
+def test_buckling_takes_a_solver(beam):
+    body, K, _, f, held = beam
+    from pw_elements import as_function
+
+    prestress = body.stress(as_function(body.spaces.trial, solve(K, f, held)))
+    K_sigma = assemble_matrix(body.initial_stress(prestress))
+    modes, reference = (buckling(K, K_sigma, held, 2, solver=s) for s in (PACKAGES[2], None))
+    assert modes.factors == pytest.approx(reference.factors, rel=1e-9)
+    assert (modes.report.method, modes.report.factorisations) == ("LU by superlu_dist", 1)
+    symmetric = buckling(K, K_sigma, held, 1, symmetrised=True)
+    assert symmetric.report.method == "LDL^T by mumps"
+
+
+def test_a_symmetric_pair_wants_its_pivots_counted(beam):
+    _, K, M, _, held = beam
+    with pytest.raises(ValueError, match="does not count negative pivots"):
+        vibration_modes(
+            K, M, held, 1, symmetrised=True, solver=Direct({"pc_factor_mat_solver_type": "petsc"})
+        )
+
+
+def test_options_reach_mumps(beam):
+    _, K, _, _, held = beam
+    prepared = Direct({"mat_mumps_icntl_7": 0, "-mat_mumps_icntl_14": 77}).prepare(held.matrix(K))
+    prepared.set_up()
+    factor = prepared.ksp.getPC().getFactorMatrix()
+    assert (factor.getMumpsIcntl(7), factor.getMumpsIcntl(14)) == (0, 77)
+    default = Direct().prepare(held.matrix(K))
+    default.set_up()
+    assert default.ksp.getPC().getFactorMatrix().getMumpsIcntl(14) != 77
+
+
+def test_the_count_of_an_eigenvalue_problem_is_of_both_shifts():
+    """A slender free-standing bar takes a second shift, and so a second factorisation."""
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (100.0, 1.0), (100, 1))
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.PLANE_STRESS)
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    U = body.spaces.trial
+    clamped = Reduction.dirichlet(U, [prescribe(U, i, at(0, 0.0)) for i in (0, 1)])
+    assert vibration_modes(K, M, clamped).report.factorisations == 2
+    short = Block(4)
+    M = assemble_matrix(short.body.mass())
+    held = Reduction.dirichlet(short.space, [prescribe(short.space, i, at(1, 0.0)) for i in (0, 1)])
+    assert vibration_modes(short.K, M, held).report.factorisations == 1

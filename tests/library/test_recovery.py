@@ -1,0 +1,217 @@
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, create_rectangle, create_unit_square
+
+from pw_elements import (
+    Body,
+    Material,
+    Spaces,
+    SurfaceNodes,
+    as_function,
+    assemble_vector,
+    boundary_measure,
+    force_transfer,
+    forces_along,
+)
+from pw_elements.elasticity import StressState, by_position
+from pw_elements.meshes import mapped, quadrilaterals, triangles
+from pw_elements.spaces import exterior_facets
+from tests.contact.cases import Block, at
+
+PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
+PLANE = [
+    (triangles, GALERKIN, StressState.PLANE_STRESS),
+    (triangles, PW, StressState.PLANE_STRAIN),
+    (triangles, GALERKIN, StressState.AXISYMMETRIC),
+    (triangles, PW, StressState.AXISYMMETRIC),
+    (quadrilaterals, Q8, StressState.PLANE_STRESS),
+    (quadrilaterals, PW, StressState.PLANE_STRESS),
+]
+
+
+def body_of(build, method, state, thickness=1.0):
+    def uneven(x):
+        return np.column_stack([x[:, 0] + 0.1 * np.sin(3 * x[:, 0]), x[:, 1:]])
+
+    mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2)), uneven)
+    return Body(method(mesh), Material(10.0, 0.3), state, thickness)
+
+
+def pressed(body, where, pressure=3.0):
+    """Nodal forces of an even pressure, ordered like the surface's nodes."""
+    traction = np.zeros(body.spaces.mesh.geometry.dim)
+    traction[-1] = pressure
+    f = assemble_vector(body.surface_load(traction, boundary_measure(body.spaces.mesh, where)))
+    x = body.spaces.trial.tabulate_dof_coordinates()
+    nodes = np.flatnonzero(where(x.T))
+    nodes = nodes[by_position(x[nodes])]
+    return f.array_r.reshape(-1, len(traction))[nodes, -1]
+
+
+@pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
+def test_forces_along_any_side_are_in_its_order(side, axis):
+    """By its default, too, of a side that does not extend along x: round-off once ordered it."""
+    body = body_of(triangles, PW, StressState.PLANE_STRESS)
+    mesh = body.spaces.mesh
+    mesh.geometry.x[::2] *= 1 + 1e-15
+    end = mesh.geometry.x[:, side].max()
+    f = assemble_vector(body.surface_load((2.0, 5.0), boundary_measure(mesh, at(side, end))))
+    line = forces_along(body.spaces.trial, f, at(side, end))
+    assert np.all(np.diff(line.position[:, axis]) > 0)
+    again = forces_along(body.spaces.trial, f, at(side, end), axis)
+    assert np.array_equal(line.force, again.force)
+    assert np.allclose(line.force.sum(axis=0), f.array_r.reshape(-1, 2).sum(axis=0))
+
+
+@pytest.mark.parametrize(("build", "method", "state"), PLANE)
+def test_pressures_of_an_even_pressure(build, method, state):
+    thickness = 1.0 if state is StressState.AXISYMMETRIC else 0.4
+    body = body_of(build, method, state, thickness)
+    surface = SurfaceNodes.of(body, at(1, 0.0))
+    end = 2 + 0.1 * np.sin(6)
+    total = np.pi * end**2 if state is StressState.AXISYMMETRIC else thickness * end
+    assert surface.own_area.sum() == pytest.approx(total)
+    assert surface.tributary_area.sum() == pytest.approx(total)
+    force = pressed(body, at(1, 0.0))
+    pressure = surface.pressure(force)
+    on_axis = state is StressState.AXISYMMETRIC and method == GALERKIN  # has no weight there
+    assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
+    assert pressure[on_axis:] == pytest.approx(3.0)
+    if method != PW:
+        assert not np.allclose(surface.tributary_pressure(force), 3.0, rtol=0.2)
+        return
+    assert surface.tributary_pressure(force) == pytest.approx(3.0)
+    assert surface.tributary_pressure(np.column_stack([force, 2 * force]))[:, 1] == pytest.approx(6)
+
+
+def test_edges_and_rim_of_a_line():
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
+    assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
+    assert np.flatnonzero(surface.rim).tolist() == [0, 10]
+    halves = np.diff(surface.position[:, 0]) / 2
+    assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
+
+
+@pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
+def test_sawtooth_of_an_even_pressure(method, expected):
+    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
+    body = Body(method(mesh), Material(10.0), StressState.PLANE_STRESS)
+    surface = SurfaceNodes.of(body, at(1, 0.0))
+    force = pressed(body, at(1, 0.0))
+    assert surface.sawtooth(force) == pytest.approx(expected)
+    uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
+    assert surface.unevenness(force) == pytest.approx(uneven, abs=1e-12)
+    assert surface.unevenness(surface.pressure(force)) == pytest.approx(0, abs=1e-12)
+    assert np.isnan(surface.sawtooth(force, np.zeros(len(force), dtype=bool)))
+
+
+def test_measures_leave_out_open_and_rim_nodes():
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
+    force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
+    assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
+    assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
+
+
+@pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
+@pytest.mark.parametrize("method", [GALERKIN, PW])
+def test_faces_in_space(cell, method):
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
+    body = Body(method(mesh), Material(10.0), StressState.SOLID)
+    surface = SurfaceNodes.of(body, at(2, 0.0))
+    assert len(surface.position) == 9 * 9
+    assert surface.rim.sum() == 4 * 8
+    assert len(surface.edges) == 4 * 5 * 2 + (16 if cell is CellType.tetrahedron else 0)
+    assert surface.tributary_area.sum() == pytest.approx(6)
+    force = pressed(body, at(2, 0.0))
+    pressure = surface.pressure(force)
+    weightless = np.isnan(pressure)
+    assert pressure[~weightless] == pytest.approx(3.0)
+    t10 = method == GALERKIN and cell is CellType.tetrahedron
+    assert weightless.sum() == (5 * 5 if t10 else 0)  # its corners
+    if method == PW:
+        assert surface.tributary_pressure(force) == pytest.approx(3.0)
+    if t10:
+        assert surface.sawtooth(force) > 1e6
+        corner = np.flatnonzero(weightless)
+        assert surface.tributary_pressure(force)[corner] == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
+def test_sawtooth_under_the_block(method, expected):
+    block = Block(20, method)
+    contact = block.solve(0.3, 60.0)[-1].pairs[0]
+    surface = SurfaceNodes.of(block.body, at(1, 0.0))
+    assert surface.position == pytest.approx(contact.position)
+    assert surface.sawtooth(contact.force_normal) == pytest.approx(expected, abs=0.02)
+    rough = surface.unevenness(surface.tributary_pressure(contact.force_normal))
+    assert rough > 0.6 if method == GALERKIN else rough < 0.01
+
+
+def test_surface_by_facets_is_that_of_the_marker():
+    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
+    mesh = body.spaces.mesh
+    facets = exterior_facets(mesh, at(1, 0.0))
+    marked, tagged = (SurfaceNodes.of(body, where) for where in (at(1, 0.0), facets))
+    assert tagged.position == pytest.approx(marked.position)
+    assert tagged.tributary_area == pytest.approx(marked.tributary_area)
+    loads = [
+        assemble_vector(body.surface_load((0.0, 1.0), boundary_measure(mesh, where)))
+        for where in (at(1, 0.0), facets)
+    ]
+    assert (loads[0] - loads[1]).norm() < 1e-14
+    with pytest.raises(ValueError, match="counted from 0"):
+        boundary_measure(mesh, np.array([-1]))
+
+
+def test_values_of_another_length_are_refused():
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRAIN), at(1, 0.0))
+    force = np.ones(len(surface.position) + 1)
+    for measure in (surface.pressure, surface.tributary_pressure, surface.sawtooth):
+        with pytest.raises(ValueError, match="12 values for the 11 nodes of the surface"):
+            measure(force)
+
+
+def test_vector_as_a_function():
+    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
+    f = assemble_vector(body.body_load((1.0, 2.0)))
+    function = as_function(body.spaces.trial, f, "load")
+    assert function.name == "load"
+    assert function.x.array == pytest.approx(f.array_r)
+
+
+@pytest.mark.parametrize(
+    "cell", [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
+)
+def test_transferred_loads_are_those_of_the_weights(cell):
+    """Of an even traction, on faces of cells that are no two alike."""
+    dim = 3 if cell in (CellType.tetrahedron, CellType.hexahedron) else 2
+    if dim == 3:
+        mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)
+    else:
+        mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 2)], (2, 3), cell)
+    mapped(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
+    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
+    state = "solid" if dim == 3 else "plane strain"
+    everywhere = boundary_measure(mesh, lambda x: np.full(x.shape[1], True))
+    loads = [
+        assemble_vector(
+            Body(s, Material(1.0), state).surface_load(np.arange(dim) + 1.0, everywhere)
+        )
+        for s in (galerkin, pw)
+    ]
+    T = force_transfer(galerkin.trial)
+    assert (T * loads[0]).array == pytest.approx(loads[1].array, abs=1e-14)
+    even = T.createVecLeft()
+    even.set(1.0)
+    given = T.createVecRight()
+    T.multTranspose(even, given)
+    assert given.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
+
+
+def test_transfer_needs_a_quadratic_space():
+    space = fem.functionspace(create_unit_square(MPI.COMM_SELF, 2, 2), ("Lagrange", 1, (2,)))
+    with pytest.raises(ValueError, match="quadratic Lagrange spaces only"):
+        force_transfer(space)

@@ -1,0 +1,245 @@
+"""The problems of the study's own verification, stated again for the oracle: V1 to V8.
+
+Those of the paper are in `tests/paper`.
+
+A section's function runs a case of the study on an element and gives a `Problem`: numbers of the
+result by name, and a function that finds them anew with the oracle. Only the mesh is taken from
+the result; loads, supports, materials and surfaces are written down again.
+
+The integrals of triangles that touch the axis with one vertex, where 1/r is no smooth factor, and
+of curved ones depend on the rule, and the study's of degree 8 leaves more than 1e-8. There both
+sides get rules of their own that have converged (`RULES`); test_sections.py has what degree 8
+leaves.
+"""
+
+from unittest.mock import patch
+
+import numpy as np
+
+from pw_elements.contact import FlatPunch, Parabola
+from pw_elements.elasticity import StressState, body
+from study.verification import (
+    indentation,
+    v1_contact_patch,
+    v2_hertz,
+    v3_flat_punch,
+    v4_spence,
+    v5_cattaneo,
+    v6_greco,
+    v7_wedge,
+    v8_vibration,
+)
+from tests.oracle.contact import Pair, solve
+from tests.oracle.eigen import smallest
+from tests.oracle.problem import (
+    NORMAL_DOWN,
+    NORMAL_UP,
+    Problem,
+    both,
+    contact_problem,
+    either,
+    nothing_held,
+    on,
+    oracle_body,
+    parabola,
+    plane,
+    sorted_nodes,
+    symmetric_part,
+    within,
+    without_inner_nodes,
+)
+
+# Degree of the library's rule, points a direction of the oracle's. On quadrilaterals the study's
+# own degree 8 is Gauss's 5 points in both; triangles have rules over whole cells with quadratic
+# weights, over each sub-cell with piecewise-linear ones
+RULES = {"quadrilaterals": (8, 5), "triangles": (50, 24), "sub-triangles": (30, 16)}
+
+
+def converged(element):
+    """The library's rule for integrands that are no polynomials, of a higher degree."""
+    return patch.object(body, "_RATIONAL_DEGREE", rule(element)[0])
+
+
+def points(element):
+    """What the oracle's Gauss rule has in each direction instead."""
+    return rule(element)[1]
+
+
+def rule(element):
+    if element in ("galerkin-Q8", "pw-Q9"):
+        return RULES["quadrilaterals"]
+    return RULES["sub-triangles" if element.startswith("pw") else "triangles"]
+
+
+def patch_test(element, mesh="distorted", state="plane strain"):
+    with converged(element):
+        result = v1_contact_patch.patch(element, mesh, state)
+
+    def solved(linear):
+        count = 3 if (mesh, state) == ("distorted", "plane strain") else points(element)
+        body = oracle_body(result, element, linear, state, 1000.0, 0.3, count=count)
+        pair = Pair(sorted_nodes(result.curves, on(1, 0.0)), *plane(NORMAL_UP))
+        load, held = body.traction(on(1, 1.0), (0.0, -3.0)), body.at_nodes(on(0, 0.0), (0,))
+        return solve(body.stiffness(), [load], held, [pair], body.nodes)[-1]
+
+    return contact_problem(result, solved, NORMAL_UP, displacement=False)
+
+
+def indented(element, state, E, force, surface, oracle_surface, lines, known, mu=0.0):
+    """V2 and V3: half of a body under an indenter, its outer sides held."""
+    indenter = indentation.Indenter(known, surface, StressState(state))
+    with converged(element):
+        result = indentation.series(element, indenter, {4: [lines]}, far_field=False)
+
+    def solved(linear):
+        count = points(element) if state == "axisymmetric" else 3
+        body = oracle_body(result, element, linear, state, E, 0.3, count=count)
+        (right, _), (_, bottom) = body.nodes.max(axis=0), body.nodes.min(axis=0)
+        held = body.at_nodes(either(on(0, right), on(1, bottom)), (0, 1))
+        held |= body.at_nodes(on(0, 0.0), (0,))
+        top = sorted_nodes(result.curves, both(on(1, 0.0), within(lines[-1])))
+        pair = Pair(top, *oracle_surface, mu, [((0.0, None), (0.0, -force))])
+        return solve(body.stiffness(), [np.zeros(body.nodes.size)], held, [pair], body.nodes)[-1]
+
+    gap = {"gap": (result.curves["gap"], lambda state: state.gaps[0])}
+    if isinstance(surface, FlatPunch):  # all gaps are closed
+        gap = {}
+    return contact_problem(result, solved, NORMAL_DOWN, displacement=False, **gap)
+
+
+def hertz_line(element):
+    E, lines = 52.5e3, 1.6 * np.arange(7)
+    body = v2_hertz.Elastic(E, 0.3)
+    known = v2_hertz.HertzLine(body, 50.0, 35e3)
+    surface, ours = Parabola((0.0, 0.0), 50.0), parabola(0.0, 50.0)
+    return indented(element, "plane strain", E, 17.5e3, surface, ours, lines, known)
+
+
+def hertz_sphere(element):
+    E, lines = 70e3, 0.7 * np.arange(7)
+    known = v2_hertz.HertzSphere(v2_hertz.Elastic(E, 0.3), 50.0, 35e3)
+    surface, ours = Parabola((0.0, 0.0), 50.0), parabola(0.0, 50.0)
+    return indented(element, "axisymmetric", E, 35e3, surface, ours, lines, known)
+
+
+def punch(element, kind="smooth"):
+    known, state = v3_flat_punch.KINDS[kind]
+    surface, ours = FlatPunch((0.0, 0.0), NORMAL_DOWN, 1.0), plane(NORMAL_DOWN)
+    force, mu = (3.0 if kind == "round" else 1.5), (1e3 if kind == "bonded" else 0.0)
+    lines = np.linspace(0.0, 1.0, 5)
+    return indented(element, state.value, 1000.0, force, surface, ours, lines, known, mu)
+
+
+def spence_punch(element):
+    mu = np.tan(np.pi / 9)
+    result = v4_spence.stick_radius(element, 0.25, mu, 16, far_field=False)
+
+    def solved(linear):
+        body = oracle_body(result, element, linear, "plane strain", 1.0, 0.25)
+        held = body.at_nodes(either(on(0, 5.0), on(1, -5.0)), (0, 1))
+        held |= body.at_nodes(on(0, 0.0), (0,))
+        below = sorted_nodes(result.curves, both(on(1, 0.0), within(1.0)))
+        motions = [((0.0, None), (0.0, -5e-4 * share)) for share in (0.5, 1.0)]
+        pair = Pair(below, *plane(NORMAL_DOWN), mu, motions)
+        loads = [np.zeros(body.nodes.size)] * 2
+        return solve(body.stiffness(), loads, held, [pair], body.nodes)[-1]
+
+    return contact_problem(result, solved, NORMAL_DOWN)
+
+
+def partial_slip(element):
+    """Two bodies, node on node; the study has one unknown for both nodes of a pair."""
+    result = v5_cattaneo.partial_slip(element, 10, far_field=False)
+    force = np.pi / (2 * (1 - 0.3**2)) / 4e4
+
+    def solved(linear):
+        body = oracle_body(result, element, linear, "plane strain", 1.0, 0.3)
+        outside = either(on(1, -5.0), on(1, 6.0), on(0, -5.0), on(0, 5.0))
+        lower, upper = (
+            sorted_nodes(result.curves, both(on(1, y), within(1.25))) for y in (0.0, 1.0)
+        )
+        motions = [((0.0, None), (0.0, -force))]
+        motions += [((None, None), (s * 0.4 * force, -force)) for s in (0.25, 0.5)]
+        pair = Pair(lower, *parabola(0.0, 1e4), 0.4, motions, opposite=upper)
+        loads, held = [np.zeros(body.nodes.size)] * 3, body.at_nodes(outside, (0, 1))
+        return solve(body.stiffness(), loads, held, [pair], body.nodes)[-1]
+
+    return contact_problem(result, solved, NORMAL_DOWN, (1.0, 0.0), displacement=False)
+
+
+def greco_plate(element):
+    result = v6_greco.plate(element, 16)
+
+    def solved(linear):
+        body = oracle_body(result, element, linear, "plane strain", 1.3e11, 0.2)
+        load = body.traction(on(1, 0.04), (0.0, -5e7)) + body.traction(on(0, 0.0), (15e7, 0.0))
+        pair = Pair(sorted_nodes(result.curves, on(1, 0.0)), *plane(NORMAL_UP), 1.0)
+        held = body.at_nodes(on(0, 0.04), (0,))
+        return solve(body.stiffness(), [load], held, [pair], body.nodes)[-1]
+
+    return contact_problem(result, solved, NORMAL_UP)
+
+
+def sliding_wedge(element):
+    result = v7_wedge.sliding(element, 0.2, (8, 2))
+    normal, downhill = (np.array(v) / np.hypot(0.1, 1.0) for v in ((-0.1, 1.0), (-1.0, -0.1)))
+
+    def solved(linear):
+        body, left = oracle_body(result, element, linear, "plane strain", 1e7, 0.3), on(0, 0.0)
+        base = sorted_nodes(result.curves, lambda x: np.isclose(x[:, 1], 0.1 * x[:, 0]))
+        K = body.stiffness() + body.springs(left, 0, 563.9 / 1.2)
+        weight = body.body_load((0.0, -3058.0 / (4.0 * 1.0)))
+        push = body.traction(left, (1500.0 / 1.2, 0.0))
+        loads = [weight + k / 5 * push for k in range(6)]
+        pair = Pair(base, lambda x: x @ normal, lambda x: np.tile(normal, (len(x), 1)), 0.2)
+        return solve(K, loads, nothing_held(body), [pair], body.nodes)[-1]
+
+    def mean_displacement(state):
+        """Of the left side, whatever the weights: by the integrals of the trial functions."""
+        body = oracle_body(result, element, False, "plane strain", 1e7, 0.3)
+        return body.traction(on(0, 0.0), (1.0 / 1.2, 0.0)) @ state.displacement.ravel()
+
+    sliding = (result.scalars["sliding"], mean_displacement)
+    return contact_problem(result, solved, normal, downhill, displacement=False, sliding=sliding)
+
+
+def vibrating(element, case="square"):
+    run = {"rod": v8_vibration.rod, "square": v8_vibration.square, "strip": v8_vibration.strip}[
+        case
+    ]
+    squares = (1, 2) if case == "strip" else (2, 4)
+    condensed = element == "pw-Q8" or (element == "pw-Q9" and case == "square")
+    with converged(element):
+        result = run(element, "transposed" if condensed else "all nodes", squares)
+
+    def ours(linear):
+        state, count = ("axisymmetric", points(element)) if case == "rod" else ("plane stress", 3)
+        body = oracle_body(result, element, linear, state, 1.0, 0.3, count=count)
+        K, M = body.stiffness(), body.mass()
+        if element.startswith("pwsym"):
+            K, M = symmetric_part(K), symmetric_part(M)
+        if case == "strip":
+            held = body.at_nodes(either(on(0, 0.0), on(0, 8.0)), (1,))
+            wave = np.arange(1, 4) * np.pi / 8
+            # nothing but stiffness keeps it from moving along: the first eigenvalue is zero
+            found = smallest(K, M, held, 4, shift=-1e-3).real[1:] / wave**2
+            u = body.nodes * (-1.0, 0.3)  # uniaxial stress -1
+            held |= body.at_nodes(both(on(0, 0.0), on(1, 0.0)), (0,))
+            K_sigma = body.geometric_stiffness(u.ravel())
+            K_sigma = symmetric_part(K_sigma) if element.startswith("pwsym") else K_sigma
+            critical = np.sort(smallest(K, -K_sigma, held, 6).real)
+            return {"vibration": found, "buckling": critical[critical > 0][:3]}
+        held = body.at_nodes(on(0, 0.0), (0,)) | body.at_nodes(on(1, 0.0), (1,))
+        held |= body.at_nodes(on(1, 1.0), (1,))
+        if case == "square":
+            held |= body.at_nodes(on(0, 1.0), (0,))
+        if condensed:
+            K, M, held = without_inner_nodes(body, element, held)
+        return {"omega2": smallest(K, M, held, 6).real}
+
+    names = {"omega2": 6} if case != "strip" else {"vibration": 3, "buckling": 3}
+    theirs = {
+        name: np.array([result.scalars[f"{name}_{i}"] for i in range(1, n + 1)])
+        for name, n in names.items()
+    }
+    return Problem(theirs, ours)

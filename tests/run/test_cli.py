@@ -1,0 +1,508 @@
+"""The command line: what is computed, kept and reported, and with which exit status."""
+
+import errno
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import study.command
+import study.report
+from study.command import main
+from study.core.cases import Case
+from study.core.runner import Done, _Progress
+from study.core.store import Result, Results, save
+from tests.study.toystudy import claim, install, started
+
+ROOT = Path(__file__).parents[2]
+
+BUILD = study.report.build
+
+# Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch)
+    monkeypatch.setattr(study.report, "build", lambda *_: [])
+    return tmp_path
+
+
+@pytest.fixture
+def report(toy, monkeypatch):
+    """Let the report be written, which is slow and not the matter of most tests here."""
+    assert toy
+    monkeypatch.setattr(study.report, "build", BUILD)
+    # its texts are about the real sections
+    monkeypatch.setattr(study.report._Paper, "_body", lambda *_: "text")
+
+
+@pytest.fixture
+def out(toy):
+    return toy / "results"
+
+
+@pytest.fixture
+def run(out):
+    def start(*arguments, jobs=1):
+        return main([*arguments, "--jobs", str(jobs), "--out", str(out)])
+
+    return start
+
+
+def change(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.usefixtures("report")
+def test_whole_study_leaves_everything(run, out, capsys):
+    assert run() == 0
+    printed = capsys.readouterr()
+    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == {
+        "1/a.json", "1/a.npz", "1/b.json", "1/b.npz", "2/only.json",
+        "claims.json", "figures/index.json", "report.html", "report.pdf",
+    }  # fmt: skip
+    first, one, two = printed.err.splitlines()
+    assert first == "0 of 3 results are reused; 3 to be computed"
+    assert re.fullmatch(r"1    First toy: 2 computed in \d\.\d s", one)
+    assert re.fullmatch(r"2    Second toy: 1 computed in \d\.\d s", two)
+    assert "1 statements of the paper: 1 reproduced; 0 other than pinned" in printed.out
+    assert str(out / "report.html") in printed.out
+
+
+def test_second_run_reuses_and_force_does_not(run, toy, capsys):
+    assert run("1") == 0
+    assert started(toy) == 2
+    capsys.readouterr()
+    assert run("1") == 0
+    assert started(toy) == 2
+    assert capsys.readouterr().err == "2 of 2 results are reused\n"
+    assert run("1", "--force") == 0
+    assert started(toy) == 4
+
+
+def test_result_of_a_case_that_is_no_more_is_removed(run, out):
+    save(out, "1", "former", Result({"y": 1.0}, {"y": "1"}), {"problem": "toy"}, {})
+    assert run("2") == 0
+    assert Results(out).cases("1") == ["former"]
+    assert run("1") == 0
+    assert Results(out).cases("1") == ["a", "b"]
+
+
+@pytest.mark.usefixtures("report")
+def test_incomplete_report_is_1_after_the_whole_only(run, monkeypatch, capsys):
+    monkeypatch.setattr("study.report.build", lambda *_: ["section 1: no such result"])
+    assert run("1") == 0
+    assert "incomplete" not in capsys.readouterr().err
+    assert run() == 1
+    assert "report: incomplete, section 1: no such result" in capsys.readouterr().err
+
+
+def test_changed_source_is_computed_again(run, toy, out):
+    run("1")
+    change(toy / "toy" / "common.py", "2.0", "2.0 + 0.0")
+    assert run("1") == 0
+    assert started(toy) == 4
+    assert Results(out).scalar("1/b", "y") == 5.0
+
+
+def test_subset_takes_the_rest_from_what_is_stored(run, toy, out):
+    run()
+    assert run("2", "--force") == 0
+    assert started(toy) == 2
+    assert Results(out).claims()[0]["verdict"] == "holds"
+
+
+def test_differing_verdict_is_1_and_shown(run, toy, capsys):
+    change(toy / "claims.toml", "value = 5.0", "value = 4.0")
+    assert run("1") == 1
+    assert re.search(r"^the-claim  5  = 4 .*fails, pinned: holds$", capsys.readouterr().out, re.M)
+    assert run("check") == 1
+    assert re.search(r"^the-claim  5  = 4 .*fails, pinned: holds$", capsys.readouterr().out, re.M)
+    assert run("report") == 1
+    found = claim(value="4.0", grade='"contradicted"', found="5.0", found_tol="0.1")
+    (toy / "claims.toml").write_text(found)
+    assert run("check") == 0
+    assert run("report") == 0
+    change(toy / "claims.toml", "found = 5.0", "found = 5.5")
+    assert run("check") == 1
+
+
+def test_missing_verdict_fails_the_whole_and_the_check_but_no_subset(run, toy, capsys):
+    change(toy / "claims.toml", "1/b", "1/never")
+    assert run("1") == 0
+    assert "1 not judged" in capsys.readouterr().out
+    assert run("report") == 0
+    assert run() == 1
+    assert run("check") == 1
+    assert "not judged, pinned: holds" in capsys.readouterr().out
+
+
+def test_case_that_raises_leaves_the_others_and_no_result(run, toy, out, capsys):
+    run("1")
+    before = (out / "1" / "b.json").read_text()
+    change(toy / "toy" / "one.py", 'case("a")', 'case("a", do="raise")')
+    forget(toy)
+    assert run("1", "--force") == 1
+    errors = capsys.readouterr().err
+    assert re.search(
+        r"1/a: failed: ArithmeticError: no convergence \(one\.py, line \d+\)$", errors, re.M
+    )
+    assert "second line" not in errors
+    results = Results(out)
+    assert "1/a" not in results
+    assert results.scalar("1/b", "y") == 5.0
+    assert (out / "1" / "b.json").read_text() != before
+
+
+def test_corrupt_result_is_computed_again_and_nothing_else(run, toy, out, capsys):
+    run("1")
+    (out / "1" / "a.json").write_text("{")
+    assert run("1") == 0
+    assert started(toy) == 3
+    assert "1/a: its stored result cannot be read" in capsys.readouterr().err
+    assert Results(out).scalar("1/a", "y") == 2.0
+
+
+@pytest.mark.parametrize("command", ["report", "check"])
+def test_corrupt_result_ends_what_only_reads(run, out, capsys, command):
+    run()
+    capsys.readouterr()
+    (out / "2" / "only.json").write_text("{")
+    assert run(command) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"study: {out / '2' / 'only.json'} cannot be used")
+    assert errors.endswith("run ./run study 2 --force\n")
+    assert errors.count("\n") == 1
+
+
+@pytest.mark.usefixtures("report")
+def test_report_restores_what_was_lost(run, out):
+    run()
+    for name in ("claims.json", "report.html", "report.pdf", "figures/index.json"):
+        (out / name).unlink()
+    assert run("report") == 0
+    assert (out / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert Results(out).claims()[0]["verdict"] == "holds"
+
+
+def test_list_tells_the_state_of_each_case(run, toy, out, capsys):
+    run("1")
+    (out / "1" / "a.json").write_text("{")
+    capsys.readouterr()
+    assert run("list") == 0
+    listed = capsys.readouterr().out.split("\n")
+    assert listed == [
+        "1  First toy",
+        "    corrupt   1/a",
+        "    stored    1/b",
+        "2  Second toy",
+        "    missing   2/only",
+        "",
+    ]
+    change(toy / "toy" / "common.py", "2.0", "3.0")
+    run("list")
+    assert "    outdated  1/b" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["check", "report"])
+def test_what_only_reads_tells_what_is_outdated_or_missing(run, toy, out, capsys, command):
+    run()
+    capsys.readouterr()
+    assert run(command) == 0
+    assert "outdated" not in (said := capsys.readouterr().err)
+    assert "missing" not in said
+    change(toy / "toy" / "one.py", "FACTOR * value", "value * FACTOR")
+    (out / "2" / "only.json").unlink()
+    assert run(command) == 0
+    assert capsys.readouterr().err.splitlines()[:2] == [
+        "study: of 3 results 2 are outdated: 1/a, 1/b; run ./run study 1",
+        "study: of 3 results 1 is missing: 2/only; run ./run study 2",
+    ]
+    change(toy / "toy" / "one.py", "value * FACTOR", "FACTOR * value")
+    change(toy / "toy" / "one.py", "CASES =", "# what is computed\nCASES =")
+    assert run(command) == 0
+    assert "outdated" not in capsys.readouterr().err
+
+
+def test_many_outdated_results_are_counted(run, toy, capsys, monkeypatch):
+    run()
+    monkeypatch.setattr(study.command, "NAMED", 1)
+    change(toy / "toy" / "common.py", "2.0", "3.0")
+    capsys.readouterr()
+    assert run("check") == 0
+    assert "2 are outdated: 1/a and 1 more; run ./run study 1\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["9.9"], "there is no section 9.9; there are 1, 2"),
+        (["1", "9.9"], "there is no section 9.9; there are 1, 2"),
+        (["1", "--jobs", "0"], "--jobs needs at least 1 process, not 0"),
+        (
+            ["1", "--out", "/dev/null/results"],
+            "/dev/null/results cannot be written to: Not a directory",
+        ),
+        (["report", "--out", "/dev/null/results"], "there are no results in /dev/null/results"),
+        (["check"], "there are no results in results"),
+        (["list", "1"], "list stands alone, without sections"),
+    ],
+)
+def test_bad_usage_is_2_and_one_sentence_before_any_work(
+    toy, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.chdir(toy)
+    assert main(arguments) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"study: {message}")
+    assert errors.count("\n") == 1
+    assert started(toy) == 0
+
+
+def test_mistake_in_the_claims_is_noticed_before_any_work(run, toy, capsys):
+    (toy / "claims.toml").write_text(claim(relation='"~"'))
+    assert run("1") == 2
+    assert "claim the-claim: relation" in capsys.readouterr().err
+    assert started(toy) == 0
+
+
+def test_options_may_stand_between_sections(toy, out):
+    assert main(["1", "--jobs", "1", "2", "--out", str(out)]) == 0
+    assert started(toy) == 2
+
+
+@pytest.mark.usefixtures("report")
+def test_figures_that_fail_are_1_and_do_not_cost_the_report(run, out, monkeypatch):
+    draw = study.command.draw_figures
+    monkeypatch.setattr(study.command, "draw_figures", lambda *given: not draw(*given))
+    assert run("1") == 1
+    assert (out / "report.html").exists()
+
+
+def test_two_processes_do_the_same_as_one(run, toy, out):
+    assert run("1") == 0
+    one = {
+        case.key: (case.scalars, case.curves["x"].tolist()) for case in Results(out).section("1")
+    }
+    assert run("1", "--force", jobs=2) == 0
+    two = {
+        case.key: (case.scalars, case.curves["x"].tolist()) for case in Results(out).section("1")
+    }
+    assert two == one
+    workers = (toy / "log").read_text().split()[2:]
+    assert len(workers) == 2
+    assert str(os.getpid()) not in workers
+
+
+def test_killed_worker_is_named_and_finished_results_are_kept(run, toy, out, capsys):
+    run("1")
+    change(toy / "toy" / "one.py", 'case("b", 2.5)', 'case("b", 2.5, do="die"), case("c")')
+    forget(toy)
+    assert run("1", jobs=2) == 1
+    line = next(line for line in capsys.readouterr().err.splitlines() if "killed" in line)
+    unfinished = line.partition("unfinished: ")[2].split(", ")
+    assert "1/b" in unfinished
+    for key in ("1/a", "1/b", "1/c"):
+        assert (key in Results(out)) == (key not in unfinished)
+
+
+DRIVER = """
+import signal
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+    import pytest
+    from tests.study.toystudy import install
+    folder = Path(sys.argv[2])
+    with pytest.MonkeyPatch.context() as patch:
+        install(folder, patch)
+        one = folder / "toy" / "one.py"
+        one.write_text(one.read_text().replace("2.5)", "2.5, do='sleep')"))
+        from study.command import main
+        sys.exit(main(["1", "--jobs", sys.argv[3], "--out", str(folder / "results")]))
+"""
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_interrupt_is_130_and_ends_the_workers(tmp_path, jobs):
+    driver = tmp_path / "driver.py"
+    driver.write_text(DRIVER)
+    command = [sys.executable, str(driver), str(ROOT), str(tmp_path), jobs]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while started(tmp_path) < 2 or not (tmp_path / "results" / "1" / "a.json").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        workers = [int(worker) for worker in (tmp_path / "log").read_text().split()]
+        if jobs == "2":  # a terminal interrupts the workers, too; they leave it to the main process
+            os.kill(workers[1], signal.SIGINT)
+            time.sleep(0.3)
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == "study: interrupted; the results so far are kept"
+    assert "Traceback" not in errors
+    assert json.loads((tmp_path / "results" / "1" / "a.json").read_text())["case"] == "a"
+    for worker in workers:
+        with pytest.raises(ProcessLookupError):
+            os.kill(worker, 0)
+
+
+def test_command_line_starts_and_refuses_in_a_process_of_its_own():
+    command = [sys.executable, "-m", "study", "no-such-section"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("study: there is no section no-such-section; there are I, ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_figures_are_drawn_where_the_results_are(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert study.command.draw_figures(Path("some/results"), complete=False)
+    assert json.loads((tmp_path / "some/results/figures/index.json").read_text()) == []
+
+
+def forget(toy):
+    """Let the next import read the section's changed source."""
+    for name in [name for name in sys.modules if name.split(".")[0] == "toy"]:
+        del sys.modules[name]
+    for cache in (toy / "toy").glob("__pycache__"):
+        for path in cache.iterdir():
+            path.unlink()
+
+
+def test_valid_result_outlives_a_failed_run_with_force(run, toy, out, capsys):
+    run("1")
+    before = (out / "1" / "b.json").read_text()
+    (toy / "log").unlink()
+    (toy / "log").mkdir()  # the same sources, but every case of section 1 fails now
+    assert run("1", "--force") == 1
+    assert (out / "1" / "b.json").read_text() == before
+    assert capsys.readouterr().err.count("its stored result still holds and is kept") == 2
+
+
+def test_longest_cases_come_first_by_an_earlier_run(run, out, monkeypatch):
+    run("1")
+    stored = json.loads((out / "1" / "b.json").read_text())
+    stored["provenance"]["seconds"] = 99.0
+    (out / "1" / "b.json").write_text(json.dumps(stored))
+    order = []
+    compute = study.core.runner.compute
+    monkeypatch.setattr(
+        study.core.runner, "compute", lambda case, *of: order.append(case.key) or compute(case, *of)
+    )
+    assert run("1", "--force") == 0
+    assert order == ["1/b", "1/a"]
+
+
+def test_sections_are_told_in_their_order_whichever_ends_first(capsys):
+    cases = [Case("7.1", "a", print), Case("7.1", "b", print), Case("7.2", "c", print)]
+    progress = _Progress(cases)
+    for case in reversed(cases):
+        progress.ended(case, Done(1.5) if case.name != "a" else None)
+    assert capsys.readouterr().err.splitlines() == [
+        "7.1  Simple structure with two elements: 1 computed in 1.5 s, 1 failed",
+        "7.2  Elastic block on a rigid surface: 1 computed in 1.5 s",
+    ]
+
+
+def test_single_cases_are_computed_and_nothing_else(run, toy, out, capsys):
+    assert run("1/b", "2") == 0
+    assert started(toy) == 1
+    assert sorted(str(path.relative_to(out)) for path in out.rglob("*.json")) == [
+        "1/b.json",
+        "2/only.json",
+    ]
+    capsys.readouterr()
+    assert run("1/b", "1/c") == 2
+    assert capsys.readouterr().err == "study: there is no case 1/c: see ./run study list\n"
+
+
+def test_killed_worker_costs_its_own_case_only(run, toy, out, capsys):
+    change(toy / "toy" / "one.py", 'case("b", 2.5)', 'case("b", 2.5, do="die"), case("c")')
+    forget(toy)
+    assert run("1", jobs=2) == 1
+    assert "unfinished: 1/b\n" in capsys.readouterr().err
+    assert Results(out).cases("1") == ["a", "c"]
+
+
+def test_full_disk_is_2_and_one_sentence(run, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "results/.claims.json.7")
+
+    monkeypatch.setattr("study.judge.claims.write", full)
+    assert run("1") == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == "study: results/.claims.json.7: No space left on device"
+
+
+def test_main_process_that_is_killed_takes_its_workers_along(tmp_path):
+    driver = tmp_path / "driver.py"
+    driver.write_text(DRIVER)
+    command = [sys.executable, str(driver), str(ROOT), str(tmp_path), "2"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 120
+        while started(tmp_path) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.kill()
+    workers = {int(worker) for worker in (tmp_path / "log").read_text().split()}
+    while any(map(lives, workers)):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def lives(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("command", ["list", "check", "3 --jobs 1", "3 --jobs 2"])
+def test_reader_that_leaves_is_no_crash(tmp_path, command):
+    """Nor a success: what was to be computed or judged has not been, or is not told."""
+    stored = Result({"y": 1.0}, {"y": "1"})
+    save(tmp_path, "7.1", "former", stored, {"problem": "toy"}, {})
+    line = f"{sys.executable} -m study {command} --out {tmp_path} | true; echo ${{PIPESTATUS[0]}}"
+    if command.startswith("3"):
+        line = line.replace("|", "2>&1 |")
+    done = subprocess.run(
+        ["bash", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "141\n"
+    assert [line for line in done.stderr.splitlines() if not line.startswith("study: of ")] == []
+
+
+def test_interrupt_while_importing_is_one_line(tmp_path):
+    (tmp_path / "toy").mkdir()
+    slow = "import os, signal\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+    slow += "except KeyboardInterrupt:\n    raise ImportError('take a package') from None\n"
+    (tmp_path / "toy" / "__init__.py").write_text(slow)
+    code = "import sys, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "from study.core.cases import SECTIONS; SECTIONS['1'] = 'toy'\n"
+    code += "from study.command import main; sys.exit(main(['1']))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 130
+    assert done.stderr == "study: interrupted; the results so far are kept\n"

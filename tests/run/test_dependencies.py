@@ -1,0 +1,233 @@
+"""Who may import whom: figures -> study -> pw_elements -> DOLFINx, and never back.
+
+The oracle of the tests imports none of them.
+"""
+
+import ast
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from study.core.sources import closure, imported, source
+
+ROOT = Path(__file__).parents[2]
+LIBRARY = ROOT / "pw_elements"
+WINGS = [  # of the library, from the lowest to the highest
+    "_compat",
+    "progress",
+    "checks",
+    "spaces",
+    "solvers",
+    "algebra",
+    "elasticity",
+    "meshes",
+    "pictures",
+    "contact.model",
+    "contact.interface",
+    "contact.iteration",
+    "contact.rescue",
+    "contact.output",
+    "contact.steps",
+]
+SOLVER = {
+    "dolfinx",
+    "basix",
+    "ufl",
+    "ffcx",
+    "petsc4py",
+    "slepc4py",
+    "mpi4py",
+    "gmsh",
+    "pw_elements",
+}
+LIGHT = [
+    "study.core.store",
+    "study.judge.claims",
+    "study.judge.measures",
+    "study.report",
+    "study.paper.items",
+]
+
+
+def modules(package):
+    """Return the full names of all modules in a package's folder."""
+    paths = [path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py")]
+    return sorted(".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in paths)
+
+
+def tops(names):
+    return {name.split(".")[0] for name in names}
+
+
+@pytest.mark.parametrize(
+    ("package", "forbidden"),
+    [
+        ("pw_elements", {"study", "figures", "tests"}),
+        ("study", {"figures", "tests"}),
+        ("figures", {"tests"} | SOLVER),
+    ],
+)
+def test_package_imports_nothing_from_above(package, forbidden):
+    names = modules(package)
+    assert len(names) > 2
+    assert {name: tops(imported(name)) & forbidden for name in names} == {
+        name: set() for name in names
+    }
+
+
+def rooms(folder):
+    """Modules and folders in a folder, less its face."""
+    return [
+        path
+        for path in folder.iterdir()
+        if (path / "__init__.py").exists() or (path.suffix == ".py" and path.stem != "__init__")
+    ]
+
+
+def test_a_folder_of_the_library_has_at_most_eight_rooms():
+    folders = [path.parent for path in LIBRARY.rglob("__init__.py")]
+    counts = {folder.relative_to(LIBRARY): len(rooms(folder)) for folder in folders}
+    assert counts.pop(Path(".")) <= 12
+    assert {folder: n for folder, n in counts.items() if n > 8} == {}
+    assert len(counts) > 8
+
+
+@pytest.mark.parametrize("package", ["pw_elements", "study"])
+def test_a_module_is_at_most_700_lines(package):
+    paths = list((ROOT / package).rglob("*.py"))
+    lines = {path.relative_to(ROOT): len(path.read_text().splitlines()) for path in paths}
+    assert lines
+    assert {name: n for name, n in lines.items() if n > 700} == {}
+
+
+def wing(module):
+    """The wing of the library that a module belongs to, contact being one of six folders."""
+    parts = module.split(".")[1:]
+    depth = 2 if parts[:1] == ["contact"] and len(parts) > 1 else 1
+    return ".".join(parts[:depth])
+
+
+def test_docstrings_say_something():
+    """None begins with words that lean on what is not there, or has fewer than four."""
+    riddles, seen = [], 0
+    for path in LIBRARY.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                words = (ast.get_docstring(node) or "").partition("\n\n")[0].split()
+                seen += bool(words)
+                leans = " ".join(words).startswith(("Of ", "Those ", "What it ", "One's "))
+                if words and (leans or len(words) < 4):
+                    riddles.append(f"{path.name}, {getattr(node, 'name', 'module')}: {words}")
+    assert riddles == []
+    assert seen > 500
+
+
+PUBLIC = ("pw_elements", "pw_elements.contact", "pw_elements.meshes")
+
+
+def test_the_library_has_at_most_62_public_names():
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert 30 < len(names) <= 62
+
+
+def test_every_public_name_has_a_user():
+    """In the study, an example or a guide; the reference's list of names is none."""
+    users = [ROOT / "README.md", *(ROOT / "examples").glob("*.py"), *(ROOT / "docs").rglob("*.md")]
+    users += [p for p in (ROOT / "study").rglob("*.py") if p.name != "reference.py"]
+    words = {word for path in users for word in re.findall(r"\w+", path.read_text())}
+    names = {name for module in PUBLIC for name in import_module(module).__all__}
+    assert names - words == set()
+
+
+def library_imports():
+    """Module and what it takes from where, of each import of the library by itself."""
+    for name in modules("pw_elements"):
+        tree = ast.parse(source(name).read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("pw_elements"):
+                yield name, node.module, [alias.name for alias in node.names]
+
+
+def test_wings_import_downwards_and_through_faces_only():
+    wrong, seen = [], 0
+    for name, module, _ in library_imports():
+        here, there = wing(name), wing(module)
+        if here == there or name in ("pw_elements", "pw_elements.contact"):
+            continue
+        seen += 1
+        if WINGS.index(there) >= WINGS.index(here):
+            wrong.append(f"{name} imports upwards: {module}")
+        if module != f"pw_elements.{there}":
+            wrong.append(f"{name} passes by the face of {there}: {module}")
+    assert wrong == []
+    assert seen > 100
+
+
+def test_nothing_of_the_iteration_imports_checks():
+    names = [name for name in modules("pw_elements") if ".contact.iteration." in name]
+    assert len(names) > 4
+    for name in names:
+        assert not {other for other in imported(name) if other.startswith("pw_elements.checks")}
+
+
+def test_oracle_shares_no_code_with_what_it_judges():
+    solver = {"assembly", "contact", "eigen", "elements", "problem", "search"}
+    names = [name for name in modules("tests/oracle") if name.split(".")[-1] in solver]
+    assert len(names) == len(solver)
+    for name in names:
+        others = {other for other in imported(name) if not other.startswith("tests.oracle")}
+        assert tops(others) <= {"numpy", "scipy", *sys.stdlib_module_names}, name
+
+
+def reached(module):
+    """Return all modules that a module's import leads to, as far as they are the project's own."""
+    found, waiting = set(), [module]
+    while waiting:
+        for name in closure(waiting.pop()):
+            if name not in found:
+                found.add(name)
+                waiting += [
+                    other for other in imported(name) if tops([other]) <= {"study", "figures"}
+                ]
+    return found
+
+
+@pytest.mark.parametrize("module", [*LIGHT, *modules("figures")])
+def test_what_only_reads_results_reaches_no_solver(module):
+    for name in reached(module):
+        assert not tops(imported(name)) & SOLVER, name
+
+
+def test_the_core_of_the_study_knows_no_mechanics():
+    core = [name for name in modules("study") if name.startswith("study.core.")]
+    assert len(core) > 4
+    for name in core:
+        own = {other for other in imported(name) if other.startswith(("study.", "pw_elements"))}
+        assert all(other.startswith("study.core") for other in own), name
+
+
+def test_the_judge_asks_results_and_printed_numbers_only():
+    for name in modules("study"):
+        if name.startswith(("study.judge", "study.report", "study.texts")):
+            assert not tops(imported(name)) & SOLVER, name
+
+
+def test_the_check_above_sees_a_solver_where_there_is_one():
+    names = reached("study.paper.s7_1_two_triangles")
+    assert any(tops(imported(name)) & SOLVER for name in names)
+
+
+def test_report_and_figures_leave_the_solver_unloaded():
+    code = (
+        "import sys, study.report, study.judge.claims, figures, figures.__main__;"
+        "from study.core.cases import SECTIONS, title;"
+        "[title(section) for section in SECTIONS];"
+        "print(sorted(set(sys.argv[1:]) & set(sys.modules)))"
+    )
+    command = [sys.executable, "-c", code, *sorted(SOLVER)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

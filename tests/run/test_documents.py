@@ -1,0 +1,75 @@
+import re
+from pathlib import Path
+
+from mpi4py import MPI
+
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+import pw_elements.algebra
+from study.judge.claims import GRADES, PAPER, load_claims
+from study.judge.facts import load_facts
+from study.judge.measures.beam import computed_ratio, exact_ratio
+from study.paper.items import TABLE_2
+from tests.study.computed_results import ComputedResults
+
+PROJECT = Path(__file__).parents[2]
+CENTRE = 0.0736713  # of -Δu = 1 on the unit square with u = 0 around, the classical value
+
+
+def test_the_example_of_the_readme_runs():
+    (code,) = re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(), re.DOTALL)
+    names: dict = {}
+    exec(code, names)
+    assert names["a"].max()[1] == pytest.approx(CENTRE, rel=1e-3)
+
+
+def test_the_example_of_the_algebra_runs():
+    code = "\n".join(re.findall(r"^    (.*)$", pw_elements.algebra.linear.__doc__, re.MULTILINE))
+    square = mesh.create_unit_square(MPI.COMM_SELF, 8, 8)
+    square.topology.create_connectivity(1, 2)
+    names = {**vars(pw_elements), "ufl": ufl, "fem": fem, "mesh": square}
+    exec(code, names | {"exterior_facet_indices": mesh.exterior_facet_indices}, found := {})
+    assert found["a"].max()[1] == pytest.approx(CENTRE, rel=1e-3)
+
+
+def test_the_readme_names_files_that_exist():
+    readme = (PROJECT / "README.md").read_text()
+    named = re.findall(r"`((?:study|pw_elements|figures|tests)/[\w/*]+\.\w+)`", readme)
+    named += re.findall(r"\]\(([\w./-]+)\)", readme)
+    assert len(named) > 15
+    for name in named:
+        assert list(PROJECT.glob(name)), name
+
+
+def test_the_readme_is_short_and_has_the_words_that_are_looked_for():
+    words = (PROJECT / "README.md").read_text().split()
+    assert len(words) <= 700
+    assert {"Basix", "UFL", "CPS6", "Euler", "pytest"} <= {
+        word for part in words for word in re.findall(r"[A-Za-z0-9]+", part)
+    }
+
+
+def test_the_readme_counts_the_statements_as_they_are_graded():
+    grades = [claim.grade for claim in load_claims() if claim.kind in PAPER]
+    counts = ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
+    first, _, others = counts.partition(" ")
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    assert f"Of {len(grades)} statements of the paper, {first} are {others}." in readme
+    assert f"They rest on {len(load_facts())} independent facts." in readme
+
+
+def test_the_readme_has_the_differences_of_table_2():
+    lower = [100 * (1 - TABLE_2["6-node user element"][i] / TABLE_2["CPS6"][i]) for i in (0, 1)]
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    assert "in the paper's Table 2 it is lower by {:.1f} % and {:.1f} %".format(*lower) in readme
+
+
+def test_the_readme_has_the_computed_differences_of_critical_stresses(tmp_path):
+    results = ComputedResults(tmp_path)
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    lower = [-computed_ratio(results, "pw-T6", "galerkin-T6", mode) for mode in (1, 2)]
+    exact = [-exact_ratio(results, "G", "euler", mode) for mode in (1, 2)]
+    assert "lower the critical stress by {:.1g} % and {:.1g} %".format(*lower) in readme
+    assert "the exact plane-stress values are {:.0f} % and {:.0f} % lower".format(*exact) in readme

@@ -1,0 +1,226 @@
+"""The examples, each on a coarse mesh, as they stand: what they print and draw, and its mechanics.
+
+`python3 -m tests.run.test_gallery FOLDER` draws the pictures of the gallery.
+"""
+
+import io
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from contextlib import chdir, redirect_stdout
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from pw_elements.contact import OPEN, SLIP
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh"))
+LINES = 60  # of code, at most
+# what makes meshes of the examples coarse
+COARSE = {
+    "bracket": "size = 12.0",
+    "buckling": "cells = 1",
+    "gears": "size = 0.5",
+    "poisson": "cells = 8",
+    "press_fit": "size = 3.0",
+    "roller_on_dome": "size, zone = 0.25, 1.6",
+    "rubber_punch": "cells = 4",
+    "seal": "cells = 8",
+    "seepage": "size, permeability, head = 3.0, 1e-5, 6.0",
+    "sphere_on_block": "size, side = 0.3, 4.0",
+    "tuning_fork": "size = 8.0",
+}
+
+
+def run(name, folder, coarse=True):
+    """Runs an example in a folder; returns its names, and what it printed as "printed"."""
+    code = (EXAMPLES / f"{name}.py").read_text()
+    if coarse and name in COARSE:
+        stated = COARSE[name].partition(" = ")[0]
+        line = rf"^{re.escape(stated)} = [^#\n]*"
+        code, count = re.subn(line, COARSE[name] + "  ", code, count=1, flags=re.MULTILINE)
+        assert count == 1, f"{name} states no {stated}"
+    program = folder / f"{name}.py"
+    program.write_text(code.replace("Path(__file__)", f"Path({str(EXAMPLES / name)!r})"))
+    path = sys.path.copy()
+    sys.path.insert(0, str(EXAMPLES))
+    try:
+        with chdir(folder), redirect_stdout(io.StringIO()) as printed:
+            names = runpy.run_path(str(program))
+    finally:
+        sys.path[:] = path
+        plt.close("all")
+    return names | {"printed": printed.getvalue()}
+
+
+@pytest.fixture
+def example(tmp_path):
+    def computed(name):
+        found = run(name, tmp_path)
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+        return found
+
+    return computed
+
+
+def test_examples_are_short_and_each_is_tested():
+    assert len(NAMES) >= 12
+    tests = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
+    for name in NAMES:
+        assert name in tests
+        code = (EXAMPLES / f"{name}.py").read_text().split('"""', 2)[2]
+        count = sum(bool(line.strip()) for line in code.splitlines())
+        assert 20 <= count <= LINES, f"{name} has {count} lines"
+
+
+def test_plate_with_hole(example):
+    """Howland's factor for a hole of a fifth of the width is 3.14, over the gross stress."""
+    found = example("plate_with_hole")
+    assert found["stress"][0] / found["pull"] == pytest.approx(3.14, rel=0.04)
+    carried = found["cut"].reaction[:, 1].sum()
+    assert carried == pytest.approx(-found["pull"] * found["half_width"] * found["thickness"])
+
+
+def test_falling_friction(example):
+    """A uniform stress, in which the law alone says how large the friction is."""
+    found = example("falling_friction")
+    exact = found["mu"] / (1 + found["pressures"] / found["p_0"])
+    for ratio in found["found"].values():
+        assert ratio == pytest.approx(exact, rel=1e-8)
+
+
+def test_poisson(example):
+    """A side's heat, and that only the new element's is even."""
+    found = example("poisson")
+    ways, below = found["ways"], found["below"]
+    heats = {name: found["heat_at"](below, spaces)[1].reaction for name, spaces in ways.items()}
+    zigzag = {name: np.abs(np.diff(heat, 2)).max() for name, heat in heats.items()}
+    assert zigzag["standard"] > 5 * zigzag["piecewise linear"]
+    totals = [heat.sum() for heat in heats.values()]
+    assert totals[0] == pytest.approx(totals[1], rel=0.03)
+
+
+def test_buckling(example):
+    """The sway of a portal with fixed feet lies between Euler's of fixed-free and fixed-guided."""
+    found = example("buckling")
+    inertia = 0.1 * found["column"] ** 3 / 12
+    euler = np.pi**2 * 210e9 * inertia / (found["height"] - found["beam"]) ** 2
+    sway = found["modes"].factors[0] * found["load"] / 2
+    assert euler / 4 < sway < euler
+    assert sway == pytest.approx(euler, rel=0.15)
+
+
+def test_rubber_punch(example):
+    found = example("rubber_punch")
+    heights = found["mesh"].geometry.x[:, 1].max()
+    assert found["forces"].force[:, 1].sum() < -2 * found["mu"] * found["depth"] * heights
+    assert "force of the punch" in found["printed"]
+
+
+def test_seal(example):
+    """Lindley's force for long cords, found by experiments, and no change of volume."""
+    found = example("seal")
+    squeeze, modulus, diameter = found["squeeze"], 3 * found["mu"], 2.0
+    lindley = modulus * diameter * (1.25 * squeeze**1.5 + 50 * squeeze**6)
+    assert found["force"] / (2 * np.pi * found["ring"]) == pytest.approx(lindley, rel=0.05)
+    assert found["held"].sum() > 12
+    assert found["push"][found["held"]].min() > 0
+
+
+def test_seepage(example):
+    """What flows in flows out, and the seepage is less than without the pile."""
+    found = example("seepage")
+    whole = found["reactions"](found["K"], found["a"], found["f"])
+    assert abs(whole.sum()) < 1e-9 * np.abs(whole.array).sum()
+    assert 0 < found["litres"] < 3.6e6 * found["permeability"] * found["head"]
+
+
+def test_roller_on_dome(example):
+    found = example("roller_on_dome")
+    contact = found["state"].pairs[0]
+    assert contact.force == pytest.approx([found["push"], -found["press"]], rel=1e-9)
+    assert np.count_nonzero(contact.status == SLIP) > 2
+    R = 1 / (1 / found["dome"] + 1 / found["roller_radius"])
+    half_width = np.sqrt(4 * found["press"] * R * (1 - 0.4**2) / (np.pi * 3000))
+    closed = contact.position[contact.status != OPEN, 0]
+    assert np.ptp(closed) == pytest.approx(2 * half_width, abs=2 * found["size"])
+
+
+def test_press_fit(example):
+    """Between the holes the pressure is near Lamé's, and its mean below it."""
+    found = example("press_fit")
+    assert found["pressure"].max() == pytest.approx(found["lame"], rel=0.1)
+    assert found["pressure"].min() < 0.3 * found["lame"]
+
+
+def test_bar_impact(example):
+    found = example("bar_impact")
+    assert np.median(found["force"][found["force"] > 0.2 * found["expected"]]) == pytest.approx(
+        found["expected"], rel=0.03
+    )
+    assert found["history"].energies.imbalance < 1e-9
+
+
+def test_tuning_fork(example):
+    """A prong is a cantilever: the fork's own tone is a little below that of a clamped one."""
+    found = example("tuning_fork")
+    one = 1.8751**2 / (2 * np.pi) * found["thick"] / np.sqrt(12) / found["prong"] ** 2
+    clamped = one * np.sqrt(206e3 / 7.85e-9)
+    assert 0.75 * clamped < found["tones"][2] < clamped
+
+
+def test_gasket(example):
+    """The gasket carries the bolts, then the bolts less the pressure's thrust and what it opens."""
+    found = example("gasket")
+    bolted, pressed = (state.pairs[0].force[1] for state in found["states"])
+    assert bolted == pytest.approx(-found["bolts"], rel=1e-6)
+    thrust = found["pressure"] * np.pi * 56**2  # up to where the gasket begins
+    assert pressed == pytest.approx(-found["bolts"] + thrust, rel=1e-3)
+
+
+def test_gears(example):
+    """The force is along the line of action, but for friction, which is at most a tenth of it."""
+    found = example("gears")
+    contact = found["state"].pairs[0]
+    force = contact.force
+    angle = np.arctan2(abs(force[0]), abs(force[1]))
+    assert abs(angle - np.radians(20)) < np.arctan(0.1) + 0.01
+    opposite = contact.opposite_force.sum(axis=0)
+    assert opposite == pytest.approx(-force, rel=1e-9)
+
+
+def test_sphere_on_block(example):
+    found = example("sphere_on_block")
+    assert np.nanmax(found["pressure"]) == pytest.approx(found["peak"], rel=0.06)
+    assert found["state"].pairs[0].force[2] == pytest.approx(-found["force"] / 4, rel=1e-6)
+
+
+def test_bracket(example):
+    found = example("bracket")
+    foot = found["foot"]
+    assert foot.force == pytest.approx([-found["pull"], 0, found["bolt"]], rel=0.1, abs=20)
+    assert 5 < found["closed"] < 95
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+@pytest.mark.parametrize("name", ["gears", "sphere_on_block"])
+def test_two_processes_print_the_same(name, tmp_path):
+    alone = run(name, tmp_path)["printed"]
+    command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", f"{name}.py"]
+    environment = os.environ | {"PYTHONPATH": f"{EXAMPLES.parent}:{EXAMPLES}"}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == alone
+
+
+if __name__ == "__main__":
+    for one in NAMES:
+        run(one, Path(sys.argv[1]), coarse=False)

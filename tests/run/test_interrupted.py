@@ -1,0 +1,241 @@
+"""The study as it is started: Ctrl-C, kills and a full disk, at moments that nobody chose."""
+
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from study.command import main
+from study.core.jit import unblocked
+from study.core.store import Results, sweep
+from tests.run.full_disk import REFUSED
+from tests.study.toystudy import install
+
+ROOT = Path(__file__).parents[2]
+SECTIONS = ["7.1", "V1"]
+KILLS = 50
+INTERRUPTED = "study: interrupted; the results so far are kept"
+START = [sys.executable, "-X", "importtime", "-m", "study"]
+IMPORTED = "import time:"  # that is what Python tells of each import then
+
+
+class Run:
+    """The study in a process of its own, and what that leaves behind."""
+
+    def __init__(self, out, *arguments, **environment):
+        self.errors = out.with_name(f"{out.name}.err")
+        with self.errors.open("wb") as errors:
+            self.process = subprocess.Popen(
+                [*START, *arguments, "--jobs", "2", "--out", str(out)],
+                cwd=ROOT,
+                env=os.environ | environment,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+            )
+        while "study.core.interrupt" not in self.errors.read_text():
+            assert self.process.poll() is None
+            time.sleep(0.005)
+
+    def told(self):
+        lines = self.errors.read_text().splitlines()
+        return [line for line in lines if not line.startswith(IMPORTED)]
+
+    def processes(self):
+        """Return the live processes of its session."""
+        found = []
+        for folder in Path("/proc").iterdir():
+            try:
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[3]) == self.process.pid and fields[0] != "Z":
+                found.append(int(folder.name))
+        return found
+
+    def workers(self):
+        """Return the processes that have begun to work."""
+        return [
+            process
+            for process in self.processes()
+            if b"spawn_main" in (Path("/proc") / str(process) / "cmdline").read_bytes()
+        ]
+
+    def wait(self, seconds=120):
+        return self.process.wait(seconds)
+
+    def survivors(self):
+        """Return the processes that are there some time after the main one."""
+        deadline = time.monotonic() + 20
+        while (left := self.processes()) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        return left
+
+
+def numbers(out):
+    """Return all that is stored, as text: gaps in curves are equal then."""
+    results = Results(out)
+    return {
+        case.key: repr((case.scalars, {key: curve.tolist() for key, curve in case.curves.items()}))
+        for section in SECTIONS
+        for case in results.section(section)
+    }
+
+
+@pytest.mark.random
+@pytest.mark.parametrize("twice", [False, True])
+def test_interrupt_at_any_moment_is_one_line(tmp_path, request, twice):
+    for _ in range(40 if request.config.getoption("--nightly") else 1):
+        run = Run(tmp_path / "results", "3", "--force")
+        time.sleep(random.uniform(0.0, 4.0))
+        for _ in range(1 + twice):  # as a terminal does, which means the workers, too
+            os.killpg(run.process.pid, signal.SIGINT)
+        status = run.wait()
+        assert not run.survivors()
+        assert not [line for line in run.told() if "Traceback" in line], run.told()
+        assert status == 0 or (status, run.told()[-1]) == (130, INTERRUPTED)
+
+
+@pytest.mark.random
+def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
+    """Main process or worker, at random; half of the results is to be computed each time.
+
+    Now and then without compiled forms: a compilation that is killed would block its form.
+    """
+    if not request.config.getoption("--nightly"):
+        pytest.skip("takes ten minutes, with --nightly")
+    whole, out = tmp_path / "whole", tmp_path / "results"
+    start = time.monotonic()
+    run = Run(whole, *SECTIONS)
+    assert run.wait(600) == 0, run.told()
+    seconds, expected = time.monotonic() - start, numbers(whole)
+    ended, attempt = [], 0
+    while len(ended) < KILLS:
+        if attempt % 10 == 0:
+            compiled = {"XDG_CACHE_HOME": str(tmp_path / f"compiled-{attempt}")}
+        attempt += 1
+        for path in list(out.rglob("[!.]*.json")):
+            if random.random() < 0.5 and path.parent.name in SECTIONS:
+                path.unlink()
+        before = numbers(out)
+        run = Run(out, *SECTIONS, *random.choice([["--force"], []]), **compiled)
+        time.sleep(random.uniform(0.0, seconds))
+        victim = random.choice([run.process.pid, *run.workers()])
+        killed = run.process.poll() is None
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(victim, signal.SIGKILL)
+        status = run.wait(600)
+        ended += [status] * killed
+        assert status in (0, 1, -signal.SIGKILL), run.told()
+        assert not run.survivors()
+        assert not [line for line in run.told() if re.search("failed|Traceback", line)], run.told()
+        after = numbers(out)
+        assert {key: after.get(key) for key in before} == before
+    assert set(ended) >= {1, -signal.SIGKILL}  # workers with a case, and main processes
+    run = Run(out, *SECTIONS, **compiled)
+    assert run.wait(600) == 0, run.told()
+    assert numbers(out) == expected
+    assert [path.name for path in out.rglob(".*")] == []
+
+
+def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(tmp_path):
+    command = [sys.executable, "-m", "tests.run.full_disk", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode == REFUSED:
+        pytest.skip("nothing can be mounted here")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["roomy"]["status"] == 0
+    assert told["full"]["status"] == 2
+    assert told["full"]["stored"] == told["roomy"]["stored"]
+    lines = told["full"]["errors"].splitlines()
+    failed = r"\d/\w+: failed: OSError: .*No space left on device.*"
+    assert sum(bool(re.fullmatch(failed, line)) for line in lines) == 3
+    assert re.fullmatch(r"study: .*results: No space left on device", lines[-1])
+    assert len(lines) == 7  # and what is reused, and a line for each of two sections
+    assert told["litter"] == []
+    assert told["again"]["status"] == 0
+    assert told["computed again"] == 0
+
+
+def test_what_killed_writers_leave_is_swept_and_what_live_ones_write_is_not(tmp_path):
+    with subprocess.Popen(["true"]) as gone:
+        pass
+    names = [f".a.json.{gone.pid}", f".b.npz.{os.getpid()}", ".c.json.old", "d.json"]
+    (tmp_path / "7.1").mkdir()
+    for name in names:
+        (tmp_path / "7.1" / name).write_text("")
+    sweep(tmp_path)
+    assert sorted(path.name for path in tmp_path.rglob("*.*") if path.is_file()) == names[1:]
+
+
+def waiting_for(source):
+    return TimeoutError(
+        "JIT compilation timed out, probably due to a failed previous compile. "
+        f"Try cleaning cache (e.g. remove {source}) or increase timeout option."
+    )
+
+
+@pytest.fixture
+def source(tmp_path):
+    """C code of a form whose compilation began long ago."""
+    path = tmp_path / "libffcx_forms_1f.c"
+    path.write_text("")
+    os.utime(path, (0, 0))
+    return path
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_compilation_that_was_killed_is_removed(source, wrapped):
+    error = waiting_for(source)
+    assert unblocked(ValueError(f"the form cannot be compiled: {error}") if wrapped else error)
+    assert not source.exists()
+
+
+def test_compilation_that_is_slow_is_waited_for(source):
+    source.with_suffix(".o").write_text("just made")
+    assert unblocked(waiting_for(source))
+    assert source.exists()
+
+
+def test_compilation_that_two_have_made_is_made_again(source):
+    done = source.with_suffix(".c.cached")
+    done.touch()
+    with pytest.raises(FileExistsError) as caught:
+        done.open("x")
+    assert unblocked(caught.value)
+    assert not done.exists()
+
+
+def test_other_errors_block_nothing(source):
+    assert not unblocked(TimeoutError("of another kind"))
+    assert not unblocked(FileExistsError(17, "File exists", str(source)))
+    assert source.exists()
+
+
+BLOCKED = """
+from pathlib import Path
+from tests.run.test_interrupted import waiting_for
+def run(value, log, do=""):
+    if do and Path(do).exists():
+        raise waiting_for(do)
+"""
+
+
+def test_compilation_that_was_killed_costs_no_case(tmp_path, monkeypatch, source):
+    install(tmp_path, monkeypatch)
+    one = tmp_path / "toy" / "one.py"
+    text = one.read_text().replace('def run(value, log, do=""):', BLOCKED.strip())
+    one.write_text(text.replace('case("a")', f'case("a", do="{source}")'))
+    monkeypatch.setattr("study.report.build", lambda *_: [])
+    assert main(["1", "--jobs", "1", "--out", str(tmp_path / "results")]) == 0
+    assert Results(tmp_path / "results").cases("1") == ["a", "b"]

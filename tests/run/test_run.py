@@ -1,0 +1,298 @@
+"""The entry script, called from within itself: it then takes the Python that runs the tests."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from pathlib import Path
+
+import pypdf
+import pytest
+
+ROOT = Path(__file__).parents[2]
+RUN = ROOT / "run"
+# HOME in the Debian that ./run unpacks
+PRIVATE = os.environ.get("HOME") == "/usr/private"
+private_only = pytest.mark.skipif(not PRIVATE, reason="not in the Debian that ./run unpacks")
+
+
+def run(*args, cwd=ROOT, script=RUN, **env):
+    """The finished process of the script; a variable given as None is unset."""
+    merged = {k: v for k, v in {**os.environ, **env}.items() if v is not None}
+    return subprocess.run([script, *args], cwd=cwd, env=merged, capture_output=True, text=True)
+
+
+def environment(**env):
+    lines = run("env", **env).stdout.splitlines()
+    return dict(line.split("=", 1) for line in lines if "=" in line)
+
+
+def mount_points():
+    lines = Path("/proc/self/mountinfo").read_text().splitlines()
+    return [line.split()[4] for line in lines]
+
+
+def test_help_is_the_head_of_the_file(tmp_path):
+    head = RUN.read_text().split("\nset -eu\n")[0].splitlines()[1:]
+    expected = [line.removeprefix("#").removeprefix(" ") for line in head]
+    relative = os.path.relpath(RUN, tmp_path)
+    for process in (run(), run("--help"), run(cwd=tmp_path, script=relative)):
+        assert process.returncode == 0, process.stderr
+        assert process.stdout.splitlines() == expected
+    assert "./run study" in process.stdout
+    assert "./run test" in process.stdout
+
+
+def test_arguments_folder_and_exit_status_pass_through(tmp_path):
+    arguments = ["", "two words", "$HOME 'and' \"quotes\"", "σ", "*"]
+    code = f"import os, sys; assert sys.argv[1:] == {arguments}; print(os.getcwd()); sys.exit(7)"
+    process = run("python3", "-c", code, *arguments, cwd=tmp_path)
+    assert process.stderr == ""
+    assert process.stdout.strip() == str(tmp_path)
+    assert process.returncode == 7
+
+
+def test_a_script_elsewhere_finds_the_library_and_packages_of_its_own(tmp_path):
+    script, mine = tmp_path / "work" / "plate.py", tmp_path / "mine"
+    for path, text in {
+        script: "import own, pw_elements as pw; open('out', 'w').write(own.word + pw.__file__)",
+        mine / "own.py": "word = 'from '",
+    }.items():
+        path.parent.mkdir()
+        path.write_text(text)
+    process = run("python3", "plate.py", cwd=script.parent, PW_ELEMENTS_PATH=str(mine))
+    assert process.stderr == ""
+    assert (script.parent / "out").read_text() == f"from {ROOT}/pw_elements/__init__.py"
+
+
+def test_study_and_tests_start_in_the_project_from_anywhere(tmp_path):
+    process = run("test", "--collect-only", "-q", "tests/run/test_run.py", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    process = run("study", "check", "--out", "mine", cwd=tmp_path)
+    assert process.stderr == f"study: there are no results in {tmp_path}/mine: run ./run study\n"
+    assert run("study", "check", "--out", "mine").stderr == process.stderr.replace(
+        f"{tmp_path}/", ""
+    )
+
+
+def test_layers_that_are_none_and_options_that_are_none_are_refused():
+    process = run("--with", "study,moon", "true")
+    assert process.stderr == "run: there is no layer moon, but core, study, test, docs and pip\n"
+    assert process.returncode == 1
+    assert "needs layers and a command" in run("--with", "study").stderr
+    assert "no option --fast" in run("--fast").stderr
+
+
+def test_figure_is_written_where_the_caller_is(tmp_path):
+    process = run("figure", "fig04", "--results", "mine", "--out", "drawn", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    written = [tmp_path / "drawn" / name for name in ("fig04.png", "fig04.pdf")]
+    assert process.stdout.splitlines() == [str(path) for path in written]
+    assert all(path.stat().st_size > 1000 for path in written)
+    assert (tmp_path / "mine" / "7.1" / "pw-T6.json").exists()
+    process = run("figure", "nonsense", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "there is no figure nonsense, but these:\nfig01 " in process.stderr
+
+
+TOOLS = (
+    "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls"
+)
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A function that runs the script on a system with an old DOLFINx and few programs.
+
+    Programs of the names given do what the texts say.
+    """
+    programs, packages = tmp_path / "bin", tmp_path / "packages"
+    old = {"__init__": "__version__ = '0.8.0'", "fem/__init__": "", "fem/petsc": ""}
+    for name, text in old.items():
+        path = packages / "dolfinx" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    programs.mkdir()
+    for tool in TOOLS.split():
+        if found := shutil.which(tool):
+            (programs / tool).symlink_to(found)
+
+    def start(*args, script=RUN, env=None, **stubs):
+        for name, text in stubs.items():
+            path = programs / name.replace("_", "-")
+            path.unlink(missing_ok=True)
+            path.write_text(f"#!/bin/sh\n{text}\n")
+            path.chmod(0o755)
+        given = {
+            "PYTHONPATH": str(packages),
+            "PATH": str(programs),
+            "XDG_CACHE_HOME": str(tmp_path),
+        }
+        # a suite of one's own would be told in place of what Python lacks
+        return run(
+            *args, cwd=tmp_path, script=script, **(given | (env or {})), PW_ELEMENTS_SUITE=None
+        )
+
+    return start
+
+
+def test_what_python_lacks_is_told_first(bare):
+    process = bare("true")
+    assert process.returncode == 1
+    assert process.stderr.startswith(
+        "run: there is no python3; /usr/bin/python3 has DOLFINx 0.8.0, and there is no apt-get"
+    )
+    assert "conda create" in process.stderr
+
+
+FOUND = {
+    "apt_get": "echo $* >>apt.log",
+    "apt_cache": "echo Candidate: 1",
+    "dpkg_deb": "",
+    "flock": "",
+    "unshare": "",
+}
+
+
+def test_without_mount_a_user_is_told_what_to_install(bare):
+    process = bare("true", **FOUND, id="echo 1000")
+    assert process.returncode == 1
+    assert (
+        "there is no mount (apt-get install mount, as root): start this as root" in process.stderr
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "tests"),
+    [(["sh", "-c", "echo went"], False), (["--with", "test", "echo", "went"], True)],
+)
+def test_without_mount_root_goes_on_to_the_systems_own_packages(bare, tmp_path, command, tests):
+    process = bare(*command, **FOUND, id="echo 0", dpkg="")
+    assert process.stdout == "went\n", process.stderr
+    assert (
+        "there is no mount (apt-get install mount, as root): installing DOLFINx 1" in process.stderr
+    )
+    installed = (tmp_path / "apt.log").read_text()
+    assert "python3-dolfinx" in installed
+    assert "weasyprint" not in installed
+    assert ("python3-pytest" in installed) == tests
+
+
+def test_without_mount_and_a_new_dolfinx_root_is_told_what_to_install(bare):
+    process = bare("true", **FOUND, id="echo 0", dpkg="exit 1")
+    assert process.returncode == 1
+    assert (
+        "no mount (apt-get install mount, as root), and apt offers no DOLFINx 0.9" in process.stderr
+    )
+
+
+def test_nowhere_to_keep_the_packages_is_one_sentence(bare, tmp_path):
+    script = tmp_path / "project" / "run"
+    script.parent.mkdir()
+    shutil.copy(RUN, script)
+    (script.parent / ".cache").write_text("no folder")
+    env = {"XDG_CACHE_HOME": None, "HOME": "/proc/none"}
+    process = bare("true", script=script, env=env, **FOUND, id="echo 0")
+    assert process.returncode == 1
+    assert process.stderr.startswith(
+        "run: no folder to keep DOLFINx in: name one by XDG_CACHE_HOME"
+    )
+    assert process.stderr.count("\n") == 1
+
+
+def test_a_signal_passes_through():
+    assert run("sh", "-c", "kill -TERM $$").returncode == -signal.SIGTERM
+
+
+def test_one_thread_unless_asked_for_more():
+    assert environment(OMP_NUM_THREADS=None)["OMP_NUM_THREADS"] == "1"
+    assert environment(OMP_NUM_THREADS="2")["OMP_NUM_THREADS"] == "2"
+
+
+def test_processes_share_memory_in_a_folder_of_the_users_own():
+    folder = Path(environment()["OMPI_MCA_btl_sm_backing_directory"])
+    assert re.fullmatch(r"/dev/shm/pw-elements-\d+", str(folder))
+    assert (folder.stat().st_mode & 0o777, folder.stat().st_uid) == (0o700, os.getuid())
+    left = folder / "sm_segment.left-behind"
+    left.write_text("")
+    os.utime(left, (0, 0))
+    run("true")
+    assert not left.exists()
+
+
+def told(folder, git):
+    """What ./run tells of the commit, with a shell script as git."""
+    (folder / "git").write_text(f"#!/bin/sh\n{git}\n")
+    (folder / "git").chmod(0o755)
+    path = f"{folder}:{os.environ['PATH']}"
+    variables = environment(PATH=path, PW_ELEMENTS_COMMIT=None, PW_ELEMENTS_DIRTY=None)
+    return {k: v for k, v in variables.items() if k.startswith("PW_ELEMENTS_")}
+
+
+@pytest.mark.parametrize(("changes", "dirty"), [("", "0"), (" M run", "1")])
+def test_commit_and_its_changes_are_told(tmp_path, changes, dirty):
+    git = f"case $* in *rev-parse*) echo abc ;; *status*) echo '{changes}' ;; esac"
+    assert told(tmp_path, git) == {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": dirty}
+
+
+def test_no_commit_is_told_where_there_is_none(tmp_path):
+    assert told(tmp_path, "exit 128") == {}
+
+
+def test_commit_is_that_of_the_checkout():
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout")
+    if "PW_ELEMENTS_COMMIT" not in os.environ:
+        pytest.skip("no git on this machine, or not started by ./run")
+    assert re.fullmatch("[0-9a-f]{40}", os.environ["PW_ELEMENTS_COMMIT"])
+    assert os.environ["PW_ELEMENTS_DIRTY"] in ("0", "1")
+
+
+def test_folders_outside_the_project_can_be_written():
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        (Path(folder) / "result").write_text("kept")
+    if PRIVATE:
+        points = mount_points()
+        assert "/var" in points
+        assert "/tmp" in points
+
+
+@private_only
+def test_the_debian_itself_takes_no_results():
+    for folder in ("/usr", "/etc"):
+        with pytest.raises(OSError, match="Read-only"):
+            tempfile.mkdtemp(dir=folder)
+
+
+@private_only
+def test_no_folder_shows_twice():
+    """The cache folder is among the bound ones: an rm -r of it must not reach them."""
+    assert [p for p in mount_points() if p.endswith("/usr/private")] == ["/usr/private"]
+
+
+def test_text_in_pdf_is_dejavu(tmp_path):
+    code = (
+        "import sys, weasyprint;"
+        "html = '<p style=\"font-family: DejaVu Sans\">σ <b>bold</b> <i>italic</i>';"
+        "weasyprint.HTML(string=html).write_pdf(sys.argv[1])"
+    )
+    file = tmp_path / "a.pdf"
+    process = run("python3", "-c", code, str(file))
+    assert process.returncode == 0
+    assert process.stderr == ""  # fontconfig warns there
+    fonts = pypdf.PdfReader(file).pages[0]["/Resources"]["/Font"].values()
+    names = {font.get_object()["/BaseFont"].split("+")[1] for font in fonts}
+    assert names == {"DejaVu-Sans", "DejaVu-Sans-Bold", "DejaVu-Sans-Oblique"}
+
+
+@pytest.mark.skipif(not shutil.which("shellcheck"), reason="shellcheck is not installed")
+def test_shellcheck():
+    process = subprocess.run(
+        ["shellcheck", "run", ".ci/run", ".ci/nightly", ".ci/package"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert process.returncode == 0, process.stdout

@@ -1,0 +1,158 @@
+"""The tutorial's code, run as it stands; `-m tests.run.test_tutorial` draws its pictures."""
+
+import io
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import tempfile
+from contextlib import chdir, redirect_stdout
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pw_elements import SurfaceNodes
+from pw_elements.contact import OPEN, SLIP, STICK
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = DOCS / "your-own-problem.md"
+METHODS = ("standard", "piecewise linear")
+
+
+def run(folder):
+    """Run the page's code blocks as one program in a folder; return its names."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    program = folder / "dome.py"
+    program.write_text("\n\n".join(blocks))
+    with chdir(folder), redirect_stdout(io.StringIO()) as printed:
+        names = runpy.run_path(str(program))
+    return names | {"folder": folder, "printed": printed.getvalue()}
+
+
+def numbers(text):
+    """What the program prints, but the round-off in its residuals."""
+    text = re.sub(r"missed by .*", "", text)
+    return [float(word) for word in re.findall(r"-?\d+\.?\d*", text)]
+
+
+def pictures():
+    return re.findall(r"!\[[^]]+\]\(([\w.-]+)\)", PAGE.read_text())
+
+
+@pytest.fixture(scope="module")
+def dome(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("dome"))
+
+
+def test_own_form_is_the_librarys(dome):
+    assert dome["difference"] < 1e-14
+
+
+def test_geometry_is_curved(dome):
+    x = dome["mesh"].geometry.x
+    arc = dome["touching"](x.T)
+    assert dome["mesh"].ufl_domain().ufl_coordinate_element().degree == 2
+    assert np.abs(np.hypot(x[arc, 0], x[arc, 1]) / dome["dome_radius"] - 1).max() < 1e-12
+    assert np.count_nonzero(arc) == len(dome["pushed"]["standard"].position)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_forces_are_those_prescribed_and_the_base_holds_them(dome, method):
+    F, Q = dome["F"], dome["Q"]
+    contact = dome["pushed"][method]
+    assert contact.force == pytest.approx([Q, -F], rel=1e-9)
+    assert dome["pressed"][method].force[1] == pytest.approx(-F, rel=1e-9)
+    assert dome["worst"] < 1e-9
+    if method == "piecewise linear":
+        forces = dome["outline_force"].x.array.reshape(-1, 2)
+        on_base = np.isclose(dome["U"].tabulate_dof_coordinates()[:, 1], 0.0)
+        assert forces[on_base].sum(axis=0) == pytest.approx([-Q, F], rel=1e-9)
+        contact_forces = dome["fields"].force.x.array.reshape(-1, 2)
+        assert contact_forces[~on_base] == pytest.approx(forces[~on_base], abs=1e-9 * F)
+
+
+def test_what_is_let_go_remembers_the_push(dome):
+    """Sums of force are as before the push; friction keeps some shear and displacement."""
+    back, pressed = dome["released"].pairs[0], dome["pressed"]["piecewise linear"]
+    assert back.force == pytest.approx([0.0, -dome["F"]], abs=1e-9 * dome["F"])
+    assert dome["released"].increment == len(dome["states"]["piecewise linear"]) + 2
+    pushed = dome["pushed"]["piecewise linear"].translation[0]
+    assert 0.01 * pushed < back.translation[0] < 0.9 * pushed
+    difference = np.abs(back.force_tangential[:, 0] - pressed.force_tangential[:, 0]).max()
+    assert difference > 0.1 * np.abs(pressed.force_tangential[:, 0]).max()
+    assert "the roller stays" in dome["printed"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_pressure_is_hertzs(dome, method):
+    contact, a, p0 = dome["pressed"][method], dome["a"], dome["p0"]
+    x = contact.position[:, 0]
+    closed = x[contact.status != OPEN]
+    assert np.ptp(closed) == pytest.approx(2 * a, abs=dome["size"])
+    inner = np.abs(x) < 0.8 * a
+    error = dome["measures"][method]["force / own test function [MPa]"] - dome["hertz"](x)
+    assert np.abs(error[inner]).max() < 0.03 * p0
+
+
+def test_only_the_new_elements_forces_are_even(dome):
+    for method, expected in zip(METHODS, (2.0, 1.0), strict=True):
+        surface = SurfaceNodes.of(dome["bodies"][method], dome["touching"])
+        contact = dome["pressed"][method]
+        ratio = surface.sawtooth(contact.force_normal, contact.status != OPEN)
+        assert ratio == pytest.approx(expected, rel=0.03)
+    own, tributary = list(dome["measures"]["piecewise linear"].values())[1:]
+    assert own == pytest.approx(tributary, rel=1e-5)
+    own, tributary = list(dome["measures"]["standard"].values())[1:]
+    assert np.nanmax(np.abs(own - tributary)) > 0.3 * dome["p0"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_coulombs_law_holds_and_part_of_the_contact_sticks(dome, method):
+    contact, mu = dome["pushed"][method], dome["mu"]
+    shear = np.linalg.norm(contact.force_tangential, axis=1)
+    bound = mu * contact.force_normal
+    assert np.all(shear <= bound + 1e-9 * dome["F"])
+    slipping, sticking = contact.status == SLIP, contact.status == STICK
+    assert shear[slipping] == pytest.approx(bound[slipping], abs=1e-9 * dome["F"])
+    assert np.count_nonzero(slipping) > 3
+    assert np.count_nonzero(sticking) > 3
+
+
+def test_stress_below_the_contact_is_the_pressure(dome):
+    """A third measure, which no nodal force enters: at the apex the stress is -p0."""
+    W, stress = dome["W"], dome["stress"].x.array.reshape(-1, 4)
+    apex = np.linalg.norm(W.tabulate_dof_coordinates() - [0, dome["dome_radius"], 0], axis=1) < 1e-9
+    assert np.count_nonzero(apex) >= 2
+    assert stress[apex, 3].mean() == pytest.approx(-dome["p0"], rel=0.1)
+
+
+def test_pictures_and_fields_are_written(dome):
+    assert len(pictures()) == 3
+    for name in pictures():
+        assert (dome["folder"] / name).stat().st_size > 20_000
+        assert (DOCS / name).is_file()
+    for name in ("dome.bp", "dome-stress.bp"):
+        assert any((dome["folder"] / name).iterdir())
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+def test_two_processes_print_the_same_numbers(dome, tmp_path):
+    command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", dome["folder"] / "dome.py"]
+    environment = os.environ | {"PYTHONPATH": str(DOCS.parent)}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
+    )
+    assert done.returncode == 0, done.stderr
+    expected = numbers(dome["printed"])
+    assert len(expected) > 10
+    assert numbers(done.stdout) == pytest.approx(expected, rel=1e-6)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as name:
+        run(Path(name))
+        for picture in pictures():
+            shutil.copy(Path(name) / picture, DOCS)

@@ -1,0 +1,395 @@
+"""Drawing: the same bytes each time, whole files, and no figure lost to another's fault."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import figures
+from figures.__main__ import draw_all, main, named
+from figures.drawing import scripts
+from figures.style import COLUMN, LOOK, mesh_plot, style
+from study.core.store import Result, save
+
+ROOT = Path(__file__).parents[2]
+
+SCRIPT = '''"""Force over place.
+
+More about it.
+"""
+
+import matplotlib.pyplot as plt
+
+from figures.style import COLUMN, LOOK
+
+NEEDS = ["1/a"]
+SECTION = "1"
+
+
+def draw(results):
+    figure, ax = plt.subplots(figsize=(COLUMN, 2.0))
+    curves = results.curves("1/a")
+    ax.plot(curves["x"], curves["x"] ** 2, **LOOK["pw-T6"])
+    ax.legend()
+    return figure
+
+
+def caption(results):
+    return f"Its scalar is {results.scalar('1/a', 'y'):.1f}."
+
+
+def alt(results):
+    return "A parabola"
+'''
+
+
+def store(out, case, y, **curves):
+    save(out, "1", case, Result({"y": y}, {"y": "1"}, curves), {"problem": "toy"}, {})
+
+
+@pytest.fixture
+def out(tmp_path):
+    store(tmp_path / "out", "a", 2.5, x=np.linspace(0, 1, 5))
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def script(tmp_path, monkeypatch):
+    """A function that adds a figure script; no others exist."""
+    folder = tmp_path / "scripts"
+    folder.mkdir()
+    monkeypatch.setattr(figures, "__path__", [*figures.__path__, str(folder)])
+    monkeypatch.setattr("figures.__main__.scripts", lambda: sorted(added))
+    added = []
+
+    def add(name, old="", new=""):
+        assert old in SCRIPT
+        added.append(name)
+        (folder / f"{name}.py").write_text(SCRIPT.replace(old, new) if old else SCRIPT)
+
+    return add
+
+
+def names(out):
+    return [entry["name"] for entry in json.loads((out / "figures" / "index.json").read_text())]
+
+
+def test_figures_are_drawn_again_only_after_a_change(out, script):
+    script("toy_one")
+
+    def drawn():
+        """Whether a call draws: a file made empty beforehand then has content again."""
+        picture = out / "figures" / "toy_one.svg"
+        picture.write_text("")
+        assert draw_all(out, complete=False)
+        return picture.stat().st_size > 0
+
+    assert draw_all(out, complete=False)
+    assert not drawn()
+    script("toy_one", "A parabola", "The parabola")
+    assert drawn()
+    result = next(path for path in out.glob("*/*.json") if path.parent.name != "figures")
+    result.write_text(result.read_text() + "\n")
+    assert drawn()
+    assert not drawn()
+    (out / "figures" / "index.json").unlink()
+    assert not drawn()
+    assert names(out) == ["toy_one"]
+
+
+def test_figure_is_drawn_and_indexed(out, script):
+    script("toy_one")
+    assert draw_all(out, complete=False)
+    files = ["index.json", *(f"toy_one.{kind}" for kind in ("json", "narrow.svg", "png", "svg"))]
+    assert sorted(os.listdir(out / "figures")) == files
+    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert entry == {
+        "name": "toy_one",
+        "title": "Force over place",
+        "section": "1",
+        "caption": "Its scalar is 2.5.",
+        "alt": "A parabola",
+        "width": 336,
+        "height": 192,
+        "narrow": [336, 192],
+    }
+    assert plt.imread(out / "figures" / "toy_one.png").shape[:2] == (400, 700)
+    assert plt.get_fignums() == []
+
+
+def test_same_results_give_the_same_bytes(out, script):
+    script("toy_same")
+    drawn = []
+    for _ in range(2):
+        draw_all(out, complete=False)
+        drawn.append(
+            [(out / "figures" / f"toy_same.{kind}").read_bytes() for kind in ("svg", "png")]
+        )
+    assert drawn[0] == drawn[1]
+    svg = drawn[0][0].decode()
+    assert "<dc:date>" not in svg
+    assert "font-family:'DejaVu Sans', sans-serif" in svg
+    assert "font:" not in svg
+
+
+WIDE = ("figsize=(COLUMN, 2.0))", "ncols=2, figsize=(2 * COLUMN, 2.0), sharey=True)")
+
+
+def test_wide_figure_has_a_narrow_twin_with_its_panels_below_each_other(out, script):
+    script("toy_wide", *WIDE)
+    path = out.parent / "scripts" / "toy_wide.py"
+    text = path.read_text().replace("figure, ax =", "figure, (ax, other) =")
+    path.write_text(text.replace("ax.legend()", "other.set(xlabel='place')"))
+    assert draw_all(out, complete=False)
+    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert entry["width"] == 672
+    width, height = entry["narrow"]
+    assert width <= 358  # what a telephone's screen of 390 pixels leaves
+    assert height > entry["height"]
+    narrow, wide = (
+        (out / "figures" / f"toy_wide.{kind}").read_text() for kind in ("narrow.svg", "svg")
+    )
+    assert wide.count(">0.0<") == 3  # both panels' x, one y
+    assert narrow.count(">0.0<") == 4
+
+
+def test_drawing_keeps_what_it_shows_and_drops_the_rest(out, script):
+    script("toy_lean")
+    assert draw_all(out, complete=False)
+    svg = (out / "figures" / "toy_lean.svg").read_text()
+    assert ">new T6<" in svg
+    assert LOOK["pw-T6"]["color"].lower() in svg
+    assert not re.search(r'id="(figure|axes|patch|text|line2d)_', svg)
+    used = set(re.findall(r'(?:href="|url\()#([^")]+)', svg))
+    assert used
+    assert used == set(re.findall(r'id="([^"]+)"', svg))
+
+
+def test_figure_without_its_results_is_skipped_with_a_line(out, script, capsys):
+    script("toy_ready")
+    script("toy_wants", '"1/a"]', '"1/a", "7.5/x"]')
+    assert draw_all(out, complete=False)
+    assert capsys.readouterr().err == "figures: toy_wants: not drawn, for want of 7.5/x\n"
+    assert names(out) == ["toy_ready"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("figure, ax =", "1 / 0 #", "ZeroDivisionError: division by zero"),
+        ("'y'", "'z'", "no scalar 'z'"),
+        ("import matplotlib", "import no_such_matplotlib", "ModuleNotFoundError"),
+    ],
+)
+def test_script_that_fails_costs_no_other(out, script, capsys, old, new, line):
+    name = f"toy_bad{len(line)}"
+    script(name, old, new)
+    script("toy_z_good")
+    assert not draw_all(out, complete=False)
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"figures: {name}: ")
+    assert line in errors
+    assert names(out) == ["toy_z_good"]
+    assert plt.get_fignums() == []
+
+
+def test_missing_result_is_a_failure_where_all_is_said_to_be_there(out, script):
+    script("toy_t")
+    assert draw_all(out, complete=True)
+    (out / "1" / "a.json").unlink()
+    assert draw_all(out, complete=False)
+    assert not draw_all(out, complete=True)
+
+
+def test_figure_that_can_be_drawn_no_more_leaves_the_index(out, script):
+    script("toy_r")
+    draw_all(out, complete=False)
+    (out / "1" / "a.json").unlink()
+    draw_all(out, complete=False)
+    assert names(out) == []
+
+
+def test_unknown_figure_is_2_and_answered_with_those_there_are(script, capsys):
+    script("toy_s")
+    assert main(["nonsense"]) == 2
+    told = capsys.readouterr().err
+    assert main([]) == 0
+    table = capsys.readouterr().out
+    assert told == f"figures: there is no figure nonsense, but these:\n{table}"
+    assert "\ntoy_s                     Force over place\n" in table
+
+
+def test_each_of_the_papers_figures_and_tables_has_its_name():
+    paper = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
+    assert list(named())[:27] == paper
+    for name in paper:
+        drawn, _ = named()[name]
+        first, *last = (int(part) for part in re.findall(r"\d+", drawn))
+        assert first <= int(name[3:]) <= (last or [first])[0], (name, drawn)
+
+
+# Of these, the library needs none: a figure has to do without them
+NOT_CORE = ("jinja2", "jsonschema", "weasyprint", "pytest", "sphinx")
+
+
+@pytest.mark.parametrize(
+    ("start", "name"),
+    [
+        (("-m", "figures", "fig05"), "fig05"),
+        (("-m", "figures", "tab02", "fig08"), "fig08"),
+        (("figures/fig05.py",), "fig05"),
+    ],
+)
+def test_figure_alone_is_computed_and_drawn_from_nothing(tmp_path, start, name):
+    for module in NOT_CORE:
+        (tmp_path / f"{module}.py").write_text("raise ImportError('not of the core layer')")
+    where = ["--results", tmp_path / "results", "--out", tmp_path / "drawn"]
+    path = f"{tmp_path}:{ROOT}"
+    done = subprocess.run(
+        [sys.executable, *start, *where],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    files = [tmp_path / "drawn" / f"{name}.{kind}" for kind in ("png", "pdf")]
+    assert done.stdout.splitlines()[-2:] == [str(file) for file in files]
+    assert plt.imread(files[0]).shape[1] > 600
+    assert files[1].read_bytes().startswith(b"%PDF")
+    needs = {key for script in ("fig05", "fig07_08", "tab02") for key in needs_of(script)}
+    stored = {f"{path.parent.name}/{path.stem}" for path in tmp_path.glob("results/*/*.json")}
+    assert stored
+    assert stored <= needs
+
+
+def needs_of(name):
+    return import_module(f"figures.{name}").NEEDS
+
+
+def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
+    script("toy_never", '"1/a"', '"7.1/never"')
+    assert main(["toy_never", "--results", str(tmp_path), "--out", str(tmp_path / "drawn")]) == 1
+    assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
+    assert not (tmp_path / "drawn").exists()
+
+
+def test_scripts_come_in_the_order_of_their_numbers(tmp_path, monkeypatch):
+    for name in ("fig10", "fig9", "fig02", "mesh", "style", "__main__"):
+        (tmp_path / f"{name}.py").write_text("")
+    monkeypatch.setattr(figures, "__path__", [str(tmp_path)])
+    assert scripts() == ["fig02", "fig9", "fig10", "mesh"]
+
+
+def test_every_script_has_what_the_frame_asks_for():
+    for name in scripts():
+        module = import_module(f"figures.{name}")
+        assert module.__doc__, name
+        assert module.NEEDS, name
+        assert isinstance(module.SECTION, str), name
+        assert all(callable(getattr(module, part)) for part in ("draw", "caption", "alt")), name
+
+
+def test_style_ends_with_its_block():
+    before = matplotlib.rcParams["font.size"], matplotlib.rcParams["svg.hashsalt"]
+    with style():
+        assert matplotlib.rcParams["font.size"] == 9.0
+        assert matplotlib.rcParams["font.sans-serif"] == ["DejaVu Sans"]
+    assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["svg.hashsalt"]) == before
+
+
+def test_looks_are_distinct_and_visible_on_white():
+    assert {"galerkin-T6", "pw-T6", "pwsym-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"} < set(LOOK)
+    for part in ("color", "marker", "label"):
+        assert len({look[part] for look in LOOK.values()}) == len(LOOK)
+    for look in LOOK.values():
+        assert contrast_to_white(look["color"]) > 2.3
+
+
+def contrast_to_white(color):
+    rgb = np.array(matplotlib.colors.to_rgb(color))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return 1.05 / (linear @ [0.2126, 0.7152, 0.0722] + 0.05)
+
+
+def drawn(x, cells):
+    with style():
+        figure, ax = plt.subplots(figsize=(COLUMN, 2))
+        mesh_plot(ax, np.array(x), np.array(cells))
+        sides = [segment.round(9) for segment in ax.collections[0].get_segments()]
+        nodes = [np.column_stack(line.get_data()).round(9) for line in ax.lines]
+        plt.close(figure)
+    return sides, nodes
+
+
+def test_side_passes_through_its_middle_node_whatever_the_numbering():
+    x = [[0, 0], [2, 0], [0, 2], [1, 0.3], [1.2, 1.2], [-0.1, 1]]
+    for cell in ([0, 1, 2, 3, 4, 5], [0, 1, 2, 4, 5, 3], [2, 0, 1, 3, 4, 5]):
+        sides, (corners, middles) = drawn(x, [cell])
+        assert len(sides) == 3
+        assert {tuple(side[4]) for side in sides} == {(1, 0.3), (1.2, 1.2), (-0.1, 1)}
+        ends = {frozenset([tuple(side[0]), tuple(side[-1])]) for side in sides}
+        assert len(ends) == 3
+        assert next(side for side in sides if tuple(side[4]) == (1, 0.3))[:, 0].max() == 2
+        assert len(corners) == len(middles) == 3
+
+
+@pytest.mark.parametrize("corners", [[0, 1, 3, 2], [0, 1, 2, 3]])
+def test_quadrilateral_is_drawn_around_not_across(corners):
+    x = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
+    sides, _ = drawn(x, [corners])
+    lengths = [np.linalg.norm(side[-1] - side[0]) for side in sides]
+    assert lengths == pytest.approx([1, 1, 1, 1])
+
+
+def test_only_the_figure_whose_result_changed_is_drawn_again(out, script):
+    store(out, "b", 1.0, x=np.linspace(0, 1, 3))
+    script("toy_first")
+    script("toy_second", '"1/a"', '"1/b"')
+    draw_all(out, complete=False)
+    for name in ("toy_first", "toy_second"):
+        (out / "figures" / f"{name}.svg").write_text("")
+    result = out / "1" / "b.json"
+    result.write_text(result.read_text() + "\n")
+    draw_all(out, complete=False)
+    assert (out / "figures" / "toy_first.svg").stat().st_size == 0
+
+
+def test_figure_of_a_whole_section_is_drawn_again_with_another_case_in_it(out, script):
+    script("toy_whole", "alt(results):\n", "alt(results):\n    results.section('1')\n")
+    draw_all(out, complete=False)
+    picture = out / "figures" / "toy_whole.svg"
+    picture.write_text("")
+    draw_all(out, complete=False)
+    assert picture.stat().st_size == 0
+    store(out, "b", 1.0)
+    draw_all(out, complete=False)
+    assert picture.stat().st_size > 0
+
+
+def test_many_figures_for_want_of_results_are_one_line(out, script, capsys):
+    for number in range(5):
+        script(f"toy_many{number}", '"1/a"', f'"{number + 2}/a"')
+    script("toy_many_good")
+    assert draw_all(out, complete=False)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "figures: 5 not drawn, for want of results of sections 2, 3, 4, 5, 6"
+
+
+def test_clouds_of_points_are_images_of_few_colours(out, script):
+    script("toy_cloud", '**LOOK["pw-T6"]', '"o", label="cloud"')
+    cloud = np.linspace(0, 1, 500)
+    store(out, "a", 2.5, x=cloud)
+    assert draw_all(out, complete=False)
+    svg = (out / "figures" / "toy_cloud.svg").read_text()
+    assert svg.count("data:image/png;base64,") == 1
+    assert svg.count("<use") < 100

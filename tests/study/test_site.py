@@ -1,0 +1,202 @@
+"""What the site is made of. The pages themselves are opened in a browser by .ci/run."""
+
+import ast
+import inspect
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import pw_elements
+import pw_elements.contact
+from study.core.cases import SECTIONS
+from study.core.store import Results
+from study.paper.items import ITEMS
+from study.site import evidence, gallery, reference
+from study.texts import HEADS
+from study.texts import HERE as TEXTS
+from tests.study.browser import dead
+
+RESULTS = Path(__file__).parents[2] / "results"
+NAMES = [
+    f"{module.__name__}.{name}"
+    for module in (pw_elements, pw_elements.contact)
+    for name in module.__all__
+]
+# Names that say of themselves all that there is to say
+PLAIN = {*reference.CONSTANTS}
+RENAMED = {"shape"}
+MAIN = [
+    "pw_elements.Spaces",
+    "pw_elements.Body",
+    "pw_elements.Material",
+    "pw_elements.Reduction",
+    "pw_elements.assemble_matrix",
+    "pw_elements.assemble_vector",
+    "pw_elements.boundary_measure",
+    "pw_elements.prescribe",
+    "pw_elements.solve",
+    "pw_elements.reactions",
+    "pw_elements.nodal_flux",
+    "pw_elements.vibration_modes",
+    "pw_elements.buckling",
+    "pw_elements.Sibling",
+    "pw_elements.lumped_mass",
+    "pw_elements.test_space",
+    "pw_elements.as_function",
+    "pw_elements.draw",
+    "pw_elements.PetrovGalerkinProblem",
+    "pw_elements.contact.ContactPair",
+    "pw_elements.contact.Motion",
+    "pw_elements.contact.Plane",
+    "pw_elements.contact.Sphere",
+    "pw_elements.contact.DeformableSurface",
+    "pw_elements.contact.ContactFields",
+    "pw_elements.contact.solve_contact",
+    "pw_elements.contact.solve_impact",
+    "pw_elements.contact.plot",
+    "pw_elements.contact.write",
+    "pw_elements.meshes.from_gmsh",
+]
+
+
+def thing(full):
+    module, _, name = full.rpartition(".")
+    return getattr(import_module(module), name)
+
+
+def test_every_public_name_has_a_page():
+    pages = {name.rpartition(".")[2] for name in reference.public()}
+    assert {name.rpartition(".")[2] for name in NAMES} - PLAIN <= pages
+    assert len(reference.public()) == len({*reference.public()})
+
+
+@pytest.mark.parametrize("full", reference.public())
+def test_every_page_says_what_its_thing_is_takes_and_refuses(full):
+    one = thing(full)
+    text = inspect.getdoc(one)
+    assert text
+    assert text.split("\n\n")[0].endswith((".", ":"))
+    if inspect.isfunction(one):
+        assert "\nArgs:\n" in text
+        told = text.partition("\nArgs:\n")[2]
+        assert all(f"    {name}:" in told for name in inspect.signature(one).parameters)
+
+
+@pytest.mark.parametrize("full", reference.public())
+def test_methods_say_what_they_take(full):
+    one = thing(full)
+    if not inspect.isclass(one):
+        return
+    for name, member in vars(one).items():
+        method = member.__func__ if isinstance(member, classmethod) else member
+        if name.startswith("_") or not inspect.isfunction(method) or name in RENAMED:
+            continue
+        text = inspect.getdoc(method) or ""
+        taken = {*inspect.signature(method).parameters} - {"self", "cls"}
+        assert text, name
+        assert all(f"    {one}:" in text or f" {one} (n, " in text for one in taken), name
+
+
+@pytest.mark.parametrize("full", MAIN)
+def test_main_entries_have_an_example(full):
+    used = {name for one in gallery.examples() for name in one.uses}
+    code = re.search(r"\n\n    \S", inspect.getdoc(thing(full)) or "")
+    assert full in used or code
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_every_section_says_what_it_is_about_and_judged_by(section):
+    assert section in HEADS, "study/texts/heads.toml has no words on it"
+    assert HEADS[section].keys() == {*evidence.PARTS}
+
+
+def test_groups_have_every_section_once():
+    listed = [section for members in evidence.GROUPS.values() for section in members]
+    assert sorted(listed) == sorted(SECTIONS)
+
+
+def test_a_joint_figure_shows_its_items():
+    figures = {item.number: item for item in ITEMS if item.kind == "figure"}
+    shown = [number for number, item in figures.items() if evidence._shows("fig07_08", item)]
+    assert shown == ["7", "8"]
+
+
+def test_headings_of_texts_become_the_pages_own():
+    page = evidence._as_markdown("<p>a</p><h3>Method of <b>T</b></h3><p>b &lt; c</p><h4>x</h4>")
+    assert re.findall(r"^#+ .*", page, re.MULTILINE) == ["## Method of T", "### x"]
+    assert "<p>b &lt; c</p>" in page
+
+
+def test_examples_are_in_the_gallery_with_title_and_text():
+    every = gallery.examples()
+    assert {one.name for one in every} == {*gallery.ORDER}
+    for one in every:
+        assert one.title.endswith((".", "?")), one.name
+        ast.parse((gallery.EXAMPLES / f"{one.name}.py").read_text())
+
+
+@pytest.mark.skipif(not (RESULTS / "claims.json").exists(), reason="./run study makes results")
+def test_sheets_have_all_that_their_texts_ask_for():
+    first = evidence._Sheets(Results(RESULTS), {}, strict=False)
+    first.pages([*SECTIONS])
+    sheets = evidence._Sheets(Results(RESULTS), first.known, strict=not first.incomplete)
+    pages = [*sheets.pages([*SECTIONS]).values()]
+    if sheets.incomplete:
+        pytest.skip(f"results are incomplete: {sheets.incomplete[0]}")
+    assert all("\n## Verdicts\n" in page for page in pages[:-1])
+    assert "\n## Alternatives\n" in pages[-1]
+    assert "What the new element changes, by purpose" in sheets.decision()
+
+
+def test_mathematics_of_statements_is_set():
+    assert evidence.typeset("pw-T6: 0.4 <= x, nu = 0 on 8 x 8, K_PW = T K^T") == (
+        "new T6: 0.4 ≤ x, ν = 0 on 8 × 8, K<sub>PW</sub> = T K<sup>T</sup>"
+    )
+    assert evidence.typeset("menu & 2 x") == "menu &amp; 2 x"
+
+
+@pytest.mark.parametrize(
+    ("value", "tol", "written"),
+    [
+        (0.998516, 0.02, "0.999"),
+        (3.3e-11, 2.0, "3.3"),
+        (218.892, 5.0, "218.9"),
+        (800.0, 1e-6, "800"),
+    ],
+)
+def test_a_computed_number_has_the_digits_that_count(value, tol, written):
+    row = {"measured": value, "value": 1.0, "tol": tol, "relation": "="}
+    assert evidence._computed(row).startswith(written)
+
+
+def test_sections_that_a_text_names_are_links():
+    assert evidence._linked("see sections V1, 7.2 and C; section 8", "C") == (
+        'see sections <a href="V1.html">V1</a>, <a href="7.2.html">7.2</a> and C; section 8'
+    )
+    assert evidence._linked('<a href="x">section V1</a>') == '<a href="x">section V1</a>'
+
+
+def test_links_that_lead_nowhere_are_found(tmp_path):
+    (tmp_path / "a.html").write_text(
+        '<p id="here"><a href="#here">1</a><a href="b/c.html#x%20y">2</a><img src="d.png">'
+        '<a href="https://example.org/none">3</a><a href="b/c.html#nowhere">4</a>'
+    )
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "d.html").write_text('<script src="https://example.org/x.js"></script>')
+    (tmp_path / "b" / "c.html").write_text('<b id="x y"></b><a href="../a.html#gone">5</a>')
+    assert dead(tmp_path) == [
+        "a.html: b/c.html#nowhere",
+        "a.html: d.png",
+        "b/c.html: ../a.html#gone",
+        "b/d.html: https://example.org/x.js comes from elsewhere",
+    ]
+
+
+def test_figures_that_texts_place_have_scripts():
+    text = "".join(path.read_text() for path in TEXTS.glob("*.html"))
+    placed = re.findall(r'figure\("([^"]+)"\)', text)
+    assert len(placed) > 40
+    drawn = {path.stem for path in (evidence.ROOT / "figures").glob("*.py")}
+    assert {*placed} <= drawn

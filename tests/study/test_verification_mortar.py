@@ -1,0 +1,93 @@
+"""Section V11: the ways that two bodies are compared by."""
+
+import numpy as np
+import pytest
+
+from pw_elements.contact import ContactFields
+from pw_elements.contact.interface import Overlap, gathered_trace
+from study.verification import mortar_ways, v11_two_bodies
+from tests.contact.two_bodies import Stack
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_duals_of_quadratics_are_biorthogonal(cell):
+    """In space those of the transformed functions."""
+    stack = Stack((2, 3), cell)
+    one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    overlap = Overlap.of(one, other, one.nodes, revolved=False)
+    at, N = overlap.functions[0]
+    psi = mortar_ways._duals(at, N, overlap.measure, one.dim)
+    assert psi.sum(axis=1) == pytest.approx(np.ones(len(psi)))
+    tested = N.copy()
+    if one.dim == 3:
+        tested *= 3 / 4
+        for vertex, edges in enumerate(((4, 5), (3, 5), (3, 4))):
+            tested[:, vertex] = N[:, vertex] + N[:, edges].sum(axis=1) / 8
+    rows = np.searchsorted(one.nodes, at)
+    M = np.zeros((len(one.nodes), len(one.nodes)))
+    parts = np.einsum("q,qa,qb->qab", overlap.measure, psi, tested)
+    np.add.at(M, (rows[:, :, None], rows[:, None, :]), parts)
+    off = M - np.diag(np.diag(M))
+    assert np.abs(off).max() < 1e-12 * np.abs(M).max()
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
+    """By the integral of its weight; and the master as much."""
+    stack = Stack((2, 3), cell)
+    one, other = (gathered_trace(stack.space, stack.sides[side]) for side in ("upper", "lower"))
+    found = mortar_ways._of_multipliers("pw-dual-gap", one, other, len(stack.x), 1.0)
+    forces = found.forces.toarray()
+    assert forces[:, one.nodes] == pytest.approx(np.diag(found.weight), abs=1e-12)
+    assert found.weight.sum() == pytest.approx(1.0)
+    assert forces.sum(axis=1) == pytest.approx(0.0, abs=1e-12)
+    # gaps of a rigid motion of the slave away from the master
+    moved = np.zeros(len(stack.x))
+    moved[one.nodes] = 1.0
+    assert found.rows @ moved == pytest.approx(found.weight)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
+@pytest.mark.parametrize("linear", [True, False])
+def test_loads_beyond_an_end_have_the_area_and_its_centre(cell, linear):
+    """Of a strip of width 1 - end; both kinds of functions reproduce x."""
+    stack, end = Stack((3, 2), cell), 0.83
+    trace = gathered_trace(stack.space, stack.sides["upper"])
+    nodes, values = v11_two_bodies._beyond(trace, end, linear)
+    x = stack.x[nodes, 0]
+    assert values.sum() == pytest.approx(1 - end, rel=1e-12)
+    assert values @ x == pytest.approx((1 - end**2) / 2, rel=1e-12)
+
+
+def test_on_matching_meshes_duals_are_node_to_segment():
+    """A dual's node then faces one of the master's."""
+    found = [
+        v11_two_bodies.hertz(way, 4, 1.0).scalars["pressure_l2"]
+        for way in ("p2-dual", "node-to-segment")
+    ]
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "inner", "mean"), [(0.5, 2e-3, 0.015), (0.7, 2e-3, 0.01), (2.0, 0.012, 0.015)]
+)
+def test_the_master_has_the_pressure_of_hertz(ratio, inner, mean):
+    """16 edges of the slave; its own errors are 1.5e-3 p0 and 0.4 % at most.
+
+    Where the master is the finer one, duals' sums over one of its nodes err by more.
+    """
+    _, (state,) = v11_two_bodies._hertz("pw-dual", 16, ratio, [])
+    two = v11_two_bodies._halves("pw-dual", 16, ratio)
+    (pair,) = state.pairs
+    fields = ContactFields.of(state, two.body)
+    x = two.x[pair.opposite, 0]
+    compliance = sum((1 - v11_two_bodies.POISSONS_RATIO**2) / E for E in v11_two_bodies.MODULI)
+    peak = 1 / (2 * v11_two_bodies.RADIUS * compliance)  # of a half width of one
+    exact = np.sqrt(np.maximum(0.0, 1 - x**2))
+    off = np.abs(fields.pressure.x.array[pair.opposite] / peak - exact)
+    assert off[x < 0.8].max() < inner
+    near, width = x < 1.2, np.gradient(x)
+    squares = width * off**2, width * exact**2
+    assert np.sqrt(squares[0][near].sum() / squares[1][near].sum()) < mean
+    force = fields.force.x.array.reshape(-1, 2)[pair.opposite].sum(axis=0)
+    assert force == pytest.approx(-pair.force, rel=1e-9, abs=1e-12 * np.abs(pair.force).max())

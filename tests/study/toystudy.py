@@ -1,0 +1,214 @@
+"""A small study in a temporary folder; `-m tests.study.toystudy DIR` writes its report there."""
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import study.command
+from study.core.cases import SECTIONS
+from study.core.store import Result, Results, save, write_json
+from study.judge import claims, facts
+from study.report import build
+
+ONE = """
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from study.core.cases import Case
+from study.core.store import Result
+from toy.common import FACTOR
+
+TITLE = "First toy"
+UNITS = {"y": "N", "iterations": "1"}
+
+
+def run(value, log, do=""):
+    with Path(log).open("a") as stream:
+        stream.write(f"{os.getpid()}\\n")
+    if do == "raise":
+        raise ArithmeticError("no convergence\\nand a second line")
+    if do == "die":
+        os._exit(9)
+    if do == "sleep":
+        time.sleep(60)
+    return Result({"y": FACTOR * value, "iterations": 3}, UNITS, {"x": np.arange(3.0)}, dofs=6)
+
+
+def case(name, value=1.0, **parameters):
+    return Case("1", name, run, {"value": value, "log": os.environ["TOY_LOG"], **parameters})
+
+
+CASES = [case("a"), case("b", 2.5)]
+"""
+
+TWO = """
+from study.core.cases import Case
+from study.core.store import Result
+
+TITLE = "Second toy"
+
+
+def run():
+    return Result({"z": 7.0}, {"z": "1"})
+
+
+CASES = [Case("2", "only", run)]
+"""
+
+MEASURES = """
+def value(results, key, name, factor=1.0):
+    return factor * results.scalar(key, name)
+
+
+def broken(results):
+    return 1 / 0
+
+
+def nothing(results):
+    return float("nan")
+"""
+
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9 9"/></svg>'
+
+TOY = {"problem": "toy"}
+ORIGIN = {
+    "commit": "0123456789abcdef",
+    "dirty": True,
+    "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
+    "time": "2026-01-02T03:04:05+00:00",
+    "seconds": 1.239,
+    "dofs": 4290,
+    "processes": 2,
+    "fingerprint": "f",
+}
+
+
+def claim(**changes):
+    """Return a statement of the paper as TOML; a change to None leaves the key out."""
+    entry = {
+        "id": '"the-claim"',
+        "kind": '"paper"',
+        "source": '"Sec. 1, Eq. 3"',
+        "quote": '"a force of 5"',
+        "statement": '"The force is 5 N."',
+        "grade": '"reproduced"',
+        "grade_why": '"A computed force."',
+        "measure": '"value"',
+        "args": '{ key = "1/b", name = "y" }',
+        "relation": '"="',
+        "value": "5.0",
+        "tol": "1e-12",
+        "tol_why": '"Round-off."',
+        "tol_set": '"after"',
+        "unit": '"N"',
+        "why": '"Twice 2.5."',
+    } | changes
+    lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
+    return "\n".join(["[[claim]]", *lines, ""])
+
+
+def finding(kind="finding", **changes):
+    """Return a finding of the study, or a pin, as TOML."""
+    paper = dict.fromkeys(("kind", "quote", "grade", "grade_why"))
+    entry = {"source": '"This study, section 1"', "pinned": '"holds"', **paper, **changes}
+    return claim(**entry).replace("[[claim]]", f"[[{kind}]]")
+
+
+def module(name, text, **values):
+    made = ModuleType(name)
+    made.__dict__.update(values)
+    exec(text, made.__dict__)
+    return made
+
+
+MEASURED = module("toy_measures", MEASURES)
+
+
+def install(folder, monkeypatch):
+    """Replace sections, claims, measures and figures by toys with sources in the folder."""
+    package = folder / "toy"
+    package.mkdir()
+    sources = {"__init__": "", "common": "FACTOR = 2.0\n", "one": ONE, "two": TWO}
+    for name, text in sources.items():
+        (package / f"{name}.py").write_text(text)
+    for name in [name for name in sys.modules if name.split(".")[0] == "toy"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setenv("TOY_LOG", str(folder / "log"))
+    for section in list(SECTIONS):
+        monkeypatch.delitem(SECTIONS, section)
+    monkeypatch.setitem(SECTIONS, "1", "toy.one")
+    monkeypatch.setitem(SECTIONS, "2", "toy.two")
+    path = folder / "claims.toml"
+    path.write_text(claim())
+    monkeypatch.setattr(claims, "load_claims", partial(claims.load_claims, [path], MEASURED))
+    monkeypatch.setattr(study.command, "draw_figures", lambda out, *_: _draw_nothing(out))
+
+
+def reported(folder, monkeypatch):
+    """Install the toys; return a folder of results with claims and three figures."""
+    install(folder, monkeypatch)
+    out = folder / "results"
+    save(out, "1", "a", Result({"y": 2.54973e9}, {"y": "Pa"}, {"x": [1.0, 2.0]}), TOY, ORIGIN)
+    versions = {**ORIGIN["versions"], "dolfinx": "0.10.0"}
+    other = {**ORIGIN, "versions": versions, "dirty": False}
+    save(out, "1", "b", Result({"y": 5.0}, {"y": "1"}), TOY, other)
+    path = folder / "claims.toml"
+    path.write_text(
+        claim()
+        + claim(id='"wrong"', value=4.0, source='"Table 1"')
+        + claim(id='"open"', args='{ key = "7/no", name = "y" }', source='"Sec. 2"')
+    )
+    results = Results(out)
+    facts.write(out, claims.judge(claims.load_claims(), results), results)
+    figures(out, ("fig05", "1"), ("tab2", "1"), ("orders", "9"))
+    return out
+
+
+def figures(out, *sections):
+    entries = [
+        {
+            "name": name,
+            "title": f"Title of {name}",
+            "section": section,
+            "caption": f"Caption of {name}: a < b.",
+            "alt": f'Line "{name}"',
+            "width": 672,
+            "height": 288,
+            "narrow": [355, 400],
+        }
+        for name, section in sections
+    ]
+    folder = out / "figures"
+    folder.mkdir(exist_ok=True)
+    (folder / "index.json").write_text(json.dumps(entries))
+    for name, _ in sections:
+        for ending in ("svg", "narrow.svg"):
+            (folder / f"{name}.{ending}").write_text(SVG)
+
+
+def started(folder):
+    """Return how many runs of section 1 have started."""
+    log = folder / "log"
+    return len(log.read_text().split()) if log.exists() else 0
+
+
+def _draw_nothing(out):
+    write_json(out / "figures" / "index.json", [])
+    return True
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]).resolve()
+    folder.mkdir(parents=True)
+    with pytest.MonkeyPatch.context() as patch:
+        results = reported(folder, patch)
+        build(Results(results), folder)
