@@ -104,6 +104,13 @@ from study.judge.measures.peers import (
     peer_standard,
     peer_worst,
 )
+from study.judge.measures.rivals import (
+    best_rival,
+    rival_extreme,
+    rival_mean,
+    rival_ratio,
+    rivals_apart,
+)
 from study.judge.measures.two_triangles import (
     corner_over_midside,
     middle_over_side,
