@@ -1,11 +1,11 @@
-"""Augmented Lagrangian at integration points: P. Alart, A. Curnier, 10.1016/0045-7825(91)90022-X."""
+"""Augmented Lagrangian, integrated: P. Alart, A. Curnier, doi 10.1016/0045-7825(91)90022-X."""
 
 import ufl
 from dolfinx import fem
 
 from study.rivals.problem import Answer, E, Problem, newton
 
-SWEEP = (0.1, 1.0, 10.0, 100.0, 1000.0)  # augmentation times h / E
+SWEEP = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)  # augmentation times h / E
 
 
 def solve(problem: Problem, parameter: float, degree: int = 1) -> Answer:

@@ -3,7 +3,7 @@
 from study.rivals import nitsche_symmetric
 from study.rivals.problem import Answer, Problem
 
-SWEEP = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)  # gamma h / E; stable for all of them
+SWEEP = (0.01, 0.1, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)  # gamma h / E; stable for all of them
 
 
 def solve(problem: Problem, parameter: float) -> Answer:

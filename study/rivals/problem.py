@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from petsc4py import PETSc
+
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from pw_elements import Spaces, assemble_vector
 from study.discretisation import one_cut
@@ -189,6 +189,11 @@ class Problem:
         has = weights > 1e-9 * weights.max()
         return np.divide(forces, weights, out=np.zeros_like(forces), where=has)
 
+    def over_own_weights(self, u: fem.Function, tested: fem.FunctionSpace) -> fem.Function:
+        """Pressure of nodal forces over the integrals of their test functions, of degree 2."""
+        forces = self.forces(u, tested)[:, self.up]
+        return self.joined(self.over_weights(forces, tested))
+
     def joined(self, values: Array) -> fem.Function:
         """Values (n,) at the nodes of quadratic elements, linear between all of a facet's nodes."""
         spaces = one_cut(self.mesh, ()) if self.up == 2 else Spaces.petrov_galerkin(self.mesh, 0)
@@ -208,9 +213,9 @@ def line(edges: int, offset: float) -> Problem:
     return Problem(graded_square(lines, OUTER, "triangle"), size, lines[-1], OUTER, known)
 
 
-def sphere(edges: int, offset: float = mesh_lines.PLACE) -> Problem:
+def sphere(edges: int, offset: float) -> Problem:
     """A quarter of the half space, on tetrahedra; arguments as of `line`."""
-    body, lines = Elastic(E, NU), mesh_lines.graded(edges, offset)
+    body, lines = Elastic(E, NU), mesh_lines.graded(edges + offset - mesh_lines.PLACE)
     known = HertzSphere(body, RADIUS, hertz_force(body, RADIUS))
     mesh = box("tetrahedron", lines.beside, lines.beside, lines.below)
     return Problem(mesh, 1 / (edges + offset), lines.zone, mesh_lines.OUTER, known)
@@ -230,13 +235,14 @@ def newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
         NoSolution: if it does not converge.
     """
     residual, tangent = fem.form(form), fem.form(ufl.derivative(form, w))
-    fem.set_bc(w.x.array, supports)
+    for bc in supports:
+        bc.set(w.x.array)
     held = np.concatenate([bc.dof_indices()[0] for bc in supports])
     for count in range(1, MOST + 1):
         right = fem.assemble_vector(residual).array
         right[held] = 0.0
         matrix = fem.assemble_matrix(tangent, supports).to_scipy()
-        step = factors(matrix).solve(right)
+        step = solved(matrix, right)
         w.x.array[:] -= step
         if not np.isfinite(step).all():
             break
@@ -245,6 +251,21 @@ def newton(form: Form, w: fem.Function, supports: list[fem.DirichletBC]) -> int:
     raise NoSolution
 
 
-def factors(matrix: Any) -> Any:  # noqa: ANN401
-    """Factors of a sparse matrix of symmetric pattern, by SuperLU."""
-    return splu(csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1)
+def solved(matrix: Any, right: Array) -> Array:  # noqa: ANN401
+    """Solution of a sparse system of SciPy's by MUMPS."""
+    csr = matrix.tocsr()
+    K = PETSc.Mat().createAIJ(csr.shape, csr=(csr.indptr, csr.indices, csr.data))
+    ksp = PETSc.KSP().create(K.comm)
+    ksp.setOperators(K)
+    direct(ksp)
+    x, b = K.createVecs()
+    b.array[:] = right
+    ksp.solve(b, x)
+    return np.array(x.array_r)
+
+
+def direct(ksp: PETSc.KSP) -> None:
+    """Have systems solved by MUMPS' factors."""
+    ksp.setType("preonly")
+    ksp.pc.setType("lu")
+    ksp.pc.setFactorSolverType("mumps")

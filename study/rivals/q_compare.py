@@ -5,8 +5,10 @@ with a parameter the whole sweep is computed, and the one with the smallest erro
 mesh anew: that takes an exact solution to choose by, which no user has.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
+from time import process_time
+from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
@@ -16,33 +18,53 @@ from dolfinx.fem import IntegralType
 
 from pw_elements import assemble_vector, test_space
 from study.core.cases import Case
+from study.core.sources import closure
 from study.core.store import Result
-from study.rivals.problem import Answer, Form, NoSolution, Problem, line
+from study.rivals.problem import Answer, Form, NoSolution, Problem, line, sphere
 from study.units import dimensionless
 from study.verification.indentation import INNER
+from study.verification.recorded import longer
 
 TITLE = "What a user would pick instead"
 
 Array = npt.NDArray[np.float64]
 
-METHODS = (
-    "pw-T6",
-    "snes-vi",
-    "snes-vi-t",
-    "snes-vi-projected",
-    "snes-vi-stress",
-    "nitsche-symmetric",
-    "nitsche-skew",
-    "penalty",
-    "augmented-p1",
-    "augmented-p2",
-    "mortar-p1",
-    "mortar-p2",
-    "proximal-p1",
-    "proximal-p2",
-    "linear",
-)
-EDGES, OFFSETS = (4, 8, 16), (0.375, 0.625)
+
+@dataclass(frozen=True)
+class Method:
+    """A method as tables and figures show it.
+
+    Args:
+        words: its name.
+        choices: number of parameters that a user has to choose.
+        taken: parameter where the sweep is not repeated: that which is best on most meshes.
+    """
+
+    words: str
+    choices: int = 0
+    taken: float | None = None
+
+
+METHODS = {
+    "pw-T6": Method("new element"),
+    "snes-vi": Method("standard, SNES VI, own weights"),
+    "snes-vi-t": Method("standard times T"),
+    "snes-vi-projected": Method("standard, forces projected"),
+    "snes-vi-stress": Method("standard, stresses", 1, 2.0),
+    "nitsche-symmetric": Method("Nitsche, symmetric", 1, 10.0),
+    "nitsche-skew": Method("Nitsche, skew-symmetric", 1, 3.0),
+    "penalty": Method("penalty", 1, 10.0),
+    "augmented-p1": Method("augmented Lagrangian P2/P1", 1, 10.0),
+    "augmented-p2": Method("augmented Lagrangian P2/P2", 1, 10.0),
+    "mortar-p1": Method("mortar P2/P1"),
+    "mortar-p2": Method("mortar P2/P2"),
+    "proximal-p1": Method("proximal Galerkin P2/P1", 2, 10.0),
+    "proximal-p2": Method("proximal Galerkin P2/P2", 2, 10.0),
+    "linear": Method("linear elements"),
+}
+EDGES, OFFSETS = (4, 8, 16), (0.375, 0.875)
+PLACES = 8  # of the contact's edge within an element
+IN_SPACE = (3, 5)  # edges over the contact's radius
 PARTS = 64, 12  # into which an edge, and a face's side, are cut to integrate errors
 OPEN = 1e-2  # pressure over its peak that counts as none
 FAILED = 10.0  # stands for the error of a method that does not converge
@@ -56,33 +78,93 @@ def plane(method: str, edges: int, offset: float) -> Result:
     return compared(method, line(edges, offset))
 
 
-def compared(method: str, problem: Problem) -> Result:
-    """A method on a problem."""
-    module = import_module(f"study.rivals.{method.replace('-', '_').lower()}")
-    sweep = getattr(module, "SWEEP", ())
+def scattered(method: str, edges: int, offset: float, offsets: int) -> Result:
+    """A method, its parameter fixed, with the contact's edge at many places within an element.
+
+    Args:
+        method: name.
+        edges: over the half width.
+        offset: first place.
+        offsets: number of places, evenly spaced.
+    """
+    places = offset + np.arange(offsets) / offsets
+    errors = []
+    for place in places:
+        problem = line(edges, float(place))
+        errors.append(measured(problem, _solved(method, problem, METHODS[method].taken))[0])
+    names = ("pressure_l2", "pressure_l2_inner")
+    curves = {name: np.array([one[name] for one in errors]) for name in names}
+    scalars = {name: float(values.mean()) for name, values in curves.items()}
+    scalars["pressure_l2_least"] = float(curves["pressure_l2"].min())
+    scalars["pressure_l2_largest"] = float(curves["pressure_l2"].max())
+    return Result(scalars, dimensionless(scalars), {"offset": places, **curves})
+
+
+def space(method: str, edges: int, offset: float) -> Result:
+    """A method on the half space, with CPU seconds of the best solution.
+
+    Of the sweep only what is within a factor of ten of the best parameter in the plane.
+    """
+    taken = METHODS[method].taken or 1.0
+    return compared(method, sphere(edges, offset), taken / 10, 10 * taken, timed=True)
+
+
+def seconds(method: str, edges: int, offset: float) -> Result:
+    """The same on the half plane."""
+    return compared(method, line(edges, offset), timed=True)
+
+
+def compared(
+    method: str, problem: Problem, least: float = 0.0, most: float = np.inf, timed: bool = False
+) -> Result:
+    """A method on a problem, with CPU seconds if it is timed, from a second run.
+
+    Args:
+        method: name.
+        problem: on a mesh.
+        least: parameter from which on it is swept.
+        most: and up to which.
+        timed: whether it is.
+    """
+    sweep = [x for x in getattr(_module(method), "SWEEP", ()) if not x or least <= x <= most]
     found = []
-    for given in [{"parameter": value} for value in sweep] or [{}]:
+    for parameter in sweep or [None]:
         try:
-            found.append(measured(problem, module.solve(problem, **given)))
+            found.append(measured(problem, _solved(method, problem, parameter)))
         except NoSolution:
-            found.append(({"pressure_l2": FAILED, "pressure_l2_inner": FAILED}, {}))
+            names = ("pressure_l2", "pressure_l2_inner", "factorisations")
+            found.append((dict.fromkeys(names, FAILED), {}))
     errors = [scalars["pressure_l2"] for scalars, _ in found]
-    best = int(np.argmin(errors))
+    order = [(round(one["pressure_l2"], 6), one["factorisations"]) for one, _ in found]
+    best = order.index(min(order))
     scalars, curves = found[best]
-    inner = [one["pressure_l2_inner"] for one, _ in found]
     if sweep:
         scalars |= {"parameter": sweep[best], "pressure_l2_largest": max(errors)}
         curves |= {"sweep": np.array(sweep), "sweep_l2": np.array(errors)}
-        curves["sweep_l2_inner"] = np.array(inner)
+        curves["sweep_l2_inner"] = np.array([one["pressure_l2_inner"] for one, _ in found])
+    if timed:
+        start = process_time()
+        _solved(method, problem, sweep[best] if sweep else None)
+        scalars["cpu_seconds"] = process_time() - start
     return Result(scalars, dimensionless(scalars), curves, dofs=int(scalars["unknowns"]))
+
+
+def _solved(method: str, problem: Problem, parameter: float | None) -> Answer:
+    given = () if parameter is None else (parameter,)
+    answer: Answer = _module(method).solve(problem, *given)
+    return answer
+
+
+def _module(method: str) -> ModuleType:
+    return import_module(f"study.rivals.{method.replace('-', '_').lower()}")
 
 
 def measured(given: Problem, answer: Answer) -> tuple[dict[str, float], dict[str, Array]]:
     """Errors and curves of an answer; lengths over the half width, pressures over Hertz' peak."""
     problem, V = replace(given, mesh=answer.u.function_space.mesh), answer.u.function_space
     peak, up = problem.known.peak, problem.up
-    r, pressure = sampled(problem, answer.pressure)
-    pressure, exact = pressure / peak, np.sqrt(np.maximum(0, 1 - r**2))
+    r, sizes = sampled(problem, answer.pressure)
+    pressure, exact = sizes / peak, np.sqrt(np.maximum(0, 1 - r**2))
     error, inner = pressure - exact, r < INNER
 
     nodes = V.tabulate_dof_coordinates()
@@ -142,9 +224,49 @@ def _norm(values: Array) -> float:
     return float(np.linalg.norm(values))
 
 
+def _lines(method: str) -> int:
+    """Lines of a method's file, and of those of this folder that it builds on."""
+    files = closure(_module(method).__name__).items()
+    own = [path for module, path in files if "rivals." in module and not module.endswith("problem")]
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in own)
+
+
 CASES = [
-    Case("Q", f"{method}-{n}-{q}", plane, {"method": method, "edges": n, "offset": q})
-    for method in METHODS
+    Case(
+        "Q",
+        f"{name}-{n}-{q}",
+        plane,
+        {"method": name, "edges": n, "offset": q},
+        {"words": method.words, "choices": method.choices, "lines": _lines(name)},
+    )
+    for name, method in METHODS.items()
     for n in EDGES
     for q in OFFSETS
 ]
+CASES += [
+    Case(
+        "Q",
+        f"offsets-{name}",
+        scattered,
+        {"method": name, "edges": 8, "offset": 1 / (2 * PLACES), "offsets": PLACES},
+        {"words": method.words},
+    )
+    for name, method in METHODS.items()
+]
+LONGER = [
+    Case(
+        "Q",
+        f"{run.__name__}-{method}-{n}",
+        run,
+        {"method": method, "edges": n, "offset": OFFSETS[0]},
+        {"words": METHODS[method].words},
+    )
+    for run, meshes, methods in (
+        (seconds, EDGES[-1:], METHODS),
+        (space, IN_SPACE, [m for m in METHODS if not m.endswith("p2")]),
+    )
+    for n in meshes
+    for method in methods
+]
+"""Computed by `longer`."""
+CASES += longer("Q")

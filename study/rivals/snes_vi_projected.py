@@ -5,7 +5,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import interpolation_matrix
 
-from study.rivals.problem import Answer, Problem, factors, function
+from study.rivals.problem import Answer, Problem, function, solved
 from study.rivals.snes_vi import displacements
 
 
@@ -23,5 +23,5 @@ def solve(problem: Problem) -> Answer:
     P.assemble()
     pressure, right = fem.Function(Q1), P.createVecRight()
     P.multTranspose(forces.x.petsc_vec, right)
-    pressure.x.array[nodes] = factors(M).solve(right.array_r[nodes])
+    pressure.x.array[nodes] = solved(M, right.array_r[nodes])
     return Answer(u, pressure, u.x.array.size, count, u.function_space)

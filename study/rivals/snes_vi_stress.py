@@ -3,7 +3,7 @@
 import ufl
 from dolfinx import fem
 
-from study.rivals.problem import Answer, Problem, factors, function
+from study.rivals.problem import Answer, Problem, function, solved
 from study.rivals.snes_vi import displacements
 
 SWEEP = (0.0, 1.0, 2.0)  # 0: stresses as they are; 1, 2: degree of continuous ones
@@ -19,5 +19,5 @@ def solve(problem: Problem, parameter: float) -> Answer:
     q, s = ufl.TestFunction(Q), ufl.TrialFunction(Q)
     mass = fem.assemble_matrix(fem.form(q * s * ufl.dx)).to_scipy()
     right = fem.assemble_vector(fem.form(-stress * q * ufl.dx)).array
-    pressure = function(Q, factors(mass).solve(right))
+    pressure = function(Q, solved(mass, right))
     return Answer(u, pressure, u.x.array.size, count, u.function_space)
