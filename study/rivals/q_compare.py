@@ -20,6 +20,8 @@ from pw_elements import assemble_vector, test_space
 from study.core.cases import Case
 from study.core.sources import closure
 from study.core.store import Result
+from study.peers.calculix import peer_of, tracked_digest
+from study.peers.hertz_line import PENALTIES
 from study.rivals.problem import Answer, Form, NoSolution, Problem, line, sphere
 from study.units import dimensionless
 from study.verification.indentation import INNER
@@ -114,6 +116,20 @@ def seconds(method: str, edges: int, offset: float) -> Result:
     return compared(method, line(edges, offset), timed=True)
 
 
+def calculix(edges: int, offset: float, tracked: list[str]) -> Result:
+    """CalculiX' own pressures, from tracked records with these digests."""
+    found = []
+    for penalty, digest in zip(PENALTIES, tracked, strict=True):
+        peer = peer_of(f"hertz-line-{edges}-{offset}-{penalty}", digest)
+        x = np.linspace(0, peer.numbers["x"][-1], 64 * len(peer.numbers["x"]))
+        pressure = np.interp(x, peer.numbers["x"], peer.numbers["pressure"])
+        found.append(_errors(x, pressure))
+    best = min(range(len(found)), key=lambda k: found[k]["pressure_l2"])
+    largest = max(one["pressure_l2"] for one in found)
+    scalars = found[best] | {"parameter": PENALTIES[best], "pressure_l2_largest": largest}
+    return Result(scalars, dimensionless(scalars))
+
+
 def compared(
     method: str, problem: Problem, least: float = 0.0, most: float = np.inf, timed: bool = False
 ) -> Result:
@@ -164,9 +180,7 @@ def measured(given: Problem, answer: Answer) -> tuple[dict[str, float], dict[str
     problem, V = replace(given, mesh=answer.u.function_space.mesh), answer.u.function_space
     peak, up = problem.known.peak, problem.up
     r, sizes = sampled(problem, answer.pressure)
-    pressure, exact = sizes / peak, np.sqrt(np.maximum(0, 1 - r**2))
-    error, inner = pressure - exact, r < INNER
-
+    pressure = sizes / peak
     nodes = V.tabulate_dof_coordinates()
     force = problem.forces(answer.u, answer.tested)[:, up] / peak
     known = ufl.sqrt(ufl.max_value(0, 1 - problem.distance**2))
@@ -176,19 +190,16 @@ def measured(given: Problem, answer: Answer) -> tuple[dict[str, float], dict[str
     )
     within = problem.touching(nodes.T) & (np.linalg.norm(nodes[:, :up], axis=1) < INNER)
     ratio = force[within] / shares[within, up]
-    scalars = {
-        "pressure_l2": _norm(error) / _norm(exact),
-        "pressure_l2_inner": _norm(error[inner]) / _norm(exact[inner]),
-        "pressure_l2_edge": _norm(error[~inner]) / _norm(exact[~inner]),
-        "radius": r[pressure > OPEN].max(),
+    scalars = _errors(r, pressure) | {
         "force_least": ratio.min(),
         "force_largest": ratio.max(),
         "unknowns": answer.unknowns,
         "factorisations": answer.factorisations,
     }
     curves = {}
-    if up == 1:
-        scalars["variation"] = np.abs(np.diff(pressure)).sum() - (pressure[0] - pressure[-1])
+    if up == 2:
+        del scalars["variation"]  # along a line
+    else:
         on = np.flatnonzero(problem.touching(nodes.T))
         on = on[np.argsort(nodes[on, 0])]
         curves = {"x": r, "pressure": pressure, "node_x": nodes[on, 0], "node_force": force[on]}
@@ -217,6 +228,19 @@ def sampled(problem: Problem, pressure: Form) -> tuple[Array, Array]:
     ]
     order = np.argsort(values[0], kind="stable")
     return values[0][order], values[1][order]
+
+
+def _errors(r: Array, pressure: Array) -> dict[str, float]:
+    """Errors of pressures at points that stand for equal areas, in the order of r."""
+    exact, inner = np.sqrt(np.maximum(0, 1 - r**2)), r < INNER
+    error, turns = pressure - exact, np.abs(np.diff(pressure)).sum()
+    return {
+        "pressure_l2": _norm(error) / _norm(exact),
+        "pressure_l2_inner": _norm(error[inner]) / _norm(exact[inner]),
+        "pressure_l2_edge": _norm(error[~inner]) / _norm(exact[~inner]),
+        "radius": float(r[pressure > OPEN].max()),
+        "variation": float(turns - (pressure[0] - pressure[-1])),
+    }
 
 
 def _norm(values: Array) -> float:
@@ -252,6 +276,21 @@ CASES += [
         {"words": method.words},
     )
     for name, method in METHODS.items()
+]
+CASES += [
+    Case(
+        "Q",
+        f"calculix-{n}-{q}",
+        calculix,
+        {
+            "edges": n,
+            "offset": q,
+            "tracked": [tracked_digest(f"hertz-line-{n}-{q}-{penalty}") for penalty in PENALTIES],
+        },
+        {"method": "calculix", "words": "CalculiX, faces by a penalty", "choices": 1},
+    )
+    for n in EDGES
+    for q in OFFSETS
 ]
 LONGER = [
     Case(

@@ -81,7 +81,7 @@ def rival_extreme(
 
 
 def _plane(results: Results, **parameters: object) -> list[Stored]:
-    return results.where("Q", problem="plane", **parameters)
+    return results.where("Q", **{"problem": ["plane", "calculix"], **parameters})
 
 
 def _edges(results: Results) -> list[int]:
