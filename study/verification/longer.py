@@ -18,15 +18,12 @@ from study.core.cases import Case
 from study.core.compare_versions import compare, table
 from study.core.provenance import versions
 from study.core.store import Results, save, write_json
-from study.rivals import q_compare
+from study.rivals import q_compare, q_friction
 from study.verification import v10_space, v12_impact, v13_fluxes, v14_rubber, v15_rubber
 from study.verification.recorded import RECORD, recorded, rows
 
-CASES: dict[str, Case] = {
-    case.key: case
-    for module in (v10_space, v12_impact, v13_fluxes, v14_rubber, v15_rubber, q_compare)
-    for case in module.LONGER
-}
+MODULES = (v10_space, v12_impact, v13_fluxes, v14_rubber, v15_rubber, q_compare, q_friction)
+CASES: dict[str, Case] = {case.key: case for module in MODULES for case in module.LONGER}
 
 
 def main(arguments: list[str] | None = None) -> int:
