@@ -42,10 +42,7 @@ def nodal_interface(
     The unknowns are coefficients where a sibling is given, and gaps are theirs.
 
     Raises:
-        ValueError: for no nodes, a node that does not exist, lies inside of the body, is in two
-            pairs or without counterpart, friction that is negative or not a number, a prescribed
-            normal displacement, a surface of another dimension, without gap or unit normal at a
-            node, or one that cuts the body.
+        ValueError: for what states no contact problem.
     """
     dim = space.mesh.geometry.dim
     if not is_hybrid(space) and space.dofmap.index_map_bs != dim:

@@ -29,6 +29,8 @@ _PARTS = {
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
+# Corners of the simplices that make up a sub-facet with so many
+SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 _EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
 # Places of a quadrilateral's nodes
 _PLACES = np.array(
@@ -49,17 +51,11 @@ _STILL = 1e-14
 
 @dataclass(frozen=True)
 class Trace:
-    """A part of the boundary, gathered from all processes: facets (f) with k nodes each.
+    """A part of the boundary, gathered from all processes: facets (f) with k nodes each."""
 
-    Args:
-        node: (f, k), global numbers, vertices first, then the middles of edges.
-        x: (f, k, dim).
-        outward: (f, dim), unit normals of the facets, seen as flat.
-    """
-
-    node: Indices
-    x: Array
-    outward: Array
+    node: Indices  # (f, k), global; vertices first, then the middles of edges
+    x: Array  # (f, k, dim)
+    outward: Array  # (f, dim), unit normals of the facets, seen as flat
 
     @property
     def dim(self) -> int:
@@ -126,18 +122,25 @@ class Trace:
 
 def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> Trace:
     """Exterior facets (local numbers) of all processes."""
+    nodes, x, outward = flat_facets(space, facets)
+    number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+    parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
+    return Trace(*(np.concatenate(part) for part in parts))
+
+
+def flat_facets(
+    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int32], Array, Array]:
+    """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
     mesh = space.mesh
     dim = mesh.topology.dim
     nodes = facet_nodes(space, facets)
     behind = mesh.topology.connectivity(dim - 1, dim)
-    cells = space.dofmap.list[behind.array[behind.offsets[facets]]]
     x = space.tabulate_dof_coordinates()[:, :dim]
-    inside = x[cells].mean(axis=1)
-    number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+    inside = x[space.dofmap.list[behind.array[behind.offsets[facets]]]].mean(axis=1)
     flat = across(x[nodes[:, :dim]])
     flat *= np.sign(np.sum(flat * (x[nodes[:, 0]] - inside), axis=1))[:, None]
-    parts = zip(*mesh.comm.allgather((number, x[nodes], flat)), strict=True)
-    return Trace(*(np.concatenate(part) for part in parts))
+    return nodes, x[nodes], flat
 
 
 def facets_of(space: fem.FunctionSpace, node: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
@@ -165,10 +168,10 @@ def across(corners: Array) -> Array:
 
 def sizes(corners: Array) -> Array:
     """Lengths or areas (n,), of quadrilaterals those of their projection along the normal."""
-    edges = _spanning(corners)
-    if corners.shape[2] == 2:
-        return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
-    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
+    if corners.shape[1] == 4:
+        one, other = np.swapaxes(_spanning(corners), 0, 1)
+        return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)
+    return stretches(corners) / (corners.shape[1] - 1)
 
 
 def _spanning(corners: Array) -> Array:
@@ -180,31 +183,23 @@ def _spanning(corners: Array) -> Array:
 
 @dataclass(frozen=True)
 class Segments:
-    """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges.
+    """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges."""
 
-    Args:
-        slave: (q,), number of the slave's sub-facet.
-        master: (q,), of the master's.
-        corners: (q, d + 1, d).
-        on_slave: (q, k, d), corners of the slave's sub-facet.
-        on_master: (q, k, d), of the master's, projected.
-    """
-
-    slave: Indices
-    master: Indices
-    corners: Array
-    on_slave: Array
-    on_master: Array
+    slave: Indices  # (q,), number of the slave's sub-facet
+    master: Indices  # (q,)
+    corners: Array  # (q, d + 1, d)
+    on_slave: Array  # (q, k, d), corners of the slave's sub-facet
+    on_master: Array  # (q, k, d), of the master's, projected
 
     @property
     def size(self) -> Array:
         """Lengths or areas (q,) in these coordinates."""
-        return _simplex(self.corners)
+        return sizes(self.corners)
 
     @property
     def share(self) -> Array:
         """Sizes (q,) over that of the slave's sub-facet."""
-        whole = sum(_simplex(self.on_slave[:, part]) for part in _simplices(self.on_slave))
+        whole = sum(sizes(self.on_slave[:, part]) for part in SIMPLICES[self.on_slave.shape[1]])
         return np.asarray(self.size / whole)
 
     def weights(self, rule: Array) -> tuple[Array, Array]:
@@ -214,20 +209,22 @@ class Segments:
 
 
 def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segments:
-    """Overlaps of two surfaces.
+    """Overlaps of two surfaces, given by the corners (s, k, dim) of their sub-facets.
 
-    Args:
-        slave: (s, k, dim), corners of its sub-facets.
-        master: (m, k, dim).
-        along: (s, dim), unit directions of projection, out of the slave's body.
-        outward: (m, dim), unit normals out of the master's.
+    They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
+    are the master's unit normals.
     """
     one, other = _candidates(slave, master)
     facing = np.sum(along[one] * outward[other], axis=1) < _FACING
     one, other = one[facing], other[facing]
-    basis = _basis(slave, along)[one]
+    edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
+    basis = np.swapaxes(np.concatenate([edges, along[:, None]], axis=1), 1, 2)[one]
     on_slave, on_master = (
-        _seen(basis, slave[one, :1], part) for part in (slave[one], master[other])
+        # coordinates (q, k, d) along the edges; the last one, along the projection, is dropped
+        np.swapaxes(np.linalg.solve(basis, np.swapaxes(part - slave[one, :1], 1, 2)), 1, 2)[
+            ..., :-1
+        ]
+        for part in (slave[one], master[other])
     )
     pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
     found = Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair])
@@ -261,12 +258,15 @@ def weights(corners: Array, places: Array) -> Array:
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
 
 
-def stretches(corners: Array, weight: Array) -> Array:
-    """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights."""
+def stretches(corners: Array, weight: Array | None = None) -> Array:
+    """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights.
+
+    Simplices have the same everywhere.
+    """
     edges = corners[:, 1:3] - corners[:, :1]
     if corners.shape[1] == 2:
         return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
-    if corners.shape[1] == 4:
+    if weight is not None and corners.shape[1] == 4:
         other = corners[:, 3:] - corners[:, [2, 1]]
         across = np.stack([weight[:, 2:].sum(axis=1), weight[:, 1::2].sum(axis=1)], axis=1)
         edges = edges + across[:, :, None] * (other - edges)
@@ -288,31 +288,6 @@ def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
     found = tree.query_ball_point(middles, reach)
     one = np.repeat(np.arange(len(slave)), [len(near) for near in found])
     return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-
-
-def _basis(slave: Array, along: Array) -> Array:
-    """Columns (s, dim, dim): the first edges of sub-facets, and the direction of projection."""
-    dim = slave.shape[2]
-    edges = np.swapaxes(slave[:, 1:dim] - slave[:, :1], 1, 2)
-    return np.concatenate([edges, along[:, :, None]], axis=2)
-
-
-def _seen(basis: Array, origin: Array, corners: Array) -> Array:
-    """Coordinates (n, k, d) of corners (n, k, dim), projected along the last of the basis."""
-    away = np.swapaxes(corners - origin, 1, 2)
-    return np.swapaxes(np.linalg.solve(basis, away)[:, :-1], 1, 2)
-
-
-def _simplices(corners: Array) -> list[list[int]]:
-    """Corners of the simplices that make up a cell (q, k, d)."""
-    k, d = corners.shape[1:]
-    return [list(range(k))] if k == d + 1 else [[0, 1, 3], [0, 3, 2]]
-
-
-def _simplex(corners: Array) -> Array:
-    """Lengths or areas (q,) of simplices (q, d + 1, d)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    return np.asarray(np.abs(np.linalg.det(edges)) / edges.shape[1], dtype=float)
 
 
 def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001

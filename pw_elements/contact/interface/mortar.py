@@ -97,27 +97,16 @@ _logger = logging.getLogger("pw_elements.contact")
 
 @dataclass(frozen=True)
 class Overlap:
-    """Quadrature points (q) of what the slave's sub-facets at own points have of the master.
+    """Quadrature points (q) of what the slave's sub-facets at own points have of the master."""
 
-    Args:
-        point: (q, k), numbers of the points that the sub-facet's corners are, -1 for others'.
-        weight: (q, k), their weights.
-        dual: (q, k), the duals of these.
-        measure: (q,), lengths or areas.
-        size: (q,), of the slave's sub-facet.
-        ratio: (q,), size of the slave's sub-facet over the master's.
-        apart: (q, dim), from the master to the slave.
-        functions: nodes (q, n) and values (q, n) of the slave's and the master's quadratic
-            functions, and of the master's weights.
-    """
-
-    point: Indices
-    weight: Array
-    dual: Array
-    measure: Array
-    size: Array
-    ratio: Array
-    apart: Array
+    point: Indices  # (q, k), of the sub-facet's corners, -1 for those of other processes
+    weight: Array  # (q, k)
+    dual: Array  # (q, k)
+    measure: Array  # (q,), lengths or areas
+    size: Array  # (q,), of the slave's sub-facet
+    ratio: Array  # (q,), size of the slave's sub-facet over the master's
+    apart: Array  # (q, dim), from the master to the slave
+    # nodes (q, n) and values (q, n) of both quadratic functions, and of the master's weights
     functions: tuple[tuple[Indices, Array], ...]
 
     @classmethod
@@ -149,15 +138,9 @@ class Overlap:
         functions = ((at1, N1), (at2, N2), (their_nodes[master], w2))
         return cls(point[slave], w1, dual, measure, size, size / theirs, x1 - x2, functions)
 
-    def edge(self, comm: MPI.Comm) -> float:
-        """Mean length of the slave's sub-facets, or root of their areas, of all processes."""
-        lengths = self.size ** (1 / (self.apart.shape[1] - 1))
-        total = comm.allreduce(np.array([self.measure @ lengths, self.measure.sum()]), MPI.SUM)
-        return float(total[0] / total[1])
-
-    def coarseness(self, comm: MPI.Comm) -> float:
-        """Mean of the slave's edges over the master's, of all processes."""
-        edges = self.ratio ** (1 / (self.apart.shape[1] - 1))
+    def mean_edge(self, size: Array, comm: MPI.Comm) -> float:
+        """Mean of lengths, or of roots of areas, (q,), of all processes."""
+        edges = size ** (1 / (self.apart.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
         return float(total[0] / total[1])
 
@@ -178,16 +161,9 @@ class Overlap:
 
 
 def overlaps(one: Trace, other: Trace, own: Indices, outward: Array) -> tuple[Segments, Indices]:
-    """What the slave's sub-facets at own points (m,) have of the master.
+    """What the slave's sub-facets at own points (m,) have of the master, and their numbers.
 
-    Args:
-        one: the slave.
-        other: the master.
-        own: numbers of nodes.
-        outward: (s, dim), normals of the master's sub-facets.
-
-    Returns:
-        Overlaps, and numbers of the slave's sub-facets which those of `Segments.slave` count.
+    `outward` (s, dim) are normals of the master's sub-facets; `Segments.slave` counts the numbers.
     """
     nodes, corners, _ = one.parts
     mine = np.flatnonzero(np.isin(nodes, own).any(axis=1))
@@ -274,21 +250,9 @@ def mortar_points(
     cone: Cone,
     body: BodyNodes,
 ) -> tuple[Points, InitialGap]:
-    """Points at the owned nodes of a pair whose opposite is another part of the boundary.
+    """Points at the owned nodes (m,) of a pair whose opposite is another part of the boundary.
 
     Points that face nothing have an infinite gap.
-
-    Args:
-        number: of the pair, for messages.
-        master: the opposite part.
-        node: (m,), owned nodes of the pair.
-        cone: of friction.
-        body: whose nodes they are.
-
-    Raises:
-        ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
-            has no facets, both parts share a node, no part of the pair's facets faces the
-            opposite part, friction at supports would be lost, or sides that are to coincide do not.
     """
     space, comm = body.space, body.space.mesh.comm
     own = node + np.int64(space.dofmap.index_map.local_range[0])
@@ -311,7 +275,7 @@ def mortar_points(
                 else "nothing of which lies across from them: they do not overlap"
             )
         )
-    coarseness = overlap.coarseness(comm)
+    coarseness = overlap.mean_edge(overlap.ratio, comm)
     if comm.rank == 0 and coarseness > _COARSE:
         _logger.warning(
             "contact pair %d: its facets are %.1f times as large as those they face; let the finer "
@@ -342,7 +306,7 @@ def mortar_points(
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
     if master.coincident:
-        edge = overlap.edge(comm)
+        edge = overlap.mean_edge(overlap.size, comm)
         body.refuse(
             node[faced & (np.abs(gap) > _COINCIDE * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",

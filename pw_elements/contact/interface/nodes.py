@@ -30,26 +30,15 @@ _MATCHING = 1e-6
 
 @dataclass(frozen=True)
 class BodyNodes:
-    """Where the nodes of a body are, and which unknowns and equations they have.
+    """Where the nodes of a body are, and which unknowns and equations they have."""
 
-    Args:
-        field: the displacements among the unknowns.
-        x: (nodes, dim), ghosts too.
-        column: (owned nodes, dim), reduced number of each displacement component; -1 where it is
-            prescribed, -2 where it is a combination of others.
-        on_boundary: (owned nodes,).
-        outward: (owned nodes, dim), the outward normal integrated with the shape functions.
-        beside: (nodes, dim), mean midpoint of the cells around.
-        diagonal: length of the bounding box's.
-    """
-
-    field: SubSpace
-    x: Array
-    column: Indices
-    on_boundary: npt.NDArray[np.bool_]
-    outward: Array
-    beside: Array
-    diagonal: float
+    field: SubSpace  # the displacements among the unknowns
+    x: Array  # (nodes, dim), ghosts too
+    column: Indices  # (owned nodes, dim), as of `free_columns`
+    on_boundary: npt.NDArray[np.bool_]  # (owned nodes,)
+    outward: Array  # (owned nodes, dim), integrated with the shape functions
+    beside: Array  # (nodes, dim), mean midpoint of the cells around
+    diagonal: float  # length of the bounding box's
 
     @classmethod
     def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
@@ -63,7 +52,7 @@ class BodyNodes:
             _on_boundary(space),
             _outward(space).reshape(-1, dim),
             midpoints_around(space),
-            _diagonal(space),
+            float(np.linalg.norm(extents(space.mesh.comm, space.mesh.geometry.x))),
         )
 
     @property
@@ -79,11 +68,7 @@ class BodyNodes:
 
 
 def owned_nodes(whose: str, nodes: Part, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """Local numbers of the nodes that this process owns.
-
-    Raises:
-        ValueError: for numbers that are no node's, or a marker that fails.
-    """
+    """Local numbers of the nodes that this process owns; refuses what names no nodes."""
     given = nodes_of(space, whose, nodes)
     return given[given < space.dofmap.index_map.size_local]
 
@@ -142,15 +127,11 @@ def _outward(space: fem.FunctionSpace) -> Array:
     return np.array(normal.array_r)
 
 
-def _diagonal(space: fem.FunctionSpace) -> float:
-    """Length of the bounding box's diagonal."""
-    x, comm = space.mesh.geometry.x, space.mesh.comm
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    if len(x):
-        low, high = x.min(axis=0), x.max(axis=0)
-    comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
-    return float(np.linalg.norm(high - low))
+def extents(comm: MPI.Comm, x: Array) -> Array:
+    """Extents (dim,) along the axes of points (n, dim) of all processes."""
+    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
+    return -ends.sum(axis=0)
 
 
 def opposite_nodes(
@@ -163,17 +144,8 @@ def opposite_nodes(
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
 
-    Args:
-        number: of the pair, for messages.
-        matching: the opposite side, as the user states it.
-        node: (m,), the pair's own nodes.
-        theirs: nodes of the opposite side that this process owns.
-        rough: (m,), whether there is friction.
-        body: whose nodes they are.
-
-    Raises:
-        ValueError: if there is none or the same for two, if an offset has another dimension, or
-            a displacement is prescribed on the pair's own side of a rough contact only.
+    `theirs` are nodes of the opposite side that this process owns, `rough` (m,) tells where there
+    is friction: it would be lost where a displacement is prescribed on the pair's own side only.
     """
     comm, dim = body.space.mesh.comm, body.x.shape[1]
     offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)

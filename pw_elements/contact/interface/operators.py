@@ -33,6 +33,7 @@ import scipy.sparse as sp
 
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
+from pw_elements.contact.interface.nodes import extents
 from pw_elements.contact.model import Cone, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
@@ -57,35 +58,23 @@ _OUTWARDS = 0.1
 
 @dataclass(frozen=True)
 class Points:
-    """The contact points (m) of one pair that belong to this process.
+    """The contact points (m) of one pair that belong to this process."""
 
-    Args:
-        position: (m, dim), undeformed.
-        cone: of friction.
-        equation: (m, dim), number of the reduced equation that holds this component of the
-            point's force and of no other; -1 where none does: the law is not stated there. It
-            is owned by this process.
-        motion: (m dim, n), rows of G, for the displacements alone.
-        force: (m dim, n), columns of H, transposed, likewise.
-        beside: (m, dim), mean of the midpoints of the cells around: tells points apart that
-            coincide, such as those of two bodies that touch.
-        outward: (m, dim), direction of the body's outward normal; zero where there is none.
-        node: (m,), global number of the node that the point is, or whose force it has.
-        faced: (m,), global number of the node that it faces; `RIGID` or `DEFORMABLE` where it
-            faces a surface.
-        opposite: (k,), global numbers of the nodes of a deformable surface, of all processes, in
-            the order of `by_position`.
-    """
-
-    position: Array
+    position: Array  # (m, dim), undeformed
     cone: Cone
+    # (m, dim), the reduced equation, owned by this process, that holds this component of the
+    # point's force and of no other; -1 where none does: the law is not stated there
     equation: Indices
-    motion: sp.csr_matrix
-    force: sp.csr_matrix
+    motion: sp.csr_matrix  # (m dim, n), rows of G, for the displacements alone
+    force: sp.csr_matrix  # (m dim, n), columns of H, transposed, likewise
+    # (m, dim), mean midpoint of the cells around: tells points apart that coincide, such as those
+    # of two bodies that touch
     beside: Array
-    outward: Array
-    node: Indices
+    outward: Array  # (m, dim), the body's outward normal; zero where there is none
+    node: Indices  # (m,), global number of the node that the point is, or whose force it has
+    # (m,), global number of the node that it faces, or `RIGID` or `DEFORMABLE`
     faced: Indices
+    # (k,), global numbers of a deformable surface's nodes, of all processes, `by_position`
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
@@ -94,19 +83,7 @@ class NoContactStated(ValueError):
 
 
 class Interface:
-    """All contact points of this process (m of them), pair after pair.
-
-    Attributes:
-        comm: of the space.
-        surfaces: one per pair, at its initial place.
-        pair: (m,), number of each point's pair.
-        position, equation, node, faced: as in `Points`.
-        cone: of friction, at all of them.
-        opposite: as in `Points`, per pair.
-        motion: G.
-        force: H.
-        field: the displacements among the unknowns.
-    """
+    """All contact points of this process (m of them), pair after pair, as in `Points`."""
 
     def __init__(
         self,
@@ -118,12 +95,12 @@ class Interface:
     ) -> None:
         """Puts pairs together, whose points move with displacements among the unknowns (n,).
 
-        Surfaces may cut the body in pairs that are `interfering`. Unknowns are displacements, or
-        coefficients which `inverse`, (n, n), makes of these.
+        Surfaces, at their initial places, may cut the body in pairs that are `interfering`.
+        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these.
         """
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
-        self.surfaces = list(surfaces)
+        self.surfaces, self.pairs = list(surfaces), len(surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         self.position = np.concatenate([part.position for part in points])
@@ -141,17 +118,10 @@ class Interface:
         self._inverse = inverse
         self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
 
-    @property
-    def pairs(self) -> int:
-        """Number of contact pairs."""
-        return len(self.surfaces)
-
     def check(self, diagonal: float) -> None:
         """Raises ValueError for what states no contact problem.
 
-        No points, friction that is negative or not a number, a prescribed normal displacement,
-        a surface without gap or unit normal at a point, one that cuts the body (of the size
-        `diagonal`) or pushes it outwards.
+        `diagonal` is the size of the body, against which penetrations are measured.
         """
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
@@ -248,12 +218,7 @@ class Interface:
     @cached_property
     def extent(self) -> float:
         """Largest extent of the points along an axis."""
-        low, high = np.full(self.position.shape[1], np.inf), np.full(self.position.shape[1], np.inf)
-        if len(self.position):
-            low, high = self.position.min(axis=0), -self.position.max(axis=0)
-        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MIN)
-        return float((-high - low).max())
+        return float(extents(self.comm, self.position).max())
 
     def on_opposite(self, pair: int, force: Array) -> Array:
         """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes."""
