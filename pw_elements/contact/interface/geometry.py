@@ -218,13 +218,9 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     facing = np.sum(along[one] * outward[other], axis=1) < _FACING
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
-    basis = np.swapaxes(np.concatenate([edges, along[:, None]], axis=1), 1, 2)[one]
-    on_slave, on_master = (
-        # coordinates (q, k, d) along the edges; the last one, along the projection, is dropped
-        np.swapaxes(np.linalg.solve(basis, np.swapaxes(part - slave[one, :1], 1, 2)), 1, 2)[
-            ..., :-1
-        ]
-        for part in (slave[one], master[other])
+    basis = np.concatenate([edges, along[:, None]], axis=1)[one]
+    on_slave, on_master = (  # the last coordinate is along the projection
+        _along(basis, part - slave[one, :1])[..., :-1] for part in (slave[one], master[other])
     )
     pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
     found = Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair])
@@ -235,13 +231,12 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
 def weights(corners: Array, places: Array) -> Array:
     """Linear or bilinear functions (q, g, k) of corners (q, k, d), at places (q, g, d)."""
     k, d = corners.shape[1:]
-    edges = np.swapaxes(corners[:, 1 : d + 1] - corners[:, :1], 1, 2)
-    away = np.swapaxes(places - corners[:, :1], 1, 2)
-    inner = np.swapaxes(np.linalg.solve(edges, away), 1, 2)
+    edges = corners[:, 1 : d + 1] - corners[:, :1]
+    inner = _along(edges, places - corners[:, :1])
     if k == d + 1:
         return np.concatenate([1 - inner.sum(axis=2, keepdims=True), inner], axis=2)
     apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    twist = np.linalg.solve(edges, apart[:, :, None])[:, None, :, 0]
+    twist = _along(edges, apart[:, None])
     u, v = inner[..., 0].copy(), inner[..., 1].copy()
     for _ in range(_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
         wrong = [at + twist[..., i] * u * v - inner[..., i] for i, at in enumerate((u, v))]
@@ -256,6 +251,11 @@ def weights(corners: Array, places: Array) -> Array:
         if np.abs(step).max(initial=0.0) < _STILL:
             break
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
+
+
+def _along(edges: Array, away: Array) -> Array:
+    """Coordinates (q, g, d) of vectors (q, g, d) along edges, the rows of (q, d, d)."""
+    return np.swapaxes(np.linalg.solve(*(np.swapaxes(x, 1, 2) for x in (edges, away))), 1, 2)
 
 
 def stretches(corners: Array, weight: Array | None = None) -> Array:

@@ -12,14 +12,9 @@ from dolfinx import fem
 
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.output.mortar_sides import (
-    Opposite,
-    displacements,
-    mortar_sides,
-    over_areas,
-)
+from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
 from pw_elements.elasticity import Body, SurfaceNodes
-from pw_elements.spaces import as_function, is_hybrid, scalar_space, split
+from pw_elements.spaces import SubSpace, as_function, is_hybrid, scalar_space, split
 
 Array = npt.NDArray[np.float64]
 
@@ -105,15 +100,13 @@ class ContactFields:
             for name in ("gap", "status", "pressure", "tributary_pressure")
         )
         always = displacement, force, gap, slip, status
-        whole = body.spaces.trial if isinstance(body, Body) else body
+        known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
-        both = [mortar_sides(k, pair, body) for k, pair in enumerate(state.pairs)]
+        both = [mortar_sides(k, pair, known, space) for k, pair in enumerate(state.pairs)]
+        surfaces = tuple(surface for surface, _ in both if surface is not None)
         opposite = tuple(other for _, other in both)
-        if isinstance(body, Body):
-            surfaces = tuple(surface for surface, _ in both if surface is not None)
-            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
-        else:
-            fields = cls(*always, None, None, None, (), opposite, *own)
+        quotients = (None, None, None) if known is None else (pressure, tributary, traction)
+        fields = cls(*always, *quotients, surfaces, opposite, *own)
         fields.fill(state)
         return fields
 
@@ -213,7 +206,7 @@ def trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     """The space of the displacements; raises TypeError for what is no body and no space."""
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
-    return displacements(body)
+    return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:

@@ -133,7 +133,7 @@ class _Side:
 
     @classmethod
     def of(cls, number: int, pair: PairState, body: Body, opposite: bool) -> _Side:
-        own, other = mortar_sides(number, pair, body)
+        own, other = mortar_sides(number, pair, body, body.spaces.displacements.trial)
         assert own is not None
         if not opposite:
             pressure, _, traction = over_areas(own, pair)

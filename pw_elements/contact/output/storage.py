@@ -24,18 +24,21 @@ Array = npt.NDArray[np.float64]
 
 # Names of the arrays of places that belong to values
 _NODES = {"displacement": "nodes", "pressure": "pressure_nodes"}
+# What of a state is written as it is, and by its own numbers
+_PLAIN = ("iterations", "unique", "increment", "free")
+_OF_NUMBERS = {
+    "residuals": Residuals,
+    "report": SolverReport,
+    "scale": Scale,
+    "smallness": Smallness,
+}
 _FORMAT = "pw_elements contact state 3"
 # Largest distance of a node from its place in the file, over the body's extent
 _NEAR = 1e-8
 
 
 def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
-    """Writes a state whole or not at all, on one process; the space may be hybrid.
-
-    Raises:
-        ValueError: for the state of an error.
-        OSError: on all processes, if the file cannot be written.
-    """
+    """Writes a state whole or not at all, on one process, if it is a solution."""
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
@@ -49,19 +52,10 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
     if comm.rank == 0:
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
-        numbers = {
-            "format": _FORMAT,
-            "pairs": len(state.pairs),
-            "iterations": state.iterations,
-            "unique": state.unique,
-            "residuals": vars(state.residuals),
-            "report": vars(state.report),
-            "increment": state.increment,
-            "free": state.free,
-            "orientations": sorted(state.orientations),
-            "scale": vars(state.scale),
-            "smallness": vars(state.smallness),
-        }
+        numbers = {name: getattr(state, name) for name in _PLAIN}
+        numbers |= {name: vars(getattr(state, name)) for name in _OF_NUMBERS}
+        numbers |= {"orientations": sorted(state.orientations)}
+        numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
         arrays["state"] = np.array(json.dumps(numbers))
     with collective(comm):
         if arrays:
@@ -76,7 +70,6 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
 
     Raises:
         ValueError: if the file holds no state, or one of another mesh.
-        OSError: if the file cannot be read.
     """
     comm = space.mesh.comm
     with collective(comm):
@@ -112,20 +105,12 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
     spread = [field.spread(arrays[name][row[name]].ravel()) for name, field in fields.items()]
     unknowns.setArray(np.sum(spread, axis=0))
-    return ContactState(
-        moved.part(unknowns),
-        tuple(PairState(**pair) for pair in pairs),
-        numbers["iterations"],
-        numbers["unique"],
-        Residuals(**numbers["residuals"]),
-        SolverReport(**numbers["report"]),
-        numbers["increment"],
-        tuple((pair, axis) for pair, axis in numbers["free"]),
-        frozenset(numbers["orientations"]),
-        Scale(**numbers["scale"]),
-        Smallness(**numbers["smallness"]),
-        unknowns=unknowns,
-    )
+    values = {name: numbers[name] for name in _PLAIN}
+    values |= {name: of(**numbers[name]) for name, of in _OF_NUMBERS.items()}
+    values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
+    values["orientations"] = frozenset(numbers["orientations"])
+    values["pairs"] = tuple(PairState(**pair) for pair in pairs)
+    return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
 
 
 def _fields(space: fem.FunctionSpace) -> dict[str, SubSpace]:

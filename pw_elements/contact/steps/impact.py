@@ -56,21 +56,13 @@ _ROUND_OFF_DEPTH = 1e-6
 
 @dataclass(frozen=True)
 class NodalContact:
-    """Contact in one step, at the points (m) of this process.
+    """Contact in one step, at the points (m) of this process."""
 
-    Args:
-        pressed: (m,), normal force.
-        friction: (m, dim), the rest of the force.
-        gap: (m,), at the end of the step.
-        normal: (m, dim).
-        slip: (m, dim), of the step.
-    """
-
-    pressed: Array
-    friction: Array
-    gap: Array
-    normal: Array
-    slip: Array
+    pressed: Array  # (m,), normal force
+    friction: Array  # (m, dim), the rest of the force
+    gap: Array  # (m,), at the end of the step
+    normal: Array  # (m, dim)
+    slip: Array  # (m, dim), of the step
 
     @property
     def force(self) -> Array:
@@ -90,15 +82,9 @@ def nodal_contact(
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
 
-    Args:
-        motion: (m, dim), of the points in the step if there were no contact.
-        gap: (m,), at its start, to the surfaces as they are at its end.
-        normal: (m, dim), of these.
-        shift: (m, dim), of the surfaces in the step.
-        held: (m, dim), components that supports prescribe, which friction leaves alone.
-        mass: (m,).
-        cone: of friction.
-        step: of time.
+    `motion` (m, dim) is the points' in the step if there were no contact, `shift` the surfaces';
+    `gap` (m,) at its start, to the surfaces as they are at its end. Friction leaves components
+    alone that are `held` (m, dim) by supports.
     """
     stiffness = mass / step**2
     reached = gap + np.sum(normal * motion, axis=1)
@@ -172,23 +158,6 @@ class PairHistory:
     def total(self) -> Array:
         """Force (s, dim) of the surface on the body."""
         return np.asarray(self.force.sum(axis=1))
-
-    @classmethod
-    def of(cls, interface: Interface, k: int, force: Array, translation: Array) -> "PairHistory":
-        """Picks the history of one pair.
-
-        Args:
-            interface: of all pairs.
-            k: number of the pair.
-            force: (s, m, dim), at this process' points.
-            translation: (s + 1, pairs, dim), of the surfaces.
-        """
-        return cls(
-            interface.in_order(k, interface.position),
-            interface.in_order(k, interface.node),
-            interface.in_order(k, np.swapaxes(force, 0, 1)).swapaxes(0, 1),
-            translation[:, k],
-        )
 
 
 @dataclass(frozen=True)
@@ -353,7 +322,15 @@ def solve_impact(
         critical_step=critical,
         time=step * np.arange(steps + 1, dtype=np.float64),
         energies=Energies(*np.array(march.energies).T),
-        pairs=tuple(PairHistory.of(interface, k, forces, places) for k in range(len(stated))),
+        pairs=tuple(
+            PairHistory(
+                position=interface.in_order(k, interface.position),
+                node=interface.in_order(k, interface.node),
+                force=interface.in_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
+                translation=places[:, k],
+            )
+            for k in range(len(stated))
+        ),
         displacement=u,
         velocity=v,
         frames=tuple(states),
