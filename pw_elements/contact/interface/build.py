@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements.algebra import Reduction
 from pw_elements.checks import answer, collective, field, is_number
@@ -112,8 +113,13 @@ def _points(
 def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
     unique, times = np.unique(node, return_counts=True)
     body.refuse(unique[times > 1], "belong to two contact pairs")
-    body.refuse(node[~body.on_boundary[node]], "lie inside of the body, not on its boundary")
-    with collective(body.space.mesh.comm):
+    mesh = body.space.mesh
+    facet = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(facet, mesh.topology.dim)
+    facets = exterior_facet_indices(mesh.topology)
+    on_boundary = fem.locate_dofs_topological(body.space, facet, facets)
+    body.refuse(node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary")
+    with collective(mesh.comm):
         if np.any(body.column[node] < -1):
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "

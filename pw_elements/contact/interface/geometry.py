@@ -11,10 +11,10 @@ are bilinear in places that are no polynomials of coordinates, unless they are p
 from dataclasses import dataclass
 from functools import cached_property
 
+import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
-from dolfinx.mesh import exterior_facet_indices
+from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.elasticity import facet_nodes
@@ -31,12 +31,15 @@ _PARTS = {
 }
 # Corners of the simplices that make up a sub-facet with so many
 SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
-_EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
-# Places of a quadrilateral's nodes
-_PLACES = np.array(
-    [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
-)
-_NINE = 9
+# Quadratic functions of a facet with so many nodes
+_FUNCTIONS = {
+    nodes: basix.create_element(basix.ElementFamily.P, cell, 2)
+    for nodes, cell in (
+        (3, basix.CellType.interval),
+        (6, basix.CellType.triangle),
+        (9, basix.CellType.quadrilateral),
+    )
+}
 
 # Overlaps of less than this part of the slave's sub-facet are none
 _NO_OVERLAP = 1e-12
@@ -80,17 +83,11 @@ class Trace:
     def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
         """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
         facet, which = np.divmod(part, len(self._local))
-        if self.node.shape[1] == _NINE:
-            at = np.einsum("qa,qab->qb", place, _PLACES[self._local][which])[:, None]
-            ends = np.where(_PLACES == 0, (1 - at) * (1 - 2 * at), at * (2 * at - 1))
-            values = np.where(_PLACES == 0.5, 4 * at * (1 - at), ends)
-            return self.node[facet], values.prod(axis=2)
-        corner = np.eye(self.dim)
-        edges = np.array(_EDGES[self.node.shape[1]])
-        corner = np.concatenate([corner, corner[edges].mean(axis=1)])[self._local]
-        L = np.einsum("qa,qab->qb", place, corner[which])
-        middle = 4 * L[:, edges[:, 0]] * L[:, edges[:, 1]]
-        return self.node[facet], np.concatenate([L * (2 * L - 1), middle], axis=1)
+        element = _FUNCTIONS[self.node.shape[1]]
+        at = np.einsum("qa,qad->qd", place, element.points[self._local][which])
+        if not len(at):  # at which Basix aborts
+            return self.node[facet], np.empty((0, len(element.points)))
+        return self.node[facet], element.tabulate(0, at)[0, :, :, 0]
 
     def positions(self, part: Indices, values: Array) -> Array:
         """Positions (q, dim) by quadratic functions (q, k)."""
@@ -141,19 +138,6 @@ def flat_facets(
     flat = across(x[nodes[:, :dim]])
     flat *= np.sign(np.sum(flat * (x[nodes[:, 0]] - inside), axis=1))[:, None]
     return nodes, x[nodes], flat
-
-
-def facets_of(space: fem.FunctionSpace, node: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Exterior facets of owned cells all of whose nodes are among the owned ones (m,) of a pair."""
-    chosen = la.vector(space.dofmap.index_map, 1)
-    chosen.array[:] = 0.0
-    chosen.array[node] = 1.0
-    chosen.scatter_forward()
-    topology = space.mesh.topology
-    topology.create_connectivity(topology.dim - 1, topology.dim)
-    facets = exterior_facet_indices(topology)
-    kept = chosen.array[facet_nodes(space, facets)].all(axis=1)
-    return np.asarray(facets[kept], dtype=np.int32)
 
 
 def across(corners: Array) -> Array:

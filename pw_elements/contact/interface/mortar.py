@@ -59,7 +59,6 @@ from dolfinx import fem
 from pw_elements.contact.interface.geometry import (
     Segments,
     Trace,
-    facets_of,
     gathered_trace,
     segments,
     sizes,
@@ -68,7 +67,7 @@ from pw_elements.contact.interface.geometry import (
 from pw_elements.contact.interface.nodes import BodyNodes
 from pw_elements.contact.interface.operators import DEFORMABLE, Points
 from pw_elements.contact.model import Cone, DeformableSurface
-from pw_elements.elasticity import by_position
+from pw_elements.elasticity import by_position, facets_between
 from pw_elements.spaces import Assembled, exterior_facets, is_hybrid
 
 Array = npt.NDArray[np.float64]
@@ -256,7 +255,8 @@ def mortar_points(
     """
     space, comm = body.space, body.space.mesh.comm
     own = node + np.int64(space.dofmap.index_map.local_range[0])
-    one = gathered_trace(space, facets_of(space, node))
+    every = np.concatenate(comm.allgather(own))
+    one = gathered_trace(space, facets_between(space, every))
     other = gathered_trace(space, exterior_facets(space.mesh, master.where))
     if not len(other.node):
         raise ValueError(

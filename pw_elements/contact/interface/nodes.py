@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
-from dolfinx.mesh import exterior_facet_indices
 from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
@@ -35,7 +34,6 @@ class BodyNodes:
     field: SubSpace  # the displacements among the unknowns
     x: Array  # (nodes, dim), ghosts too
     column: Indices  # (owned nodes, dim), as of `free_columns`
-    on_boundary: npt.NDArray[np.bool_]  # (owned nodes,)
     outward: Array  # (owned nodes, dim), integrated with the shape functions
     beside: Array  # (nodes, dim), mean midpoint of the cells around
     diagonal: float  # length of the bounding box's
@@ -49,7 +47,6 @@ class BodyNodes:
             field,
             space.tabulate_dof_coordinates()[:, :dim],
             free_columns(reduction.right)[field.owned],
-            _on_boundary(space),
             _outward(space).reshape(-1, dim),
             midpoints_around(space),
             float(np.linalg.norm(extents(space.mesh.comm, space.mesh.geometry.x))),
@@ -71,19 +68,6 @@ def owned_nodes(whose: str, nodes: Part, space: fem.FunctionSpace) -> npt.NDArra
     """Local numbers of the nodes that this process owns; refuses what names no nodes."""
     given = nodes_of(space, whose, nodes)
     return given[given < space.dofmap.index_map.size_local]
-
-
-def _on_boundary(space: fem.FunctionSpace) -> npt.NDArray[np.bool_]:
-    """Which owned nodes lie on an exterior facet, of whichever process."""
-    mesh = space.mesh
-    facet = mesh.topology.dim - 1
-    mesh.topology.create_connectivity(facet, mesh.topology.dim)
-    facets = exterior_facet_indices(mesh.topology)
-    count = la.vector(space.dofmap.index_map, 1)
-    count.array[:] = 0.0
-    count.array[fem.locate_dofs_topological(space, facet, facets, remote=False)] = 1.0
-    count.scatter_reverse(la.InsertMode.add)
-    return np.asarray(count.array[: space.dofmap.index_map.size_local] > 0)
 
 
 def midpoints_around(space: fem.FunctionSpace) -> Array:

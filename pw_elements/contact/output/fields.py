@@ -105,8 +105,10 @@ class ContactFields:
         both = [mortar_sides(k, pair, known, space) for k, pair in enumerate(state.pairs)]
         surfaces = tuple(surface for surface, _ in both if surface is not None)
         opposite = tuple(other for _, other in both)
-        quotients = (None, None, None) if known is None else (pressure, tributary, traction)
-        fields = cls(*always, *quotients, surfaces, opposite, *own)
+        if known is None:
+            fields = cls(*always, None, None, None, surfaces, opposite, *own)
+        else:
+            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
         fields.fill(state)
         return fields
 

@@ -178,30 +178,30 @@ def mortar_sides(
     if not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
-    traces = [gathered_trace(space, facets_between(space, side)) for side in nodes]
+    one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)
     first, last = space.dofmap.index_map.local_range
     mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap = Overlap.of(*traces, pair.node[mine], revolved=False)
+    overlap = Overlap.of(one, other, pair.node[mine], revolved=False)
     means = _integrals(space, pair, overlap, mine, overlap.weight)
     if own is None or body is None:
         none = np.zeros_like(pair.opposite_force)
         return None, Opposite(*nodes, means, None, none[:, 0] > 0, none, none, none[:, 0], None)
     if revolved := body.state is StressState.AXISYMMETRIC:
-        overlap = Overlap.of(*traces, pair.node[mine], revolved)
+        overlap = Overlap.of(one, other, pair.node[mine], revolved)
     duals = _integrals(space, pair, overlap, mine, overlap.dual)
-    one, other = (
+    whole, opposite_whole = (
         whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
-        for trace, side in zip(traces, nodes, strict=True)
+        for trace, side in zip((one, other), nodes, strict=True)
     )
     covered = np.asarray(duals.sum(axis=0))
-    share = covered / one
+    share = covered / whole
     handed = duals @ sp.diags_array(1 / np.where(covered > 0, covered, 1.0))
     area, tributary = (
         -(handed @ ((area * share)[:, None] * pair.normal))
         for area in (own.own_area, own.tributary_area)
     )
     barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
-    part = (handed @ covered) / other
+    part = (handed @ covered) / opposite_whole
     opposite = SurfaceNodes.of(body, facets_between(space, pair.opposite))
     if not np.array_equal(opposite.node, pair.opposite):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")

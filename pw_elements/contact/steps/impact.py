@@ -14,7 +14,7 @@ the work (f(n) + r(n))' (u(n+1) - u(n-1)) / 2 of loads and contact alone, exactl
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from petsc4py import PETSc
@@ -33,8 +33,8 @@ from pw_elements.algebra import (
 )
 from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
-from pw_elements.contact.iteration import OPEN, SLIP, STICK, undeformed
-from pw_elements.contact.model import Cone, ContactPair, ContactState, PairState, Residuals
+from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undeformed
+from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
@@ -201,30 +201,22 @@ def frame(
     """The state after a step: displacements (n,), those (m, dim) of this process' points."""
     slips = np.linalg.norm(contact.slip, axis=1) > 0
     status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
-    blank = undeformed(interface, displacement)
-
-    def pair(k: int, before: PairState) -> PairState:
-        def ordered(values: npt.NDArray) -> npt.NDArray:
-            return interface.in_order(k, values)
-
-        values = vars(before) | {
-            "normal": ordered(contact.normal),
-            "force_normal": ordered(contact.pressed),
-            "force_tangential": ordered(contact.friction),
-            "gap": ordered(contact.gap),
-            "slip": ordered(np.where((status == OPEN)[:, None], 0.0, contact.slip)),
-            "friction": ordered(interface.cone.coefficient(contact.pressed)),
-            "status": ordered(status),
-            "translation": translations[k].copy(),
-            "force": ordered(contact.force).sum(axis=0),
-            "displacement": ordered(moved),
-        }
-        return PairState(**values)
-
-    pairs = tuple(pair(k, before) for k, before in enumerate(blank.pairs))
+    pairs = pair_states(
+        interface,
+        translations,
+        contact.force,
+        normal=contact.normal,
+        force_normal=contact.pressed,
+        force_tangential=contact.friction,
+        gap=contact.gap,
+        slip=np.where((status == OPEN)[:, None], 0.0, contact.slip),
+        friction=interface.cone.coefficient(contact.pressed),
+        status=status,
+        displacement=moved,
+    )
     none = Residuals(*[np.nan] * 8)
-    changes = {"pairs": pairs, "residuals": none, "increment": step, "converged": False}
-    return ContactState(**(vars(blank) | changes))
+    blank = undeformed(interface, displacement)
+    return replace(blank, pairs=pairs, residuals=none, increment=step, converged=False)
 
 
 def solve_impact(

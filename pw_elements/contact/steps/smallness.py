@@ -351,12 +351,9 @@ def _facets_around(
     A facet counts once for each of its nodes, those of other processes too.
     """
     index_map, comm = space.dofmap.index_map, space.mesh.comm
-    wanted = la.vector(index_map, 1)
-    wanted.array[:] = 0.0
-    wanted.array[node - index_map.local_range[0]] = 1.0
-    wanted.scatter_forward()
-    facet, place = np.nonzero(wanted.array[exterior.nodes] > 0)
-    touched = index_map.local_to_global(exterior.nodes[facet, place].astype(np.int32))
+    number = index_map.local_to_global(exterior.nodes.ravel()).reshape(exterior.nodes.shape)
+    facet, place = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
+    touched = number[facet, place]
     touched, outward, size = (
         np.concatenate(comm.allgather(part))
         for part in (touched, exterior.outward[facet], exterior.size[facet])
