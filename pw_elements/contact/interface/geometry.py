@@ -98,18 +98,14 @@ class Trace:
         """Numbers (n,) of the nodes, sorted."""
         return np.unique(self.node)
 
-    @cached_property
-    def averaged(self) -> Array:
-        """Unit normals (n, dim) of the nodes, means over the sub-facets around by their sizes."""
-        nodes, corners, normal = self.parts
-        of = np.searchsorted(self.nodes, nodes)
+    def normals(self, nodes: Indices) -> Array:
+        """Unit normals (..., dim) of nodes (...), means over the sub-facets around by sizes."""
+        around, corners, normal = self.parts
+        of = np.searchsorted(self.nodes, around)
         sums = np.zeros((len(self.nodes), self.dim))
         np.add.at(sums, of, (normal * sizes(corners)[:, None])[:, None, :])
-        return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
-
-    def normals(self, nodes: Indices) -> Array:
-        """Averaged normals (..., dim) of nodes (...)."""
-        return self.averaged[np.searchsorted(self.nodes, nodes)]
+        sums /= np.linalg.norm(sums, axis=1, keepdims=True)
+        return sums[np.searchsorted(self.nodes, nodes)]
 
     def positions_of_nodes(self) -> Array:
         """Positions (n, dim) of the nodes."""

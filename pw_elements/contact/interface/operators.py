@@ -10,13 +10,10 @@ rigid surfaces, whose translations the law sees apart; the opposite body's displ
 nodes match. Nodal interfaces have H = G^T, for the new element too: its nodal equations are
 weighted, its nodal displacements are not.
 
-What of it belongs to a pair is `Points`, which builders make.
-
-A mortar interface joins by another builder of `Points`: G has the weighted gap integrals in its
-rows, H the integrals of the multipliers' duals against the weights of both bodies. What the rest
-relies on is that each component of a point's force has one equation, `Points.equation`, in which
-no other force appears, so that the force can be read from it; and that G's unit times H's is a
-stiffness over K's, by which the law's scale is found. Law, kinematics and loop see points only.
+Builders make the `Points` of a pair. Of a mortar's, G has the weighted gap integrals in its rows,
+H the integrals of the multipliers' duals against the weights of both bodies. What the rest relies
+on is that the force can be read from `Points.equation`, and that G's unit times H's is a stiffness
+over K's, by which the law's scale is found. Law, kinematics and loop see points only.
 """
 
 from collections.abc import Sequence
@@ -33,7 +30,6 @@ import scipy.sparse as sp
 
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
-from pw_elements.contact.interface.nodes import extents
 from pw_elements.contact.model import Cone, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
@@ -241,23 +237,14 @@ class Interface:
         return translations[self.pair]
 
     def gaps(self, translations: Array | None) -> Array:
-        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it."""
-        gap = self._by_pair("gap", translations, ())
-        return gap if self._inverse is None else self._of_coefficients(gap, translations)
+        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it.
 
-    def normals(self, translations: Array | None) -> Array:
-        """Normals (m, dim) of the translated surfaces at the undeformed body."""
-        dim = self.position.shape[1]
-        return self._by_pair("normal", translations, (dim,))
-
-    def _of_coefficients(self, gap: Array, translations: Array | None) -> Array:
-        """Gaps (m,) which coefficients close where displacements close the given ones.
-
-        A node keeps its own where one of those whose displacements its coefficient is made of
-        faces nothing.
+        Coefficients close what they make of the displacements' gaps. A node keeps its own where one
+        of those whose displacements its coefficient is made of faces nothing.
         """
-        inverse = self._inverse
-        assert inverse is not None
+        gap, inverse = self._by_pair("gap", translations, ()), self._inverse
+        if inverse is None:
+            return gap
         normal = self.normals(translations)
         faced = np.isfinite(gap)
         first, last = inverse.getOwnershipRange()
@@ -274,6 +261,11 @@ class Interface:
         whole = np.abs(transformed(np.tile(faced[:, None], dim))[:, 0] - 1) < _UNIT
         away = transformed(np.where(faced, gap, 0.0)[:, None] * normal)
         return np.where(whole, np.sum(away * normal, axis=1), gap)
+
+    def normals(self, translations: Array | None) -> Array:
+        """Normals (m, dim) of the translated surfaces at the undeformed body."""
+        dim = self.position.shape[1]
+        return self._by_pair("normal", translations, (dim,))
 
     def _by_pair(
         self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]
@@ -298,3 +290,10 @@ def _matrix(rows: sp.csr_matrix, field: SubSpace) -> PETSc.Mat:
     sizes = ((rows.shape[0], PETSc.DETERMINE), field.sizes)
     matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=field.space.mesh.comm)
     return matrix if field.is_all else matrix.matMult(field.selection())
+
+
+def extents(comm: MPI.Comm, x: Array) -> Array:
+    """Extents (dim,) along the axes of points (n, dim) of all processes."""
+    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
+    return -ends.sum(axis=0)

@@ -18,7 +18,7 @@ from pw_elements.checks import collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import SubSpace, is_hybrid
+from pw_elements.spaces import SubSpace, fields_of
 
 Array = npt.NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    for name, field in _fields(space).items():
+    for name, field in zip(_NODES, fields_of(space), strict=False):
         values = field.part(state.unknowns).array_r.reshape(field.owned.shape)
         given = comm.gather((_places(field.space), values))
         if comm.rank == 0:
@@ -92,7 +92,7 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         ]
     except (ValueError, KeyError, OSError, BadZipFile) as failed:
         raise ValueError(f"{path} holds no contact state: {failed}") from None
-    fields = _fields(space)
+    fields = dict(zip(_NODES, fields_of(space), strict=False))
     if missing := fields.keys() - arrays.keys():
         raise ValueError(f"{path} has the state of a body without {missing.pop()}")
     row = {name: _rows(path, arrays[_NODES[name]], field) for name, field in fields.items()}
@@ -111,13 +111,6 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     values["orientations"] = frozenset(numbers["orientations"])
     values["pairs"] = tuple(PairState(**pair) for pair in pairs)
     return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
-
-
-def _fields(space: fem.FunctionSpace) -> dict[str, SubSpace]:
-    fields = {"displacement": SubSpace.displacements(space)}
-    if is_hybrid(space):
-        fields["pressure"] = SubSpace.pressure(space)
-    return fields
 
 
 def _rows(path: Path, stored: Array, field: SubSpace) -> npt.NDArray[np.intp]:

@@ -295,8 +295,7 @@ def solve_impact(
     v.setArray(np.where(free, velocity.array_r, 0.0))
     if displacement is not None:
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
-    march = _March(K, _masses(M, space), free, interface, moves, load, step)
-    march.start(u, v)
+    march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
     steps = int(np.ceil(duration / step * (1 - _EQUAL)))
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
@@ -342,7 +341,10 @@ class _March:
         paths: Sequence[PathInTime | None],
         load: Load | None,
         step: float,
+        u: PETSc.Vec,
+        v: PETSc.Vec,
     ) -> None:
+        """Starts from displacements and velocities at the time 0, which `advance` will change."""
         self._K, self._mass, self._step, self._interface = K, mass, step, interface
         self._inverse = np.where(free, 1 / mass, 0.0)
         self._paths, self._load, self._comm = paths, load, interface.comm
@@ -351,22 +353,17 @@ class _March:
         self._rows = interface.node[:, None] * dim + np.arange(dim) - first
         self.energies: list[Array] = []
         self.forces: list[Array] = []
-        self.places: list[Array] = []
-
-    def start(self, u: PETSc.Vec, v: PETSc.Vec) -> None:
-        """Starts from displacements and velocities at the time 0, which `advance` will change."""
-        dt = self._step
+        self.places = [self._translations(0.0)]
         self._u, self._v, self._inner = u, v, u.duplicate()
-        self._K.mult(u, self._inner)
-        self.places.append(self._translations(0.0))
+        K.mult(u, self._inner)
         # velocities half a step before the start make the first step like all others
-        v.setArray(v.array_r - dt / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
-        self._before = u.array_r - dt * v.array_r
+        v.setArray(v.array_r - step / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
+        self._before = u.array_r - step * v.array_r
         self._surfaces = self._seen()
         gap, normal = self._surfaces
         gap = gap + np.sum(normal * self.at_points(u), axis=1)
-        self._interface.refuse(
-            gap < -_ROUND_OFF_DEPTH * np.ptp(self._interface.gathered(self._interface.position)),
+        interface.refuse(
+            gap < -_ROUND_OFF_DEPTH * np.ptp(interface.gathered(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it come from "
             "farther away (the sibling's coefficients reach a curved surface a little earlier)",
         )

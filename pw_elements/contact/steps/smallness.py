@@ -213,11 +213,7 @@ class SmallnessCheck:
         ]
 
     def before(self, increment: Increment) -> None:
-        """Looks at the motions that are prescribed, before anything is solved.
-
-        Raises:
-            SurfacePassed: if one of them leads through the body.
-        """
+        """Refuses, as `SurfacePassed`, motions that are prescribed to lead through the body."""
         past = increment.past
         known = np.isfinite(increment.prescribed)
         self._check_way(past, np.where(known, increment.prescribed, past.translations))
@@ -225,15 +221,20 @@ class SmallnessCheck:
     def after(self, increment: Increment, now: Iterate, before: ContactState) -> Smallness:
         """How small the displacements of a solution are; logs what no longer is, once.
 
-        Raises:
-            SurfacePassed: if a rigid surface has gone through the body, or pushes it outwards.
+        Refuses, as `SurfacePassed`, surfaces that have gone through the body or push it outwards.
         """
         self._check_way(increment.past, now.translations)
         strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
         self._check_contact(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
-        if self._comm.rank == 0:
-            _warn(smallness, before.smallness, before.increment)
+        left = [
+            f"largest {name} {value:.3g} (above {limit:g})"
+            for name, value in vars(smallness).items()
+            if value > (limit := getattr(_SMALL, name)) >= getattr(before.smallness, name)
+        ]
+        if left and self._comm.rank == 0:
+            text = "increment %d leaves the range of small displacements: %s"
+            _logger.warning(text, before.increment, ", ".join(left))
         return smallness
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
@@ -362,16 +363,3 @@ def _facets_around(
     order = np.argsort(node)
     point = order[np.searchsorted(node, touched[mine], sorter=order)]
     return point, outward[mine], size[mine]
-
-
-def _warn(smallness: Smallness, before: Smallness, increment: int) -> None:
-    """Logs what has left the range of small displacements in an increment, counted from 0."""
-    left = [
-        f"largest {name} {value:.3g} (above {limit:g})"
-        for name, value in vars(smallness).items()
-        if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
-    ]
-    if left:
-        _logger.warning(
-            "increment %d leaves the range of small displacements: %s", increment, ", ".join(left)
-        )
