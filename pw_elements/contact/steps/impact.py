@@ -190,35 +190,6 @@ class ImpactHistory:
     frame_times: tuple[float, ...]
 
 
-def frame(
-    interface: Interface,
-    displacement: PETSc.Vec,
-    moved: Array,
-    contact: NodalContact,
-    translations: Array,
-    step: int,
-) -> ContactState:
-    """The state after a step: displacements (n,), those (m, dim) of this process' points."""
-    slips = np.linalg.norm(contact.slip, axis=1) > 0
-    status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
-    pairs = pair_states(
-        interface,
-        translations,
-        contact.force,
-        normal=contact.normal,
-        force_normal=contact.pressed,
-        force_tangential=contact.friction,
-        gap=contact.gap,
-        slip=np.where((status == OPEN)[:, None], 0.0, contact.slip),
-        friction=interface.cone.coefficient(contact.pressed),
-        status=status,
-        displacement=moved,
-    )
-    none = Residuals(*[np.nan] * 8)
-    blank = undeformed(interface, displacement)
-    return replace(blank, pairs=pairs, residuals=none, increment=step, converged=False)
-
-
 def solve_impact(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -304,9 +275,7 @@ def solve_impact(
             contact = march.advance()
             if n in kept:
                 moved = u.copy() if sibling is None else sibling.displacement(u)
-                states.append(
-                    frame(interface, moved, march.at_points(moved), contact, march.places[-1], n)
-                )
+                states.append(march.frame(moved, contact))
     forces, places = np.array(march.forces), np.array(march.places)
     return ImpactHistory(
         step=step,
@@ -361,7 +330,7 @@ class _March:
         self._before = u.array_r - step * v.array_r
         self._surfaces = self._seen()
         gap, normal = self._surfaces
-        gap = gap + np.sum(normal * self.at_points(u), axis=1)
+        gap = gap + np.sum(normal * u.array_r[self._rows], axis=1)
         interface.refuse(
             gap < -_ROUND_OFF_DEPTH * np.ptp(interface.gathered(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it come from "
@@ -404,9 +373,31 @@ class _March:
         self.forces.append(contact.force)
         return contact
 
-    def at_points(self, vector: PETSc.Vec) -> Array:
-        """Values (m, dim) of a vector (n,) at the contact points of this process."""
-        return np.asarray(vector.array_r[self._rows])
+    def frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
+        """The state after a step, with true displacements (n,)."""
+        interface = self._interface
+        slips = np.linalg.norm(contact.slip, axis=1) > 0
+        status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
+        pairs = pair_states(
+            interface,
+            self.places[-1],
+            contact.force,
+            normal=contact.normal,
+            force_normal=contact.pressed,
+            force_tangential=contact.friction,
+            gap=contact.gap,
+            slip=np.where((status == OPEN)[:, None], 0.0, contact.slip),
+            friction=interface.cone.coefficient(contact.pressed),
+            status=status,
+            displacement=displacement.array_r[self._rows],
+        )
+        return replace(
+            undeformed(interface, displacement),
+            pairs=pairs,
+            residuals=Residuals(*[np.nan] * 8),
+            increment=len(self.forces),
+            converged=False,
+        )
 
     def _keep(self, work: Array) -> None:
         """Energies after a step, and the work done in it."""
