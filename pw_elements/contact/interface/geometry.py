@@ -11,7 +11,6 @@ are bilinear in places that are no polynomials of coordinates, unless they are p
 from dataclasses import dataclass
 from functools import cached_property
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -31,15 +30,11 @@ _PARTS = {
 }
 # Corners of the simplices that make up a sub-facet with so many
 SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
-# Quadratic functions of a facet with so many nodes
-_FUNCTIONS = {
-    nodes: basix.create_element(basix.ElementFamily.P, cell, 2)
-    for nodes, cell in (
-        (3, basix.CellType.interval),
-        (6, basix.CellType.triangle),
-        (9, basix.CellType.quadrilateral),
-    )
-}
+_EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
+# Places of a quadrilateral's nodes
+_PLACES = np.array(
+    [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
+)
 
 # Overlaps of less than this part of the slave's sub-facet are none
 _NO_OVERLAP = 1e-12
@@ -83,11 +78,17 @@ class Trace:
     def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
         """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
         facet, which = np.divmod(part, len(self._local))
-        element = _FUNCTIONS[self.node.shape[1]]
-        at = np.einsum("qa,qad->qd", place, element.points[self._local][which])
-        if not len(at):  # at which Basix aborts
-            return self.node[facet], np.empty((0, len(element.points)))
-        return self.node[facet], element.tabulate(0, at)[0, :, :, 0]
+        if self.node.shape[1] == len(_PLACES):
+            at = np.einsum("qa,qab->qb", place, _PLACES[self._local][which])[:, None]
+            ends = np.where(_PLACES == 0, (1 - at) * (1 - 2 * at), at * (2 * at - 1))
+            values = np.where(_PLACES == 0.5, 4 * at * (1 - at), ends)
+            return self.node[facet], values.prod(axis=2)
+        corner = np.eye(self.dim)
+        edges = np.array(_EDGES[self.node.shape[1]])
+        corner = np.concatenate([corner, corner[edges].mean(axis=1)])[self._local]
+        L = np.einsum("qa,qab->qb", place, corner[which])
+        middle = 4 * L[:, edges[:, 0]] * L[:, edges[:, 1]]
+        return self.node[facet], np.concatenate([L * (2 * L - 1), middle], axis=1)
 
     def positions(self, part: Indices, values: Array) -> Array:
         """Positions (q, dim) by quadratic functions (q, k)."""
