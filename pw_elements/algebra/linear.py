@@ -112,10 +112,7 @@ def free_pressure(
 ) -> bool:
     """Whether a constant pressure of a hybrid space acts on no displacement.
 
-    Args:
-        matrix: the stiffness under the reduction.
-        reduction: of hybrid or other spaces.
-        beside: this process' own local numbers of reduced equations that do not count.
+    `beside` are this process' own local numbers of reduced equations that do not count.
     """
     if reduction.space is None or not is_hybrid(reduction.space):
         return False
@@ -134,14 +131,7 @@ def free_pressure(
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix.
-
-    Args:
-        matrix: A, (n, n); it is not changed.
-
-    Raises:
-        TypeError, ValueError: if it is not a square matrix.
-    """
+    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix."""
     with collective(arguments.processes(matrix)):
         arguments.matrix("the matrix", matrix)
     part = matrix.copy()
@@ -156,17 +146,7 @@ def factorise(
     solver: LinearSolver | None = None,
     reduction: Reduction | None = None,
 ) -> PreparedSolver:
-    """A solver that is ready for a regular matrix (n, n): MUMPS' factors unless another is given.
-
-    Args:
-        matrix: to be factorised.
-        symmetric: whether LDL^T will do.
-        solver: another one.
-        reduction: by which the matrix was made, that of hybrid spaces say, for better words.
-
-    Raises:
-        SingularSystem: if a known solution does not come back, or a pivot is zero.
-    """
+    """A solver ready for a regular matrix; the reduction that made it gives better words."""
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
         with explained(matrix, reduction), _told(prepared, matrix):
@@ -181,12 +161,7 @@ def factorise(
 def explained(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
-    """Adds to a `SingularSystem` of a block what is the likely cause.
-
-    Args:
-        matrix: of the system, if it is assembled.
-        reduction: by which it was made.
-    """
+    """Adds to a `SingularSystem` of a block what is the likely cause."""
     try:
         yield
     except FreePressure:
@@ -201,7 +176,6 @@ def explained(
 
 
 def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
-    """Says on a terminal what is solved by what."""
     what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
     return doing(matrix.comm.tompi4py(), what)
 

@@ -28,19 +28,8 @@ def check_problem(
 ) -> None:
     """Checks that matrices (n, n), vectors (n,), reduction, space and solver belong together.
 
-    Args:
-        matrices: by their names in messages; the first one is the stiffness.
-        vectors: by their names.
-        loads: vectors which have to be made with the weight functions of the first matrix.
-        reductions: supports, one `Reduction` or none.
-        space: trial space; None where it is not given.
-        solver: of linear systems; None for the default.
-
-    Raises:
-        TypeError: on all processes, for a thing of the wrong type.
-        ValueError: on all processes, for a matrix that is not square, not assembled or not
-            finite, sizes, meshes or spaces that do not go together, a load of other weight
-            functions, or vectors that are not finite.
+    The first matrix is the stiffness; with its weight functions loads have to be made. Things of
+    the wrong type are TypeErrors, all else ValueErrors, on all processes.
     """
     loads = loads or {}
     every = {**(vectors or {}), **loads}
@@ -149,7 +138,6 @@ def _same_element(one: Any, other: Any) -> bool:  # noqa: ANN401
 
 
 def check_reduction(reduction: object) -> None:
-    """Raises TypeError unless it is a `Reduction`; local."""
     parts = ("left", "right", "offset", "space")
     if isinstance(reduction, type) or not all(hasattr(reduction, part) for part in parts):
         conditions = isinstance(reduction, fem.DirichletBC | list | tuple)
@@ -161,7 +149,6 @@ def check_reduction(reduction: object) -> None:
 
 
 def check_solver(solver: object) -> None:
-    """Raises TypeError unless it is a `LinearSolver`, "auto" or None; local."""
     if solver is None or solver == "auto":
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):

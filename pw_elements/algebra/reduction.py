@@ -50,13 +50,7 @@ _ZERO_ENTRY = 1e-13
 def prescribed(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
-    """Which owned degrees of freedom are free, and the prescribed values (zero where free).
-
-    Raises:
-        TypeError: for anything but a space and conditions.
-        ValueError: if a prescribed value is not finite, two of them contradict each other, or a
-            condition is another space's.
-    """
+    """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
     arguments.space(space)
     each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
@@ -146,12 +140,7 @@ def condensed(
 
 
 def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -> PETSc.Mat:
-    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros.
-
-    Raises:
-        ValueError: if K couples inner nodes.
-        SingularSystem: if a block is singular.
-    """
+    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
     comm: MPI.Comm = K.comm.tompi4py()
     chosen = selection(inner, K.createVecLeft())
     K_ii = chosen.transposeMatMult(K.matMult(chosen))

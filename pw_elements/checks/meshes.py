@@ -52,11 +52,7 @@ _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
 
 
 class DegenerateMesh(ValueError):
-    """Cells that are flat or inverted, or cells and boundaries that do not make a body.
-
-    These are folds, duplicate or overlapping cells, facets with more than two cells, and hanging
-    nodes.
-    """
+    """Cells that are flat or inverted, or cells and boundaries that do not make a body."""
 
 
 def listed(points: Array, most: int = 6) -> str:
@@ -69,13 +65,7 @@ def listed(points: Array, most: int = 6) -> str:
 
 
 def check_mesh(mesh: Mesh) -> None:
-    """Looks for cells and boundaries that do not make a body, as explained above.
-
-    A mesh that passed is not looked at again until its nodes move.
-
-    Raises:
-        DegenerateMesh: on all processes, with the midpoints of such cells or facets.
-    """
+    """Refuses cells and boundaries that do not make a body; again only when nodes have moved."""
     now = crc32(np.ascontiguousarray(mesh.geometry.x))
     if not mesh.comm.allreduce(_checked.get(mesh) != now, MPI.LOR):
         return
@@ -94,15 +84,11 @@ def check_mesh(mesh: Mesh) -> None:
 
 
 class _Cells:
-    """Cells of this process (without ghosts) and the area vectors of their facets.
+    """Cells of this process (without ghosts), and what is around them.
 
-    Attributes:
-        vertices: (cells, corners), local numbers of geometry nodes.
-        middle: (cells, dim).
-        facets: (facets of a cell, cells), local numbers.
-        area: (dim, facets of a cell, cells), outward, at facets' midpoints; a triangle's is twice
-            as long as it is large.
-        exterior: (facets of a cell, cells), whether no other cell has the facet.
+    Vertices (cells, corners) are local numbers of geometry nodes, facets (sides, cells) local
+    numbers. Area vectors (dim, sides, cells) point outwards at the facets' midpoints; a triangle's
+    is twice as long as it is large.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -116,7 +102,6 @@ class _Cells:
         self.middle = self._x[:, corner].mean(axis=1).T
 
     def check(self) -> None:
-        """Raises DegenerateMesh for flat, inverted, folded and duplicate cells."""
         kind, dim, cells = self.element.cell_type, self.dim, len(self.middle)
         corners = basix.geometry(kind)
         sides = np.array([corners[c].mean(axis=0) for c in basix.topology(kind)[dim - 1]])
@@ -206,10 +191,7 @@ class _Cells:
 class _Surface:
     """All exterior facets (m of k corners), on every process.
 
-    Attributes:
-        corner: (m, k, dim), positions.
-        vertex: (m, k), global numbers.
-        area: (m, dim), outward.
+    Vertices (m, k) are global numbers, area vectors (m, dim) point outwards.
     """
 
     def __init__(self, cells: _Cells) -> None:
@@ -317,7 +299,6 @@ class _Surface:
             raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
 
     def log_contacts(self) -> None:
-        """Logs facets that coincide, of two bodies that touch or a crack."""
         pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
         if not len(pairs):
             return
@@ -334,7 +315,6 @@ class _Surface:
 
 
 def _cofactors(jacobian: Array) -> Array:
-    """Cofactors (dim, dim, ...) of matrices (dim, dim, ...)."""
     dim = len(jacobian)
     if dim == 1:
         return np.ones_like(jacobian)

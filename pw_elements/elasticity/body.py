@@ -457,10 +457,8 @@ class Body:
     def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
         """Integrates a form over the body's volume.
 
-        Args:
-            integrand: with test functions.
-            exact_degree: the integrand's on a straight simplex.
-            in_box: its degree in each direction of a parallelepiped, if that is odd.
+        Its degree on a straight simplex is exact; in a parallelepiped, if odd, that in each
+        direction.
         """
         degree = self.quadrature_degree
         if degree is None:
@@ -586,16 +584,8 @@ def prescribe(
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Load vector of a concentrated force at each node that a marker selects.
 
-    It is the same for every test space with W_i(x_i) = 1.
-
-    Args:
-        space: trial space.
-        where: marker of the nodes' positions as columns (3, n).
-        force: (components,), on each of the nodes.
-
-    Raises:
-        ValueError: if there is no such node, the marker fails or does not return truth values, or
-            the force has another number of components than the space, or one that is not finite.
+    It is the same for every test space with W_i(x_i) = 1. The force (components,) acts on each of
+    the nodes.
     """
     arguments.space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
@@ -654,7 +644,6 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
 
 
 def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:
-    """Local node numbers (ghosts too) at which the marker holds."""
     comm = space.mesh.comm
     with collective(comm):
         holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)
@@ -682,5 +671,4 @@ def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
 
 
 def _set(instance: object, name: str, value: object) -> None:
-    """Sets a field of a frozen dataclass while it is made."""
     object.__setattr__(instance, name, value)

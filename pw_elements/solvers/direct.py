@@ -253,7 +253,6 @@ class Factors:
 
     @property
     def report(self) -> SolverReport:
-        """What has been done so far."""
         return SolverReport(self._method, self._factorisations, self._iterations)
 
     @property
@@ -269,11 +268,7 @@ class Factors:
         return int(self._preconditioner.getFactorMatrix().getInertia()[0])
 
     def set_up(self) -> None:
-        """Factorises the matrix as it is now, and makes sure that the factors serve.
-
-        Raises:
-            SingularSystem: if a pivot is zero or a known solution does not come back.
-        """
+        """Factorises the matrix as it is now; raises SingularSystem if the factors do not serve."""
         self.ksp.setType(self._kind)
         self._preconditioner.setReusePreconditioner(False)
         self._worthwhile = -1.0
@@ -295,11 +290,6 @@ class Factors:
             self._orientations.add(int(np.sign(factor.getMumpsRinfog(12))))
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
-        """Solution (n,) with new factors.
-
-        Raises:
-            SingularSystem: if a pivot is zero or a known solution does not come back.
-        """
         self.set_up()
         solution = right.duplicate()
         self.ksp.solve(right, solution)
@@ -322,7 +312,6 @@ class Factors:
         return solution if self.ksp.getConvergedReason() > 0 else None
 
     def release(self) -> None:
-        """Frees the factors, on all processes."""
         self.ksp.destroy()
 
     def _check(self) -> None:

@@ -97,21 +97,11 @@ _SPARE_MEMORY = 2.0
 
 
 class SaddlePoint:
-    """The levels for one matrix of hybrid spaces, in the place of a `Multigrid`.
+    """The levels for one matrix (n, n) of hybrid spaces, in the place of a `Multigrid`.
 
-    Pressures are scaled to lengths, as by `equilibration`.
-
-    Args:
-        K: (n, n), all rows and columns free.
-        supports: of its space.
-
-    Attributes:
-        operator: Pi s K s Pi + (1 - Pi), with the scale s.
-        scaled: s K s.
-        displacements: among the unknowns.
-        elastic: A in blocks, and its supports.
-        levels: of A.
-        inner: preconditioner of A by them, or one that has more to do.
+    Pressures are scaled to lengths, as by `equilibration`: `scaled` is s K s, the operator Pi s K s
+    Pi + (1 - Pi). The stiffness of displacements A, in blocks, is `elastic` with its supports,
+    `levels` are its multigrid, and `inner` preconditions by them, or by one that has more to do.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -154,25 +144,17 @@ class SaddlePoint:
         preconditioner.setPythonContext(self)
 
     def release(self) -> None:
-        """Frees what Python objects are in, on all processes."""
         destroy(self.inner, self.operator, self.scaled)
         self.levels.release()
 
     def ready(self) -> None:
-        """Makes the multigrid's coarse level.
-
-        Raises:
-            SingularSystem: if a constant pressure acts on no displacement, nor on a volume.
-        """
+        """Makes the multigrid's coarse level, unless a constant pressure is free."""
         if self.free_pressure(self.operator):
             raise FreePressure
         self.levels.ready()
 
     def free_pressure(self, operator: PETSc.Mat) -> bool:
-        """Whether a constant pressure does nothing under an operator (n, n), or a larger one.
-
-        Its other unknowns come last.
-        """
+        """Whether a constant pressure does nothing under an operator (n, n), or a larger one."""
         constant, effect = operator.createVecs()
         pressures = self._p.spread(self._free)
         constant.array[: len(pressures)] = pressures
@@ -181,7 +163,6 @@ class SaddlePoint:
         return bool(effect.norm(largest) <= NOTHING * self.elastic[0].norm(largest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         values = x.array_r
         self._given.setArray(values[self.displacements.owned.ravel()])
         self.inner.apply(self._given, self._found)
@@ -294,18 +275,10 @@ class Iterative:
 
 
 class Krylov:
-    """Iterative solutions with one matrix under supports.
+    """Iterative solutions with one matrix (n, n), all rows and columns free, under supports.
 
-    Args:
-        matrix: (n, n), all rows and columns free.
-        supports: of its space.
-        how: tolerance and options.
-
-    Attributes:
-        ksp: PETSc's solver; its matrix is Pi K Pi + (1 - Pi) of all n unknowns.
-        multigrid: its preconditioner.
-        operator: that matrix.
-        elastic: the stiffness of displacements, free, and their supports.
+    The matrix of `ksp` is the operator Pi K Pi + (1 - Pi) of all n unknowns, `multigrid` its
+    preconditioner, `elastic` the free stiffness of displacements and their supports.
     """
 
     def __init__(self, matrix: PETSc.Mat, supports: Supports, how: Iterative) -> None:
@@ -334,7 +307,6 @@ class Krylov:
         return ksp
 
     def release(self) -> None:
-        """Frees solver and levels, on all processes: see `matrices.destroy`."""
         destroy(self.ksp, self.operator)
         self.multigrid.release()
 
@@ -354,7 +326,6 @@ class Krylov:
 
     @property
     def report(self) -> SolverReport:
-        """What has been done so far."""
         return SolverReport(self._method, 0, sum(self._counted))
 
     @property
@@ -368,22 +339,13 @@ class Krylov:
         return
 
     def set_up(self) -> None:
-        """Refuses a body that supports do not hold.
-
-        Raises:
-            SingularSystem: if a rigid motion is free.
-        """
+        """Refuses a body that supports do not hold."""
         if free_motion(*self.elastic):
             raise SingularSystem("the system matrix is singular")
         self.multigrid.ready()
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
-        """Solution (n,); the right-hand side is zero where values are prescribed.
-
-        Raises:
-            SingularSystem: if a rigid motion is free.
-            NotConverged: if the residual does not become small.
-        """
+        """Solution (n,); the right-hand side is zero where values are prescribed."""
         self.set_up()
         solution, step = right.duplicate(), right.duplicate()
         rest, size = right.copy(), right.norm()
@@ -406,7 +368,6 @@ class Krylov:
         return float(_DRIFT * _EPSILON * stiffness * size)
 
     def not_converged(self, left: float) -> NotConverged:
-        """What is to be raised where the relative residual `left` remains."""
         dofs = self._matrix.getSize()[0]
         return NotConverged(
             f"{self.report.method} left the relative residual {left:.1e} after "
@@ -500,14 +461,8 @@ def auto_solver(
 ) -> LinearSolver:
     """The solver that is meant: factors in the plane and of small bodies by "auto", or None.
 
-    Args:
-        solver: as the user gives it.
-        supports: of the problem; None where its reduction is more than supports.
-        needs_factors: why only factors will do, if so.
-        modes: whether eigenvalues are looked for.
-
-    Raises:
-        ValueError: for another word.
+    Supports are None where the reduction is more than these; `needs_factors` says why only factors
+    will do.
     """
     if solver is not None and not isinstance(solver, str):
         return solver
@@ -536,16 +491,9 @@ def with_fallback(
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
-    """What a computation gives with the `auto_solver`, or with `factors_instead`.
+    """Computes with the solver `taken`, or with factors where "auto" took it and it gave up.
 
-    Args:
-        taken: that solver.
-        solver: as the user gives it.
-        supports: of the problem.
-        compute: of a solver.
-
-    Raises:
-        NotConverged: as `factors_instead` says.
+    There has to be twice the memory that factors are expected to take.
     """
     try:
         return compute(taken)
@@ -584,6 +532,5 @@ def factors_instead(solver: Solver, supports: Supports | None, failure: NotConve
 
 
 def _unknowns(supports: Supports) -> int:
-    """Number of unknowns, prescribed ones among them."""
     dofmap = supports.space.dofmap
     return int(dofmap.index_map.size_global * dofmap.index_map_bs)

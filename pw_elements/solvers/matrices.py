@@ -34,7 +34,6 @@ _MOST_PARTS = 32
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
-    """Whether a matrix is stored in blocks of nodes."""
     return "baij" in matrix.getType()
 
 
@@ -136,7 +135,6 @@ def selection(free: npt.NDArray[np.bool_], rows: PETSc.Vec, renumbered: bool = T
 def python_matrix(
     sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm
 ) -> PETSc.Mat:
-    """Matrix whose products a Python object makes."""
     matrix = PETSc.Mat().createPython(sizes, context, comm=comm)
     matrix.setUp()
     return matrix
@@ -150,7 +148,6 @@ def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
-    """K a - f."""
     r = f.duplicate()
     K.mult(a, r)
     r.axpy(-1.0, f)
@@ -181,16 +178,10 @@ def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], i
 
 
 class Followers:
-    """W and its transpose, for some nodes (k) of this process.
+    """W and its transpose, for some local nodes (k) of this process.
 
-    Args:
-        opposite: O, (points block, n), rows of other nodes' weights.
-        nodes: (k,), local.
-        block: unknowns of a node.
-        rows: (k,), local numbers of their rows of O, in blocks; all in turn unless given.
-
-    Attributes:
-        opposite, nodes: as given.
+    `opposite` is O, (points block, n), of other nodes' weights; `rows` (k,) are local numbers of
+    the nodes' rows in it, in blocks, all in turn unless given.
     """
 
     def __init__(
@@ -202,7 +193,6 @@ class Followers:
         self._held: Array = np.zeros((len(nodes), block, block))
 
     def hold(self, held: Array) -> None:
-        """Takes over projectors (k, block, block) onto what is held."""
         self._held = held
 
     def follow(self, x: PETSc.Vec) -> None:
@@ -261,12 +251,7 @@ def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
 
 @dataclass(frozen=True)
 class Supports:
-    """Which degrees of freedom of a space are free, the others being prescribed.
-
-    Args:
-        space: of the trial functions.
-        free: (owned dofs,).
-    """
+    """Which degrees of freedom (owned dofs,) of a space are free, the others being prescribed."""
 
     space: fem.FunctionSpace
     free: npt.NDArray[np.bool_]
@@ -319,7 +304,6 @@ class Projection:
         return some, blocks, rest
 
     def all_blocks(self) -> Array:
-        """The projectors (nodes, block, block) onto what is free."""
         return self.blocks_at(np.arange(len(self._free)))
 
     def blocks_at(self, some: Indices) -> Array:
@@ -344,12 +328,10 @@ class Masked:
         self.ties: Followers | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         self._K.mult(self._kept(x), y)
         self._finish(x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x under the transposed matrix."""
         self._K.multTranspose(self._kept(x), y)
         self._finish(x, y)
 

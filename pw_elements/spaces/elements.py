@@ -51,11 +51,8 @@ PAPER_NODES = (0, 1, 2, 5, 3, 4)
 def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     """Quadrature points (12 n, 3) and weights (12 n,) of the reference tetrahedron.
 
-    All points lie within the twelve cells. Basix's default rules of degree 4, 5 and 7 have some
-    on a cell's sides, where slopes are two-valued.
-
-    Args:
-        degree: of the polynomials that are integrated exactly on each of the cells.
+    All points lie within the twelve cells. Basix's default rules of degree 4, 5 and 7 have some on
+    a cell's sides, where slopes are two-valued.
     """
     points, weights = basix.make_quadrature(_CELL, degree)
     if not _within(points).all():
@@ -85,11 +82,8 @@ class TwelveCellElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and derivatives at points (n, 3): (derivatives, n, 10).
 
-        Slopes on a side between two of the twelve cells are those of one of them.
-
-        Raises:
-            ValueError: for slopes at points within the tetrahedron that are not equally many
-                in each of the twelve cells, and for values at the points of Basix's rules.
+        Slopes on a side between two of the twelve cells are those of one of them. Points of rules
+        that are not equally many in each of the twelve cells are a ValueError.
         """
         inverse, nodal = _barycentric_maps(), _corner_values()
         hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
@@ -132,7 +126,6 @@ def _is_rule(points: Array) -> bool:
 
 @functools.cache
 def _rules() -> dict[int, list[Array]]:
-    """Points of Basix's rules by their number."""
     rules: dict[int, list[Array]] = {}
     schemes = (QuadratureType.default, QuadratureType.gauss_jacobi)
     polysets = (PolysetType.standard, PolysetType.macroedge)
@@ -187,14 +180,8 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     assembly needs `cell_measure`, without which it raises an error. `Function.eval` and DOLFINx's
     interpolation use the one-cut element, which has the same values at nodes and on faces.
 
-    Args:
-        cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
-            sub-cells), "tetrahedron" (10) or "hexahedron" (27). The nodes and their order
-            are those of the quadratic Lagrange element.
-        shape: value shape, () for a scalar, (d,) for a vector field.
-
-    Raises:
-        ValueError: for any other cell.
+    Quadrilaterals and hexahedra are bilinear or trilinear on their parts. The nodes and their order
+    are those of the quadratic Lagrange element; the value shape is () or (d,).
     """
     shape = extents("shape", shape)
     element = _halved_element(_cell(cell))
@@ -211,23 +198,12 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     The order of a cell's vertices determines along which of three diagonals the octahedron inside
     is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
-
-    Args:
-        shape: value shape, () for a scalar, (d,) for a vector field.
     """
     return _blocked(_halved_element(CellType.tetrahedron), extents("shape", shape))
 
 
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Quadratic Lagrange shape functions, the trial functions of the paper's elements.
-
-    Args:
-        cell: "interval", "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
-        shape: value shape, () for a scalar, (d,) for a vector field.
-
-    Raises:
-        ValueError: for any other cell.
-    """
+    """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)
     return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
 
@@ -235,11 +211,8 @@ def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._Elem
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
 
-    Basix's own serendipity element has integral moments for degrees of freedom; nodal
-    forces need point evaluations. The space is that of all quadratics, x²y and xy².
-
-    Args:
-        shape: value shape, () for a scalar, (d,) for a vector field.
+    Basix's own serendipity element has integral moments for degrees of freedom; nodal forces need
+    point evaluations. The space is that of all quadratics, x²y and xy².
     """
     shape = extents("shape", shape)
     celltype = CellType.quadrilateral
@@ -271,14 +244,11 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Composite triangle: four linear triangles with one linear gradient over all of them.
 
-    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets
-    the L2 projection of the piecewise constant one onto linear functions of the macro
-    triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko,
-    E. A. Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47
-    (2000), for small strains. Projecting on the reference triangle is right for straight sides.
-
-    Args:
-        shape: value shape, () for a scalar, (d,) for a vector field.
+    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets the
+    L2 projection of the piecewise constant one onto linear functions of the macro triangle: with a
+    constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A. Repetto,
+    "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for small
+    strains. Projecting on the reference triangle is right for straight sides.
     """
     shape = extents("shape", shape)
     return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)

@@ -50,17 +50,12 @@ def is_split(space: fem.FunctionSpace) -> bool:
 class SubSpace:
     """A field of its own space among the unknowns of a space, which may be that very space.
 
-    Nodes are owned by the same processes in both.
-
-    Args:
-        space: of the field alone, numbered as if there were no other.
-        unknowns: (nodes, components), local numbers among the unknowns, ghosts too.
-        rows: sizes of vectors of unknowns, own and global.
+    Nodes are owned by the same processes in both, and numbered as if there were no other field.
     """
 
     space: fem.FunctionSpace
-    unknowns: Indices
-    rows: tuple[int, int]
+    unknowns: Indices  # (nodes, components), local numbers among the unknowns, ghosts too
+    rows: tuple[int, int]  # sizes of vectors of unknowns, own and global
 
     @classmethod
     def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
@@ -74,7 +69,6 @@ class SubSpace:
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
-        """The pressure of a hybrid space."""
         return cls._of(space, 1)
 
     @classmethod
@@ -88,12 +82,10 @@ class SubSpace:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Sizes of vectors of the field alone, own and global."""
         return _sizes(self.space)
 
     @property
     def is_all(self) -> bool:
-        """Whether there are no other unknowns."""
         return self.sizes == self.rows
 
     @property
@@ -170,13 +162,7 @@ def tied(
 ) -> PETSc.Mat:
     """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part.
 
-    Args:
-        space: whose pressure is split.
-        parts: tags of all cells.
-        free: which of this process' own unknowns are not prescribed.
-
-    Raises:
-        ValueError: without parts, or with cells that belong to none.
+    The parts are tags of all cells; `free` are this process' own unknowns without a condition.
     """
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local

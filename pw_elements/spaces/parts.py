@@ -24,10 +24,6 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
     """Which of the points (3, n) a marker holds at, (n,); local, for use under the guard.
 
     A process without any point does not ask: largest coordinates, say, are not defined there.
-
-    Raises:
-        TypeError: if it is no function.
-        ValueError: if it fails, or does not give True or False for each point.
     """
     if not callable(where):
         raise TypeError(
@@ -47,18 +43,7 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
 
 
 def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # noqa: ANN401
-    """Local numbers, each once, of what numbers or a mask name; local, for use under the guard.
-
-    Args:
-        comm: of the processes.
-        whose: facets or nodes, by name.
-        given: numbers (m,), or a mask (count,).
-        count: how many there are on this process, ghosts included.
-
-    Raises:
-        TypeError: for tags.
-        ValueError: for anything else, or a number that does not exist.
-    """
+    """Local numbers, each once, of what numbers (m,) or a mask (count,) name; local."""
     if isinstance(given, MeshTags):
         raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(given)
@@ -83,16 +68,7 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # 
 
 
 def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
-    """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective.
-
-    Args:
-        space: the space.
-        whose: what the nodes belong to, by name.
-        where: marker of their positions as columns (3, n), local numbers, or a mask of all.
-
-    Raises:
-        ValueError: if the marker fails, or a number is none of a node.
-    """
+    """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective."""
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
     with collective(comm):
         if not callable(where):
@@ -104,13 +80,7 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
 def exterior_facets(mesh: Mesh, where: Part) -> Indices:
     """Local numbers of a part of the boundary's facets, of owned cells.
 
-    Args:
-        mesh: the mesh.
-        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
-            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-
-    Raises:
-        ValueError: if the marker fails, or a number does not belong to a facet.
+    A marker takes points as columns (3, n) and has to hold at every vertex of a facet.
     """
     dimension, comm = mesh.topology.dim - 1, mesh.comm
     vertices: npt.NDArray[np.float64] = np.zeros((3, 0))
@@ -139,16 +109,7 @@ def by_cell_tag(
 ) -> list[fem.Function]:
     """Functions that are constant in each cell, by the cells' tags; collective.
 
-    Args:
-        mesh: the mesh.
-        cell_tags: of its cells, each of which has one.
-        values: of every tag, a number for each function.
-        what: has these values, in messages.
-
-    Raises:
-        TypeError: for what are no tags.
-        ValueError: for tags of facets or of another mesh, cells without a tag, tags without values
-            or values without a cell.
+    The values of every tag are a number for each function; `what` has them, in messages.
     """
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)

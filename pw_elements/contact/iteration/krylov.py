@@ -69,29 +69,17 @@ _HELD = 0.5
 
 @dataclass(frozen=True)
 class NodePoints:
-    """The contact points (m of this process), each of which is a node or has the force of one.
+    """The contact points (m of this process), each of which is a node or has the force of one."""
 
-    Args:
-        node: (m,), local number.
-        motion: G, (m dim, n).
-        spread: what forces do to the equations of other nodes, (m dim, n); None if nothing.
-        own: (m, dim), local number of each point's own equations, -1 where there is none.
-        flexible: (m, dim), what makes forces of equations.
-        scale: (m,), c of the law.
-        moved: (m, dim), number of the free translation that moves a component, -1 if none does.
-        translations: number of the free translations.
-        round_off: force that may be nothing but round-off of coordinates, at all points together.
-    """
-
-    node: Indices
-    motion: PETSc.Mat
-    spread: PETSc.Mat | None
-    own: Indices
-    flexible: Array
-    scale: Array
-    moved: Indices
+    node: Indices  # (m,), local number
+    motion: PETSc.Mat  # G, (m dim, n)
+    spread: PETSc.Mat | None  # what forces do to the equations of other nodes, (m dim, n)
+    own: Indices  # (m, dim), local number of each point's own equations, -1 where there is none
+    flexible: Array  # (m, dim), what makes forces of equations
+    scale: Array  # (m,), c of the law
+    moved: Indices  # (m, dim), number of the free translation that moves it, or -1
     translations: int
-    round_off: float
+    round_off: float  # force that may be nothing but round-off, at all points together
 
     @classmethod
     def of(
@@ -103,7 +91,6 @@ class NodePoints:
         scale: Array,
         free: Free,
     ) -> "NodePoints":
-        """Collects the points of an interface."""
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):
@@ -123,15 +110,13 @@ class NodePoints:
         return replace(self, motion=motion, spread=spread, own=number[self.own], translations=0)
 
     def read(self, equations: Array) -> Array:
-        """Forces (m, dim); 0 where the law is not stated."""
         return np.where(self.own >= 0, equations[self.own] * self.flexible, 0.0)
 
 
 class Unassembled:
     """E K + C with its border, for `PETSc.Mat.createPython`.
 
-    Attributes:
-        force: (m, dim), K a at the contact points, of the last product.
+    Of the last product it keeps `force` (m, dim), K a at the contact points.
     """
 
     def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
@@ -148,7 +133,6 @@ class Unassembled:
         self.force: Array = np.zeros(points.own.shape)
 
     def state(self, law: LinearisedLaw) -> None:
-        """Takes over the law of an active set."""
         self._E, self._C, self._D = law.E, law.C, law.D
 
     def of_motion(self, x: PETSc.Vec) -> Array:
@@ -156,7 +140,6 @@ class Unassembled:
         return self._of_motion(x, self._unsupported(x))
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         points, n = self._points, self._K.getLocalSize()[1]
         given, motion = x.array_r, self._unsupported(x)
         law = self._of_motion(x, motion)
@@ -215,11 +198,10 @@ class Tied:
         self._held: Array = np.zeros((0, 1, 1))
 
     def hold(self, held: Array) -> None:
-        """Takes over projectors (m, dim, dim)."""
         self._held = held
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x. Forces that are stated act on the opposite nodes, too."""
+        """Forces that are stated act on the opposite nodes, too."""
         points, opposite = self._points, self._ties.opposite
         stated = np.where(points.own >= 0, x.array_r[points.own], 0.0)
         fixed = np.einsum("nij,nj->ni", self._held, stated)
@@ -244,12 +226,10 @@ class Bordered:
         self._schur = np.eye(len(sums))
 
     def update(self, columns: list[Array]) -> None:
-        """Takes over the columns (n,) of the free translations."""
         self._images = [self._solved(column) for column in columns]
         self._schur = -np.array([self._summed(image) for image in self._images]).T
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         given, n = x.array_r, self._x.getLocalSize()
         balance = self._comm.bcast(given[n:].copy(), self._comm.size - 1)
         result = self._solved(given[:n])
@@ -272,23 +252,15 @@ class Bordered:
 
 @dataclass(frozen=True)
 class RigidHolds:
-    """As many nodes of each connected piece as there are dimensions, far from each other.
+    """As many nodes of each connected piece as there are dimensions, far from each other."""
 
-    Args:
-        piece: (m,), number of the piece that each contact node of this process belongs to.
-        chosen: (m,), whether it is an anchor.
-        pieces: their number.
-        comm: of the processes.
-    """
-
-    piece: npt.NDArray[np.integer]
-    chosen: npt.NDArray[np.bool_]
-    pieces: int
+    piece: npt.NDArray[np.integer]  # (m,), of each contact node of this process
+    chosen: npt.NDArray[np.bool_]  # (m,)
+    pieces: int  # their number
     comm: MPI.Comm
 
     @classmethod
     def of(cls, space: fem.FunctionSpace, nodes: Indices) -> "RigidHolds":
-        """Picks the held nodes among local contact nodes (m,)."""
         comm: MPI.Comm = space.mesh.comm
         piece, pieces = connected_pieces(space)
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
@@ -327,20 +299,11 @@ def _apart(x: Array) -> list[int]:
 
 
 class KrylovTangent:
-    """The matrix of any active set and its solver, in place of `Tangent`.
+    """The matrix of any active set and its solver, a `ContactTangent` in place of `Tangent`.
 
     Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
-    last, on the last process.
-
-    Args:
-        K: stiffness (n, n), free.
-        supports: of the space.
-        points: at nodes.
-        how: options.
-        supported: K under the supports, which goes with this.
-
-    Attributes:
-        solver, precise: as in `ContactTangent`.
+    last, on the last process. The stiffness (n, n) is free; `supported` is that under the supports,
+    and goes with this.
     """
 
     precise = False
@@ -397,18 +360,16 @@ class KrylovTangent:
         self._accuracy, self._size = _EXACT, 0.0
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
-        """Begins at unknowns of this process, zero where prescribed."""
         begin, local = unknowns(), self._solution.array
         local[: len(begin)] = begin
         local[len(begin) :] = translations[: len(local) - len(begin)]
         self._size = self._solution.norm()
 
     def encloses(self) -> bool:
-        """Whether a constant pressure has been met that acts on nothing."""
         return self._enclosed
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """As `ContactTangent` says; a constant pressure that acts on nothing is singular."""
+        """A constant pressure that acts on nothing is singular."""
         more = accuracy == "more" and self._final
         self._accuracy = self._accuracy * _MORE if more else _EXACT
         self._context.state(law)
@@ -442,7 +403,6 @@ class KrylovTangent:
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
     def release(self) -> None:
-        """Frees the solver, on all processes."""
         destroy(self._ksp, self._operator, self._supported)
         self.solver.release()
 
@@ -463,7 +423,6 @@ class KrylovTangent:
         return float(rest.norm())
 
     def _largest(self) -> float:
-        """The largest nodal contact force."""
         force = float(np.abs(self._context.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
@@ -490,7 +449,6 @@ class KrylovTangent:
         local[points.own[stated]] += step[stated]
 
     def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
-        """Row (n,) of the balance of a free translation."""
         points = self._points
         ones, row = K.createVecs()
         some = (points.moved == translation) & (points.own >= 0)
@@ -500,7 +458,6 @@ class KrylovTangent:
         return np.asarray(row.array_r * supports.free)
 
     def _column(self, translation: int, D: Array) -> Array:
-        """Column (n,) of a free translation."""
         points = self._points
         law = -np.einsum("nab,nb->na", D, (points.moved == translation).astype(float))
         column = np.zeros(self._unknowns)

@@ -90,19 +90,9 @@ _MOST_UNKNOWNS = 3000
 
 
 class Condensation:
-    """Stiffness S of a body, condensed to its contact points.
+    """Stiffness S of a body (p, p), condensed to the stated components of its contact points.
 
-    Args:
-        K: free stiffness, (n, n).
-        reduction: supports.
-        interface: contact points.
-        solver: of the linear systems.
-
-    Attributes:
-        stiffness: (p, p) of the p stated components of all points, in `gathered` order.
-
-    Raises:
-        SingularSystem: if not even the contact points hold the body.
+    They are in `gathered` order. Raises SingularSystem if not even the points hold the body.
     """
 
     def __init__(
@@ -124,21 +114,17 @@ class Condensation:
 
     @property
     def report(self) -> SolverReport:
-        """Factorisations that condensing the body took."""
         return self._system.report
 
     def at_rest(self, load: PETSc.Vec, supported: Array) -> Array:
         """Forces (points, dim) under a reduced load while the points rest.
 
-        `supported` (m, dim) is what supports make of the motion.
+        Of the motion, `supported` (m, dim) is what supports make.
         """
         return self._forces(load, -supported)
 
     def displaced(self, load: PETSc.Vec, moved: Array) -> PETSc.Vec:
-        """Reduced displacements under a reduced load, the points' motion (m, dim) being given.
-
-        Without what supports make of it.
-        """
+        """Reduced displacements under a reduced load, the points' motion (m, dim) being given."""
         system, dim = self._system, moved.shape[1]
         none = np.zeros((len(moved), dim, dim))
         held = system.scale[:, None, None] * np.eye(dim)
@@ -170,24 +156,15 @@ class Affine:
     value: Array
 
     def at(self, z: Array) -> Array:
-        """The value of the function at z."""
         return self.slope @ z + self.value
 
 
 class CondensedIncrement:
     """Forces, gaps and slips of all contact points as functions of z = (w; U).
 
-    Args:
-        increment: the equations.
-        condensation: of the body.
-        place: where the kinematics are linearised.
-
-    Attributes:
-        force: components (points, dim) along the frames.
-        gap: (points,), zero where nothing faces a point.
-        slip: (points, dim - 1).
-        balance: of the free translations, total force less what is prescribed.
-        start: z at the increment's start.
+    The kinematics are linearised at a place. Forces (points, dim) are components along the frames,
+    gaps (points,) zero where nothing faces a point, slips (points, dim - 1); `balance` is of the
+    free translations, total force less what is prescribed; `start` is z at the increment's start.
     """
 
     def __init__(self, increment: Increment, condensation: Condensation, place: Kinematics) -> None:
@@ -239,16 +216,13 @@ class CondensedIncrement:
 
     @cached_property
     def _places(self) -> npt.NDArray[np.intp]:
-        """Numbers of the stated components among all."""
         return np.flatnonzero(self._stated.ravel())
 
     @property
     def unknowns(self) -> int:
-        """Number of the points' motions w."""
         return len(self._places)
 
     def contact(self, z: Array) -> Contact:
-        """Gaps, slips and forces of all points at z."""
         gap = np.where(self.faced, self.gap.at(z), np.inf)
         return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
 
@@ -275,12 +249,10 @@ class CondensedIncrement:
         return Affine(slope, turned.value.ravel()[self._places])
 
     def residual(self, z: Array) -> Array:
-        """Violation of the law and of the balances; zero at a solution."""
         wrong = np.einsum("nab,na->nb", self.frame, self.contact(z).violation())
         return np.append(wrong.ravel()[self._places], self.balance.at(z))
 
     def solved_by(self, z: Array) -> bool:
-        """Whether all conditions hold at z."""
         return self.error(z) <= _TOLERANCE
 
     def error(self, z: Array) -> float:
@@ -370,7 +342,6 @@ def lemke(M: Array, q: Array) -> Array | None:
 
 
 def _pivot(table: Array, row: int, column: int) -> None:
-    """Exchanges a basic variable with another one, in place."""
     pivot, entering = table[row, column], table[:, column].copy()
     scaled = table[row] / pivot
     entering[row] = scaled[column] = 0.0
@@ -409,17 +380,13 @@ def _smallest(rows: npt.NDArray[np.intp], ratio: Array) -> npt.NDArray[np.intp]:
 
 
 def unknowns(points: int, dim: int) -> int:
-    """Size of the complementarity problem, at most."""
     return points * (2 + (2 if dim == 2 else SIDES))
 
 
 def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
     """The z of a problem with polygonal cones and springs; None if there is none.
 
-    Args:
-        problem: condensed to its points.
-        spring: stiffness over the mean of the points' own.
-        near: z at which the springs are at rest.
+    Springs, over the mean of the points' own stiffness, are at rest at the z that is `near`.
     """
     faced = np.flatnonzero(problem.faced)
     directions = _directions(problem, faced)
@@ -475,7 +442,6 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
 
 
 def tractable(interface: Interface) -> bool:
-    """Whether the contact points are few enough for a dense problem."""
     points = sum(interface.comm.allgather(len(interface.pair)))
     return unknowns(points, interface.position.shape[1]) <= _MOST_UNKNOWNS
 
@@ -489,15 +455,7 @@ def without_active_sets(
 ) -> Iterate | None:
     """The solution of an increment, or None.
 
-    Args:
-        increment: its equations.
-        condensed: the body, condensed to its contact points.
-        place: where the kinematics are linearised first.
-        policy: makes one for each ordinary iteration.
-        most: linear systems of each ordinary iteration.
-
-    Raises:
-        NotUnique: if the tangent is singular at all solutions met, or the body is loose.
+    Raises NotUnique if the tangent is singular at all solutions met, or the body is loose.
     """
     comm = increment.interface.comm
     if not tractable(increment.interface):
@@ -543,14 +501,7 @@ def confirmed(
 ) -> Iterate | NotUnique | None:
     """Starts the ordinary iteration from z: a solution, one of many, or nothing.
 
-    Args:
-        problem: condensed with the kinematics of a place.
-        increment: its equations.
-        z: found in some way, which is logged.
-        place: where the iteration starts.
-        policy: makes one for it.
-        most: linear systems that it may solve.
-        way: in words.
+    The way in which z was found is logged.
     """
     comm = increment.interface.comm
     try:
