@@ -131,7 +131,14 @@ def free_pressure(
 
 
 def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
-    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix."""
+    """(A + A^T) / 2, which a symmetric solver would use of an unsymmetric element's matrix.
+
+    Args:
+        matrix: A, (n, n); it is not changed.
+
+    Raises:
+        TypeError, ValueError: if it is not a square matrix.
+    """
     with collective(arguments.processes(matrix)):
         arguments.matrix("the matrix", matrix)
     part = matrix.copy()

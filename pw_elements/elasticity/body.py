@@ -584,8 +584,16 @@ def prescribe(
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Load vector of a concentrated force at each node that a marker selects.
 
-    It is the same for every test space with W_i(x_i) = 1. The force (components,) acts on each of
-    the nodes.
+    It is the same for every test space with W_i(x_i) = 1.
+
+    Args:
+        space: trial space.
+        where: marker of the nodes' positions as columns (3, n).
+        force: (components,), on each of the nodes.
+
+    Raises:
+        ValueError: if there is no such node, the marker fails or does not return truth values, or
+            the force has another number of components than the space, or one that is not finite.
     """
     arguments.space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)

@@ -154,7 +154,14 @@ class LinearSolver(Protocol):
 class MatrixFree(Protocol):
     """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
 
-    Right-hand sides and solutions are zero where displacements are prescribed.
+    Right-hand sides and solutions are zero where displacements are prescribed. In contact, whose
+    matrix is another one in each iteration, nothing but the Krylov method is the solver's own: what
+    it prepares has a method
+
+        iterate(product, precondition, right, size)
+
+    in place of `solve_changed`. Both functions map arrays of this process' unknowns; it returns an
+    x with |right - product(x)| <= size, or raises NotConverged. The preconditioner is multigrid.
     """
 
     matrix_free: ClassVar[bool]  # true

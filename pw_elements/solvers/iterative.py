@@ -37,6 +37,7 @@ from pw_elements.solvers.direct import (
     FreePressure,
     LinearSolver,
     NotConverged,
+    PreparedSolver,
     SingularSystem,
     SolverReport,
     set_options,
@@ -62,6 +63,10 @@ _MASS = {
     "tetrahedron": (0.5, 2.5, 6),
     "hexahedron": (0.125, 3.375, 12),
 }
+
+# x whose residual is no longer than a size; by a product, a preconditioner, a right-hand side
+_Map: TypeAlias = Callable[[Array], Array]
+_Iterate: TypeAlias = Callable[[_Map, _Map, Array, float], Array]
 
 Solver: TypeAlias = LinearSolver | Literal["auto"] | None
 
@@ -281,8 +286,14 @@ class Krylov:
     preconditioner, `elastic` the free stiffness of displacements and their supports.
     """
 
-    def __init__(self, matrix: PETSc.Mat, supports: Supports, how: Iterative) -> None:
-        self._how, self._matrix = how, matrix
+    def __init__(
+        self,
+        matrix: PETSc.Mat,
+        supports: Supports,
+        how: Iterative,
+        foreign: _Iterate | None = None,
+    ) -> None:
+        self._how, self._matrix, self._foreign = how, matrix, foreign
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self.multigrid: Multigrid | SaddlePoint
         if hybrid := is_hybrid(supports.space):
@@ -313,6 +324,10 @@ class Krylov:
     def _method_for(self, operator: PETSc.Mat) -> PETSc.KSP:
         ksp = PETSc.KSP().create(operator.comm)
         ksp.setOperators(operator)
+        if self._foreign is not None:
+            ksp.setType("python")
+            ksp.setPythonContext(_Foreign(self._foreign))
+            return ksp
         ksp.setType("gmres")
         ksp.setGMRESRestart(_KEPT_VECTORS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
@@ -379,6 +394,46 @@ class Krylov:
     def solve_changed(self, right: PETSc.Vec, rows: int) -> None:  # noqa: ARG002
         """Nothing: there are no old factors."""
         return
+
+
+class _Foreign:
+    """Another's Krylov method, for a `PETSc.KSP` in Python."""
+
+    def __init__(self, iterate: _Iterate) -> None:
+        self._iterate = iterate
+
+    def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        def of(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> Callable[[Array], Array]:
+            x, y = right.duplicate(), right.duplicate()
+
+            def image(values: Array) -> Array:
+                x.setArray(values)
+                apply(x, y)
+                return np.array(y.array_r)
+
+            return image
+
+        product, precondition = of(ksp.getOperators()[0].mult), of(ksp.getPC().apply)
+        size = ksp.getTolerances()[1]
+        solution.setArray(self._iterate(product, precondition, np.array(right.array_r), size))
+        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
+
+
+def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:
+    """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver.
+
+    Raises:
+        TypeError: if it has no such method.
+    """
+    if isinstance(solver, Krylov):
+        return solver
+    iterate = getattr(solver, "iterate", None)
+    if not callable(iterate):
+        raise TypeError(
+            f"contact needs of a matrix-free solver what {type(solver).__name__} has not: a method "
+            "iterate(product, precondition, right, size), which returns an x"
+        )
+    return Krylov(matrix, supports, Iterative(), iterate)
 
 
 def free_motion(K: PETSc.Mat, supports: Supports) -> bool:

@@ -32,9 +32,9 @@ from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
     Followers,
-    Krylov,
     MatrixFree,
     Multigrid,
+    PreparedSolver,
     SaddlePoint,
     SingularSystem,
     Supports,
@@ -43,6 +43,7 @@ from pw_elements.solvers import (
     destroy,
     free_motion,
     python_matrix,
+    with_levels,
 )
 from pw_elements.spaces import SubSpace
 
@@ -319,8 +320,9 @@ class KrylovTangent:
         self._supported = supported
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
-        self.solver: Krylov = how.prepare(K, supports=supports)
-        levels = self.solver.multigrid
+        self.solver: PreparedSolver = how.prepare(K, supports=supports)
+        self._krylov = krylov = with_levels(self.solver, K, supports)
+        levels = krylov.multigrid
         saddle = self._saddle = levels if isinstance(levels, SaddlePoint) else None
         self._multigrid: Multigrid = levels.levels if isinstance(levels, SaddlePoint) else levels
         stiffness = saddle.scaled if saddle else self._multigrid.blocked
@@ -330,7 +332,7 @@ class KrylovTangent:
         last = self._comm.rank == self._comm.size - 1
         sizes = (local + points.translations * last, whole + points.translations)
         self._operator = python_matrix((sizes, sizes), self._context, K.comm)
-        inner = self.solver.ksp.getPC()
+        inner = krylov.ksp.getPC()
         self._tied: Tied | None = None
         self._border: Bordered | None = None
         if points.spread is not None:
@@ -347,12 +349,12 @@ class KrylovTangent:
             sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
         if outer := self._border or (None if saddle else self._tied):
-            self._ksp = self.solver.preconditioned(self._operator, outer)
+            self._ksp = krylov.preconditioned(self._operator, outer)
         else:
-            self._ksp = self.solver.ksp
+            self._ksp = krylov.ksp
             self._ksp.setOperators(self._operator, levels.operator)
         # supports that hold all pieces need no help of contact
-        elastic, held = self.solver.elastic
+        elastic, held = krylov.elastic
         loose = free_motion(elastic, held)
         self._rigid_holds = RigidHolds.of(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
@@ -380,8 +382,8 @@ class KrylovTangent:
             self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
         self._land(known, x, held)
-        if self._ksp is not self.solver.ksp:
-            self.solver.ksp.setUp()
+        if self._ksp is not self._krylov.ksp:
+            self._krylov.ksp.setUp()
         if self._border is not None:
             self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
         rest, step = known.duplicate(), known.duplicate()
@@ -396,15 +398,17 @@ class KrylovTangent:
             stalled = left >= min(_STALLED * target, before)
         force = self._largest()
         self._size = max(self._size, x.norm())
-        if stalled and left > self.solver.round_off(self._size) + self._points.round_off + target:
-            raise self.solver.not_converged(left / max(known.norm(), force))
+        if stalled and left > self._krylov.round_off(self._size) + self._points.round_off + target:
+            raise self._krylov.not_converged(left / max(known.norm(), force))
         self._final = bool(left <= _EXACT * force or stalled)
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
     def release(self) -> None:
         destroy(self._ksp, self._operator, self._supported)
-        self.solver.release()
+        self._krylov.release()
+        if self.solver is not self._krylov:
+            self.solver.release()
 
     def _target(self, left: float, reduced: float) -> float:
         """The residual to be reached; on the way `reduced`, if that is small beside the forces.
