@@ -16,7 +16,6 @@ the shape that was meant.
 """
 
 import logging
-from collections import defaultdict
 from weakref import WeakKeyDictionary
 from zlib import crc32
 
@@ -226,20 +225,17 @@ class _Surface:
         suspects = np.unique(facet[inside & ~corner])
         if not len(suspects):
             return
-        at = defaultdict(set)  # facets at each vertex
-        for f, vertices in enumerate(self.vertex.tolist()):
-            for v in vertices:
-                at[v].add(f)
-        torn = []
-        for f in suspects:
-            on = set(vertex[near[inside & (facet == f)]].tolist())
-            own = set(self.vertex[f].tolist())
-            around = set().union(*(at[v] for v in on)) - {f}
-            beside = [g for g in around if on.issuperset(self.vertex[g].tolist())]
-            shared = set(self.vertex[beside].ravel().tolist())
-            if own < shared:
-                torn.append(f)
-        if torn:
+        ones = np.ones(self.vertex.size, dtype=np.int32)
+        at = np.searchsorted(vertex, self.vertex.ravel())
+        facets = np.arange(0, self.vertex.size + 1, self.vertex.shape[1])
+        corners = sp.csr_matrix((ones, at, facets))  # of each facet
+        where = facet[inside], near[inside]
+        on = sp.csr_matrix((ones[:1].repeat(len(near[inside])), where), corners.shape)[suspects]
+        beside = (on @ corners.T == self.vertex.shape[1]).tolil()  # all of whose corners lie on it
+        beside[np.arange(len(suspects)), suspects] = False
+        shared = (beside.astype(np.int32) @ corners).multiply(corners[suspects]) > 0
+        torn = suspects[np.diff(shared.tocsr().indptr) == self.vertex.shape[1]]
+        if len(torn):
             raise DegenerateMesh(
                 f"facets around {listed(self._middle[torn])} have hanging nodes: smaller facets of "
                 "their neighbours lie on them, and the mesh is torn apart there"

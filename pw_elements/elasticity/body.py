@@ -300,14 +300,7 @@ class Body:
             TypeError: for anything but such an expression.
         """
         arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
-        u, _ = self._split(u)
-        plane = ufl.sym(ufl.grad(u))
-        if self.state is not StressState.AXISYMMETRIC:
-            return plane
-        hoop = u[0] / self._radius()
-        return ufl.as_tensor(
-            [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, hoop]]
-        )
+        return ufl.sym(self._gradient(u))
 
     def stress(self, u: Expr) -> Expr:
         """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape.

@@ -286,6 +286,9 @@ class Krylov:
     preconditioner, `elastic` the free stiffness of displacements and their supports.
     """
 
+    orientations: ClassVar[frozenset[int]] = frozenset()  # determinants and pivots are not known
+    negative_pivots: ClassVar[None] = None
+
     def __init__(
         self,
         matrix: PETSc.Mat,
@@ -342,16 +345,6 @@ class Krylov:
     @property
     def report(self) -> SolverReport:
         return SolverReport(self._method, 0, sum(self._counted))
-
-    @property
-    def orientations(self) -> frozenset[int]:
-        """None: determinants are not known."""
-        return frozenset()
-
-    @property
-    def negative_pivots(self) -> None:
-        """None: GMRES knows no pivots."""
-        return
 
     def set_up(self) -> None:
         """Refuses a body that supports do not hold."""
@@ -553,37 +546,21 @@ def with_fallback(
     try:
         return compute(taken)
     except NotConverged as failure:
-        instead = factors_instead(solver, supports, failure)
-    return compute(instead)  # whatever the first attempt took has been freed
-
-
-def factors_instead(solver: Solver, supports: Supports | None, failure: NotConverged) -> Direct:
-    """Factors, where Krylov's method has given up that "auto" had taken.
-
-    Args:
-        solver: as the user gives it.
-        supports: of the problem.
-        failure: of the method.
-
-    Raises:
-        NotConverged: the failure, if the user named the method, or if there is not twice
-            the memory that factors are expected to take.
-    """
-    if supports is None or solver not in (None, "auto"):
-        raise failure
-    comm = supports.space.mesh.comm
-    taken, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
-    if not _SPARE_MEMORY * taken <= left:
-        raise NotConverged(
-            f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
-        ) from failure
+        if supports is None or solver not in (None, "auto"):
+            raise
+        comm = supports.space.mesh.comm
+        needed, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
+        if not _SPARE_MEMORY * needed <= left:
+            raise NotConverged(
+                f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
+            ) from failure
     if comm.rank == 0:
         log.info(
             "auto: Iterative gave up, Direct goes on; factors take some %.2g of %.2g GB",
-            taken / 1e9,
+            needed / 1e9,
             left / 1e9,
         )
-    return Direct()
+    return compute(Direct())  # whatever the first attempt took has been freed
 
 
 def _unknowns(supports: Supports) -> int:

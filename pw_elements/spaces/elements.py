@@ -85,7 +85,7 @@ class TwelveCellElement(basix.ufl._BasixElement):
         Slopes on a side between two of the twelve cells are those of one of them. Points of rules
         that are not equally many in each of the twelve cells are a ValueError.
         """
-        inverse, nodal = _barycentric_maps(), _corner_values()
+        inverse, nodal = _linear_on_cells()
         hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
         depth = hats.min(axis=2)
         _check_points(nderivs, points, depth)
@@ -158,17 +158,11 @@ def _corners() -> Array:
 
 
 @functools.cache
-def _corner_values() -> Array:
-    """Weights (12, 4, 10) of the ten nodes in the corners of the twelve cells."""
+def _linear_on_cells() -> tuple[Array, Array]:
+    """Maps (12, 4, 4) from (1, x) to barycentric coordinates; the ten weights (12, 4, 10) there."""
     centre = np.repeat([0.0, 1 / 6], (4, 6))
-    return np.vstack([np.eye(10), centre])[np.array(_cells())]
-
-
-@functools.cache
-def _barycentric_maps() -> Array:
-    """Matrices (12, 4, 4) from (1, x) to a cell's barycentric coordinates."""
-    corners = _corners()
-    return np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), corners], axis=2))
+    weights = np.vstack([np.eye(10), centre])[np.array(_cells())]
+    return np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), _corners()], axis=2)), weights
 
 
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:

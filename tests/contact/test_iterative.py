@@ -202,7 +202,7 @@ class Foreign:
 
     matrix_free, orientations, report = True, frozenset(), SolverReport("GMRES by SciPy", 0)
 
-    def prepare(self, matrix, symmetric=False, supports=None):
+    def prepare(self, *_, **__):
         return self
 
     def iterate(self, product, precondition, right, size):

@@ -136,13 +136,8 @@ def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> Active
 
 def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
     """The old set where `keep` holds, the new one elsewhere."""
-    return ActiveSet(
-        np.where(keep, old.status, new.status).astype(np.int8),
-        np.where(keep[:, None], old.direction, new.direction),
-        np.where(keep, old.turning, new.turning),
-        np.where(keep, old.slope, new.slope),
-        np.where(keep, old.level, new.level),
-    )
+    pairs = zip(vars(old).values(), vars(new).values(), strict=True)
+    return ActiveSet(*(np.where(keep, one.T, other.T).T for one, other in pairs))
 
 
 def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:

@@ -393,7 +393,8 @@ def initial_active_set(
         first = _resumed(before, place)
     else:
         first = _touching(place)
-    for candidate in (first, _closed(place, np.isfinite(place.gap))):
+    every = sticking(np.isfinite(place.gap), place.interface.cone, first.direction.shape[1])
+    for candidate in (first, every):
         motions = free_motions(candidate, place.frame)
         if not motions:
             return candidate
@@ -439,10 +440,6 @@ def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
     return np.unique(last[last >= 0])
 
 
-def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
-    return sticking(closed, place.interface.cone, place.frame.shape[1] - 1)
-
-
 def _touching(place: Kinematics) -> ActiveSet:
     """Points that the moved surface reaches; the nearest of each pair in any case."""
     interface: Interface = place.interface
@@ -452,7 +449,7 @@ def _touching(place: Kinematics) -> ActiveSet:
         mine = interface.pair == k
         nearest = interface.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
         closed |= mine & np.isfinite(gap) & (gap <= nearest + near)
-    return _closed(place, closed)
+    return sticking(closed, interface.cone, place.frame.shape[1] - 1)
 
 
 def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:

@@ -70,9 +70,9 @@ _SINGULAR = 1e-12
 _SHORTEST = 1e-6
 _DECREASE = 1e-4
 
-# Smallest pivot over the largest entry of its column, and what counts as equal ratios
+# Smallest pivot over the largest entry of its column, and how near a generic right-hand side is
 _PIVOT = 1e-11
-_TIE = 1e-12
+_GENERIC = 1e-10
 # Pivots per unknown
 _PIVOTS = 20
 # Smallest gap of a loose body, over the largest at rest
@@ -316,16 +316,18 @@ def _sum(one: Affine, other: Affine) -> Affine:
 def lemke(M: Array, q: Array) -> Array | None:
     """Finds x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if the method ends on a ray.
 
-    Ties are broken lexicographically, so that no basis comes back.
+    Rows are chosen with a generic q very near to the given one, so that no ratios are equal, and
+    no basis comes back; the solution is that of its last basis for the given q.
     """
     n = len(q)
     if np.all(q >= 0):
         return np.zeros(n)
-    # basic = table[:, -1] - table[:, :-1] @ others; variables are w, x and the artificial one
+    generic = q + _GENERIC * np.abs(q).max() * np.random.default_rng(0).uniform(1, 2, n)
+    # basic = table[:, -1] - table[:, :-2] @ others; variables are w, x and the artificial one
     artificial = 2 * n
-    table = np.asfortranarray(np.column_stack([-M, -np.ones(n), q]))
+    table = np.asfortranarray(np.column_stack([-M, -np.ones(n), generic, q]))
     basic, other = np.arange(n), np.arange(n, artificial + 1)
-    row, column = int(np.argmin(q)), n
+    row, column = int(np.argmin(generic)), n
     for _ in range(_PIVOTS * n):
         _pivot(table, row, column)
         leaving, basic[row], other[column] = basic[row], other[column], basic[row]
@@ -333,11 +335,12 @@ def lemke(M: Array, q: Array) -> Array | None:
             x = np.zeros(artificial + 1)
             x[basic] = table[:, -1]
             return np.maximum(x[n:artificial], 0.0)
-        entering = leaving + n if leaving < n else leaving - n
-        column = int(np.flatnonzero(other == entering)[0])
-        row = _leaving(table, column, basic, other)
-        if row < 0:
+        column = int(np.flatnonzero(other == (leaving + n) % artificial)[0])
+        entering = table[:, column]
+        rows = np.flatnonzero(entering > _PIVOT * max(1.0, np.abs(entering).max()))
+        if len(rows) == 0:
             return None
+        row = int(rows[np.argmin(np.maximum(table[rows, -2], 0.0) / entering[rows])])
     return None
 
 
@@ -349,38 +352,6 @@ def _pivot(table: Array, row: int, column: int) -> None:
     table[row] = scaled
     table[:, column] = -entering / pivot
     table[row, column] = 1.0 / pivot
-
-
-def _leaving(
-    table: Array, column: int, basic: npt.NDArray[np.intp], other: npt.NDArray[np.intp]
-) -> int:
-    """The row that limits the entering variable; the artificial one's if it does; or -1."""
-    n = len(basic)
-    entering = table[:, column]
-    rows = np.flatnonzero(entering > _PIVOT * max(1.0, np.abs(entering).max()))
-    if len(rows) == 0:
-        return -1
-    rows = _smallest(rows, np.maximum(table[rows, -1], 0.0) / entering[rows])
-    last = rows[basic[rows] == 2 * n]
-    if len(last):
-        return int(last[0])
-    for k in range(n):  # by columns of the basis' inverse
-        if len(rows) == 1:
-            break
-        place = np.flatnonzero(other == k)
-        values = table[rows, place[0]] if len(place) else (basic[rows] == k).astype(float)
-        rows = _smallest(rows, values / entering[rows])
-    return int(rows[0])
-
-
-def _smallest(rows: npt.NDArray[np.intp], ratio: Array) -> npt.NDArray[np.intp]:
-    """The rows of the smallest ratio, ties and all."""
-    least = ratio.min()
-    return np.asarray(rows[ratio <= least + _TIE * max(1.0, abs(least))])
-
-
-def unknowns(points: int, dim: int) -> int:
-    return points * (2 + (2 if dim == 2 else SIDES))
 
 
 def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
@@ -442,8 +413,8 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
 
 
 def tractable(interface: Interface) -> bool:
-    points = sum(interface.comm.allgather(len(interface.pair)))
-    return unknowns(points, interface.position.shape[1]) <= _MOST_UNKNOWNS
+    points, dim = sum(interface.comm.allgather(len(interface.pair))), interface.position.shape[1]
+    return points * (2 + (2 if dim == 2 else SIDES)) <= _MOST_UNKNOWNS
 
 
 def without_active_sets(
