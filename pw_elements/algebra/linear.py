@@ -110,10 +110,7 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 def free_pressure(
     matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
 ) -> bool:
-    """Whether a constant pressure of a hybrid space acts on no displacement.
-
-    `beside` are this process' own local numbers of reduced equations that do not count.
-    """
+    """Whether a constant pressure acts on no displacement; own equations `beside` do not count."""
     if reduction.space is None or not is_hybrid(reduction.space):
         return False
     pressure = SubSpace.pressure(reduction.space)

@@ -123,8 +123,7 @@ class System:
 class Newton:
     """One solution of a system, whose u is the start and holds the solution in the end.
 
-    Own local numbers (k,) of prescribed unknowns are `fixed`, their values in a vector (n,). One
-    step does where it is `linear`. See `Increment` for residuals and corrections.
+    The prescribed unknowns, own local numbers (k,), are `fixed`; their values are in a vector (n,).
     """
 
     def __init__(

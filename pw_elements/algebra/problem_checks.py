@@ -84,7 +84,6 @@ def _check_sizes(
 def _check_meshes(
     things: Mapping[str, PETSc.Mat | PETSc.Vec], spaces: Mapping[str, fem.FunctionSpace | None]
 ) -> None:
-    """Raises ValueError if the meshes of two things are known and differ."""
     known: dict[str, object] = {name: Assembled.of(thing).mesh for name, thing in things.items()}
     known |= {name: space.mesh._cpp_object for name, space in spaces.items() if space is not None}
     known = {name: mesh for name, mesh in known.items() if mesh is not None}
@@ -165,10 +164,7 @@ def is_finite(vector: PETSc.Vec) -> bool:
 
 
 def refuse_negative(name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None) -> None:
-    """Raises ValueError if the sum of a matrix's diagonal, that of its eigenvalues, is negative.
-
-    Displacements alone count where the space has a pressure, too.
-    """
+    """Refuses a diagonal, and so eigenvalues, of negative sum; displacements alone count."""
     diagonal = matrix.getDiagonal()
     if space is not None:
         diagonal = SubSpace.displacements(space).part(diagonal)

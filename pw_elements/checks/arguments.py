@@ -51,7 +51,6 @@ def whole(name: str, value: Any, least: int) -> int:  # noqa: ANN401
 
 
 def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    """Finite numbers (length,), or as many as there are."""
     try:
         each = list(values)
     except TypeError:
@@ -156,7 +155,6 @@ def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
 
 
 def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.float64]:
-    """Finite numbers (size,), or a UFL expression of this shape."""
     if not isinstance(value, Expr):
         return vector(name, value, size)
     if value.ufl_shape != (size,):

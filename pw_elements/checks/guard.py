@@ -69,11 +69,7 @@ def answer(
 
 
 def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
-    """Checks that all processes were given the same arguments, by name.
-
-    Numbers, strings, arrays, and sequences and the library's dataclasses of these are compared to
-    the last bit; of anything else (functions, vectors, a user's surface) only the type.
-    """
+    """Checks that all processes were given the same arguments, to the last bit; others by type."""
     if comm.size == 1:
         return
     told = comm.allgather([_digest(value) for value in arguments.values()])

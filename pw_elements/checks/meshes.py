@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import geometry, la
+from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
@@ -85,9 +86,7 @@ def check_mesh(mesh: Mesh) -> None:
 class _Cells:
     """Cells of this process (without ghosts), and what is around them.
 
-    Vertices (cells, corners) are local numbers of geometry nodes, facets (sides, cells) local
-    numbers. Area vectors (dim, sides, cells) point outwards at the facets' midpoints; a triangle's
-    is twice as long as it is large.
+    Area vectors (dim, sides, cells) point outwards; a triangle's is twice as long as it is large.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -172,26 +171,9 @@ class _Cells:
             places = np.concatenate(comm.allgather(self.middle[wrong]))
             raise DegenerateMesh(f"cells around {listed(np.unique(places, axis=0))} {what}")
 
-    def pieces(self) -> Indices:
-        """A number (cells,) of the connected piece that each cell belongs to."""
-        index_map, comm = self.mesh.geometry.index_map(), self.mesh.comm
-        nodes = index_map.size_local + index_map.num_ghosts
-        cell = np.repeat(np.arange(len(self.vertices)), self.vertices.shape[1]) + nodes
-        found = _components(nodes + len(self.vertices), self.vertices.ravel(), cell)
-        found += sum(comm.allgather(int(found.max(initial=-1)) + 1)[: comm.rank])
-        owner = la.vector(index_map, 1)
-        owner.array[:] = found[:nodes]
-        owner.scatter_forward()
-        links = np.unique(np.stack([found[:nodes], owner.array.astype(np.int64)]), axis=1)
-        own, other = np.concatenate(comm.allgather(links), axis=1)
-        return _components(int(max(own.max(), other.max())) + 1, own, other)[found[nodes:]]
-
 
 class _Surface:
-    """All exterior facets (m of k corners), on every process.
-
-    Vertices (m, k) are global numbers, area vectors (m, dim) point outwards.
-    """
+    """All exterior facets (m of k corners), on every process; areas (m, dim) point outwards."""
 
     def __init__(self, cells: _Cells) -> None:
         self._cells, mesh = cells, cells.mesh
@@ -213,7 +195,7 @@ class _Surface:
         return np.concatenate(self._cells.mesh.comm.allgather(values))
 
     def check_hanging(self) -> None:
-        """Raises DegenerateMesh if smaller facets lie on a larger one and share its vertices.
+        """Refuses smaller facets that lie on a larger one and share its vertices.
 
         Non-matching bodies in contact have no common vertices. Curved facets are not looked at.
         """
@@ -298,9 +280,11 @@ class _Surface:
         pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
         if not len(pairs):
             return
-        piece = self._gathered(self._cells.pieces()[self._cell])[pairs]
+        cells, mesh = self._cells, self._cells.mesh
+        number, _ = pieces_of(mesh.comm, mesh.geometry.index_map(), cells.vertices)
+        piece = self._gathered(number[cells.vertices[self._cell, 0]])[pairs]
         crack = piece[:, 0] == piece[:, 1]
-        if self._cells.mesh.comm.rank == 0:
+        if mesh.comm.rank == 0:
             for which, level, what in (
                 (crack, logging.WARNING, "a crack in one piece of the mesh"),
                 (~crack, logging.INFO, "two pieces of the mesh that touch"),
@@ -321,8 +305,23 @@ def _cofactors(jacobian: Array) -> Array:
     return np.array([np.cross(*rows, axis=0) for rows in ((b, c), (c, a), (a, b))])
 
 
+def pieces_of(comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray) -> tuple[Indices, int]:
+    """Number of the connected piece that each node (ghosts too) of cells (n, k) belongs to."""
+    nodes = index_map.size_local + index_map.num_ghosts
+    others = cells[:, 1:]  # a cell's first node links them
+    part = _components(nodes, np.repeat(cells[:, 0], others.shape[1]), others.ravel())
+    part += sum(comm.allgather(int(part.max(initial=-1)) + 1)[: comm.rank])
+    # parts of two processes are one piece if they share a node: the owner's number tells which
+    owner = la.vector(index_map, 1)
+    owner.array[:] = part
+    owner.scatter_forward()
+    links = np.unique(np.stack([part, owner.array.astype(np.int64)]), axis=1)
+    own, other = np.concatenate(comm.allgather(links), axis=1)
+    piece = _components(int(max(own.max(), other.max())) + 1, own, other)
+    return piece[part], int(piece.max()) + 1
+
+
 def _components(count: int, a: Indices, b: Indices) -> Indices:
-    """Numbers (count,) of the connected components of a graph with edges from a to b."""
     graph = sp.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
     return sp.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
 

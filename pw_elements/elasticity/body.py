@@ -448,11 +448,7 @@ class Body:
         return self._integral(integrand, exact_degree - 1, in_box)
 
     def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
-        """Integrates a form over the body's volume.
-
-        Its degree on a straight simplex is exact; in a parallelepiped, if odd, that in each
-        direction.
-        """
+        """Integrates a form whose degree on a straight simplex, and in a box if odd, is known."""
         degree = self.quadrature_degree
         if degree is None:
             degree = self._sufficient_degree(exact_degree, in_box)

@@ -421,10 +421,7 @@ def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> np
 def _areas(
     space: fem.FunctionSpace, where: Part, weights: Weights
 ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Positions (m, dim) of the nodes of a surface, integrals (m,) of their functions, numbers.
-
-    Of vectors it is the last component that is integrated.
-    """
+    """Positions (m, dim) of a surface's nodes, integrals (m,) of their last components, numbers."""
     mesh = space.mesh
     dim, block = mesh.geometry.dim, space.dofmap.index_map_bs
     area = assemble_vector(weights(boundary_measure(mesh, where)))
@@ -450,11 +447,7 @@ def _facets(space: fem.FunctionSpace, where: Part, node: npt.NDArray[np.int64]) 
 
 
 def _edges(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
-    """Edges (e, 3) of a surface, mid-side node first, and its rim's nodes.
-
-    The rim consists of the ends of facets (vertices in 2-D, edges in 3-D) that no other facet of
-    the surface shares.
-    """
+    """Edges (e, 3), mid-side node first, and nodes of the rim: ends that no two facets share."""
     dim = mesh.topology.dim
     sub = basix.topology(basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0])
     corners = len(sub[0])

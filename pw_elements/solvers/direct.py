@@ -303,10 +303,7 @@ class Factors:
         return solution
 
     def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
-        """Solution by GMRES with the last factors, `rows` rows having changed since.
-
-        None if new factors would cost less, or it takes more iterations than it should.
-        """
+        """Solution by GMRES with the last factors; None if new ones cost less or it is slow."""
         if rows > self._worthwhile:
             return None
         self.ksp.setType("gmres")

@@ -280,10 +280,9 @@ class Iterative:
 
 
 class Krylov:
-    """Iterative solutions with one matrix (n, n), all rows and columns free, under supports.
+    """Iterative solutions with one free matrix under supports, of all n unknowns.
 
-    The matrix of `ksp` is the operator Pi K Pi + (1 - Pi) of all n unknowns, `multigrid` its
-    preconditioner, `elastic` the free stiffness of displacements and their supports.
+    The stiffness of displacements, free, and their supports are `elastic`.
     """
 
     orientations: ClassVar[frozenset[int]] = frozenset()  # determinants and pivots are not known
@@ -507,11 +506,7 @@ def _free_here() -> float:
 def auto_solver(
     solver: Solver, supports: Supports | None, needs_factors: str = "", modes: bool = False
 ) -> LinearSolver:
-    """The solver that is meant: factors in the plane and of small bodies by "auto", or None.
-
-    Supports are None where the reduction is more than these; `needs_factors` says why only factors
-    will do.
-    """
+    """The solver that is meant; `needs_factors` says why only factors will do."""
     if solver is not None and not isinstance(solver, str):
         return solver
     if solver not in (None, "auto"):
@@ -539,10 +534,7 @@ def with_fallback(
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
-    """Computes with the solver `taken`, or with factors where "auto" took it and it gave up.
-
-    There has to be twice the memory that factors are expected to take.
-    """
+    """Computes with `taken`; if "auto" took it and it gives up, with factors, given the memory."""
     try:
         return compute(taken)
     except NotConverged as failure:

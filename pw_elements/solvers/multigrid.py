@@ -266,14 +266,11 @@ class _Interpolation:
 
 @dataclass(frozen=True)
 class _Near:
-    """The part of K at nodes whose interpolation may be held, and at those that they couple to.
+    """The part of K at nodes whose interpolation may be held, and at those that they couple to."""
 
-    Nodes (k,) are local, ascending; P has their rows of the interpolation.
-    """
-
-    nodes: Indices
+    nodes: Indices  # (k,), local, ascending
     K: PETSc.Mat
-    P: PETSc.Mat
+    P: PETSc.Mat  # rows of the interpolation
 
     @classmethod
     def of(cls, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> "_Near":
@@ -325,10 +322,7 @@ class _NodeBlocks:
         self._other: Array = np.empty((0, block, block))
 
     def update(self, projection: Projection, nodes: Indices, carried: Array) -> None:
-        """Takes over what is held; only those nodes differ, and those (k,) that others follow.
-
-        The latter carry blocks (k, block, block) of the others.
-        """
+        """Takes over what is held; nodes (k,) that others follow carry blocks of theirs besides."""
         self._nodes, free, rest = projection.blocks(nodes)
         own = np.linalg.inv(self._inverse()[self._nodes])
         own[np.searchsorted(self._nodes, nodes)] += carried

@@ -64,11 +64,7 @@ def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
 
 
 class TwelveCellElement(basix.ufl._BasixElement):
-    """The one-cut element, tabulated as the mean of the three cuts; FFCx tabulates through it.
-
-    FFCx by itself would integrate over the eight cells of one cut, which is wrong here: points
-    of such rules are refused.
-    """
+    """The one-cut element as the mean of the three cuts; points of FFCx's own rules are refused."""
 
     def __repr__(self) -> str:
         return f"{super().__repr__()}, mean of the three cuts"

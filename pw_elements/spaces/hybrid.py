@@ -48,10 +48,7 @@ def is_split(space: fem.FunctionSpace) -> bool:
 
 @dataclass(frozen=True)
 class SubSpace:
-    """A field of its own space among the unknowns of a space, which may be that very space.
-
-    Nodes are owned by the same processes in both, and numbered as if there were no other field.
-    """
+    """A field of its own space among the unknowns of a space, owned by the same processes."""
 
     space: fem.FunctionSpace
     unknowns: Indices  # (nodes, components), local numbers among the unknowns, ghosts too
@@ -123,10 +120,7 @@ def _sizes(space: fem.FunctionSpace) -> tuple[int, int]:
 
 
 def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
-    """Vector (n,) that is 1 at displacements and, at pressures, K's stiffness over a facet's area.
-
-    Pressures over it are lengths as displacements are. None where there is no pressure.
-    """
+    """Vector (n,): 1 at displacements; pressures over it, stiffness per area, are lengths."""
     if not is_hybrid(space):
         return None
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
@@ -160,10 +154,7 @@ def positions(space: fem.FunctionSpace) -> Array:
 def tied(
     space: fem.FunctionSpace, parts: MeshTags | None, free: npt.NDArray[np.bool_]
 ) -> PETSc.Mat:
-    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part.
-
-    The parts are tags of all cells; `free` are this process' own unknowns without a condition.
-    """
+    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
     with collective(comm):

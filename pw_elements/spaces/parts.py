@@ -21,10 +21,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
 def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]) -> Mask:
-    """Which of the points (3, n) a marker holds at, (n,); local, for use under the guard.
-
-    A process without any point does not ask: largest coordinates, say, are not defined there.
-    """
+    """Which points (3, n) a marker holds at; local, under the guard; not asked without points."""
     if not callable(where):
         raise TypeError(
             f"{whose} is of the type {type(where).__name__}: give a function of points. For tagged "
@@ -78,10 +75,7 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
 
 
 def exterior_facets(mesh: Mesh, where: Part) -> Indices:
-    """Local numbers of a part of the boundary's facets, of owned cells.
-
-    A marker takes points as columns (3, n) and has to hold at every vertex of a facet.
-    """
+    """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices."""
     dimension, comm = mesh.topology.dim - 1, mesh.comm
     vertices: npt.NDArray[np.float64] = np.zeros((3, 0))
 
@@ -107,10 +101,7 @@ def exterior_facets(mesh: Mesh, where: Part) -> Indices:
 def by_cell_tag(
     mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]], what: str
 ) -> list[fem.Function]:
-    """Functions that are constant in each cell, by the cells' tags; collective.
-
-    The values of every tag are a number for each function; `what` has them, in messages.
-    """
+    """Functions that are constant in each cell, by the cells' tags; collective."""
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local

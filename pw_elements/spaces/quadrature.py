@@ -32,10 +32,7 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 
 def with_cell_rules(form: ufl.Form) -> ufl.Form:
-    """The form with such points in its integrals over tetrahedra, if its functions need them.
-
-    The degree is that of the measure, or UFL's estimate.
-    """
+    """The form with such points in its integrals over tetrahedra, if its functions need them."""
     integrals = form.integrals()
     lacking = [_lacks_rule(integral) for integral in integrals]
     if not any(lacking):

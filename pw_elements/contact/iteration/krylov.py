@@ -115,10 +115,7 @@ class NodePoints:
 
 
 class Unassembled:
-    """E K + C with its border, for `PETSc.Mat.createPython`.
-
-    Of the last product it keeps `force` (m, dim), K a at the contact points.
-    """
+    """E K + C with its border, for `PETSc.Mat.createPython`; it keeps K a (m, dim) as `force`."""
 
     def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
         self._K, self._points = K, points
@@ -300,11 +297,10 @@ def _apart(x: Array) -> list[int]:
 
 
 class KrylovTangent:
-    """The matrix of any active set and its solver, a `ContactTangent` in place of `Tangent`.
+    """A `ContactTangent` that assembles nothing; `supported` goes with it.
 
     Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
-    last, on the last process. The stiffness (n, n) is free; `supported` is that under the supports,
-    and goes with this.
+    last, on the last process.
     """
 
     precise = False

@@ -141,11 +141,7 @@ def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> Active
 
 
 def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
-    """Normals and tangents (n, dim, dim) of contact nodes, by normals (n, dim).
-
-    Components of the displacement that are not stated (n, dim) are prescribed. They have to be
-    tangential; the tangents are orthogonal to them.
-    """
+    """Normals and tangents (n, dim, dim); components not stated have to be tangential."""
     free = np.eye(normal.shape[1]) * stated[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
     values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
@@ -183,16 +179,12 @@ def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class LinearisedLaw:
-    """Linear equations E r + C G a - D U = c of the contact points (m) of this process.
+    """Linear equations E r + C G a - D U = c of the contact points (m) of this process."""
 
-    r, G a and U are forces, motions and translations of surfaces in the nodes' coordinates. E, C
-    and D are (m, dim, dim), c is (m, dim).
-    """
-
-    E: Array
-    C: Array
-    D: Array
-    c: Array
+    E: Array  # (m, dim, dim), of forces in the nodes' coordinates
+    C: Array  # (m, dim, dim), of motions
+    D: Array  # (m, dim, dim), of translations of surfaces
+    c: Array  # (m, dim)
 
     def where(self, translations: Array, motion: Array) -> "LinearisedLaw":
         """The law of what is left free, parts (m, dim) of U and of G a being known."""
@@ -205,14 +197,12 @@ class LinearisedLaw:
 class Solved:
     """Unknowns of this process that a tangent's solver has found.
 
-    Those of free translations are at the end of the last process'. `exact` says that the same
-    system, solved again, would give nothing better; `final`, that it may be the last of an
-    increment.
+    Those of free translations are at the end of the last process'.
     """
 
     unknowns: Array
-    exact: bool
-    final: bool
+    exact: bool  # whether the same system, solved again, would give nothing better
+    final: bool  # whether it is exact enough to be the last of an increment
 
 
 class ContactTangent(Protocol):
@@ -280,10 +270,7 @@ class Kinematics:
         displacement: Array,
         force: Array,
     ) -> "Kinematics":
-        """Linearisation at translations, displacements (n, dim) and forces (n, dim).
-
-        What is `free` (pairs, dim) tells which translations may change.
-        """
+        """Linearisation at translations, of which some are free, motions and forces (n, dim)."""
         step = _STEP * (interface.extent or 1.0)
         frame = frames(interface.normals(translations), interface.equation >= 0)
         normal, tangents = frame[:, 0], frame[:, 1:]

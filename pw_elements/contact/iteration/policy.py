@@ -157,10 +157,7 @@ class Cycles:
         return self._slow is not None
 
     def repeats(self, active: ActiveSet) -> bool:
-        """Notes an active set; True if it has been there and the remedy changes something.
-
-        Raises NotFound if it has been there with the remedy in force already.
-        """
+        """Notes an active set; whether it has been there, and the remedy changes something."""
         digest = blake2b(active.status.tobytes(), digest_size=16)
         for values in (active.direction, active.turning, active.slope):
             digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
@@ -222,10 +219,7 @@ def null_space(rows: Array, tolerance: float) -> Array:
 
 
 def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
-    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes, and of more of them.
-
-    A Gram matrix would square what is small, and lose it.
-    """
+    """R of a QR factorisation of all processes' rows (m, n): a Gram matrix loses what is small."""
     own: Array = np.zeros((0, rows.shape[1]))
     for each in (rows, *more):
         for first in range(0, len(each), _AT_ONCE):
@@ -235,10 +229,7 @@ def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
 
 
 class LastHold:
-    """Keeps a body from losing the last points that hold it, as far as the loads allow.
-
-    It counts its `rescues`: how often points that had let go were asked to hold once more.
-    """
+    """Keeps a body from losing the last points that hold it, as far as the loads allow."""
 
     def __init__(
         self,
@@ -357,7 +348,6 @@ class Policy:
 
 
 def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:
-    """An active set in which some points stick, or slip if they are smooth."""
     return mixed(where, sticking(where, contact.cone, active.direction.shape[1]), active)
 
 
@@ -419,7 +409,6 @@ def initial_unknowns(
 
 
 def _interpolated(there: fem.Function, space: fem.FunctionSpace) -> Array:
-    """Values (owned dofs,) of a function on another mesh."""
     known, here = there.function_space, fem.Function(space)
     cells, comm = _covering(space), space.mesh.comm
     for k in range(comm.allreduce(-(-len(cells) // _AT_ONCE), MPI.MAX)):

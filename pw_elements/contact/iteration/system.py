@@ -154,10 +154,7 @@ def border_columns(
 
 
 def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
-    """Equations of the free translations, on the last process, with a diagonal of zeros.
-
-    `sums` (free, unknowns and free) is what this process adds to them.
-    """
+    """Equations of free translations, on the last process; `sums` are this process' own part."""
     parts = comm.gather(sums, root=comm.size - 1)
     if parts is None:
         return sp.csr_matrix((0, sums.shape[1]))
@@ -172,10 +169,7 @@ def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
 
 
 def read_and_spread(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
-    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is.
-
-    H^T is reduced, (points dim, equations); where a point has no equation its number is -1.
-    """
+    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is."""
     indptr, column, value = force.getValuesCSR()
     value = value.copy()
     of_entry = np.repeat(equation.ravel(), np.diff(indptr))
@@ -227,9 +221,8 @@ class Solution:
 class ContactSystem:
     """Equations of the reduced displacements and of the free translations of surfaces.
 
-    The free translations come last, on the last process; their equations are balances of force. The
-    stiffness is reduced to L^T K R; `scale` is c of the law, (m,): the mean stiffness of a point's
-    components, or 1 without any.
+    The free translations come last, on the last process; their equations are balances of force. Of
+    the law, c is `scale` (m,): the mean stiffness of a point's components, or 1 without any.
     """
 
     def __init__(
@@ -291,10 +284,7 @@ class ContactSystem:
         totals: Array,
         accuracy: Accuracy = "final",
     ) -> Solution:
-        """Solves equilibrium under a reduced load with the law at every contact point.
-
-        The total forces are one per free translation.
-        """
+        """Solves equilibrium under a reduced load with the law at every contact point."""
         self.solved += 1
         loads, right = self._read(load), self._spread_load(load)
         stated = self._own >= 0
@@ -341,11 +331,7 @@ class ContactSystem:
 
 
 class Tangent:
-    """The assembled matrix of any active set and its factors, a `ContactTangent`.
-
-    The matrix has places for the rows of the contact points; `first` is this process' first
-    equation, `borders` counts its equations of free translations.
-    """
+    """The assembled matrix of any active set and its factors, a `ContactTangent`."""
 
     precise = True
 

@@ -90,10 +90,7 @@ _MOST_UNKNOWNS = 3000
 
 
 class Condensation:
-    """Stiffness S of a body (p, p), condensed to the stated components of its contact points.
-
-    They are in `gathered` order. Raises SingularSystem if not even the points hold the body.
-    """
+    """Stiffness S of a body (p, p), condensed to the stated components of its contact points."""
 
     def __init__(
         self, K: PETSc.Mat, reduction: Reduction, interface: Interface, solver: LinearSolver
@@ -117,10 +114,7 @@ class Condensation:
         return self._system.report
 
     def at_rest(self, load: PETSc.Vec, supported: Array) -> Array:
-        """Forces (points, dim) under a reduced load while the points rest.
-
-        Of the motion, `supported` (m, dim) is what supports make.
-        """
+        """Forces (points, dim) under a reduced load while the points rest, supports aside."""
         return self._forces(load, -supported)
 
     def displaced(self, load: PETSc.Vec, moved: Array) -> PETSc.Vec:
@@ -355,10 +349,7 @@ def _pivot(table: Array, row: int, column: int) -> None:
 
 
 def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
-    """The z of a problem with polygonal cones and springs; None if there is none.
-
-    Springs, over the mean of the points' own stiffness, are at rest at the z that is `near`.
-    """
+    """The z of a problem with polygonal cones and springs at rest `near`; None without one."""
     faced = np.flatnonzero(problem.faced)
     directions = _directions(problem, faced)
     rough = np.array([k for k, d in enumerate(directions) if len(d)], dtype=np.intp)
@@ -424,10 +415,7 @@ def without_active_sets(
     policy: Callable[[], Policy],
     most: int,
 ) -> Iterate | None:
-    """The solution of an increment, or None.
-
-    Raises NotUnique if the tangent is singular at all solutions met, or the body is loose.
-    """
+    """The solution of an increment, or None; NotUnique of a loose body or singular tangents."""
     comm = increment.interface.comm
     if not tractable(increment.interface):
         _log(comm, "too many contact points to do without active sets")
@@ -470,10 +458,7 @@ def confirmed(
     most: int,
     way: str,
 ) -> Iterate | NotUnique | None:
-    """Starts the ordinary iteration from z: a solution, one of many, or nothing.
-
-    The way in which z was found is logged.
-    """
+    """Starts the ordinary iteration from z: a solution, one of many, or nothing."""
     comm = increment.interface.comm
     try:
         solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
@@ -495,10 +480,7 @@ def _log(comm: MPI.Comm, message: str) -> None:
 
 
 def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:
-    """The increment at z, if it is a solution as it is; None else.
-
-    Newton's method may leave it for ever by round-off of curved surfaces.
-    """
+    """The increment at z if it is a solution, which Newton may leave by round-off for ever."""
     translations, moved, force = problem.split(z)
     reduced = problem.condensation.displaced(
         increment.equilibrium.load, moved - increment.supported

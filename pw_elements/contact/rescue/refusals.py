@@ -130,8 +130,7 @@ def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | No
 def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, Array]:
     """The motion (k,) in which loads do most work and no contact force takes any away.
 
-    The components are one at most; the price of motion is over the largest power (k,) of the loads.
-    Beside it are the least forces (k,) to be added for a balance.
+    Its components are one at most; with it are the least forces (k,) to be added for a balance.
     """
     k, scale = len(power), np.abs(power).max() or 1.0
     costs = np.concatenate([-power, power]) / scale + price  # of each way in each motion
@@ -160,20 +159,14 @@ def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, 
 
 
 def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
-    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic.
-
-    The size (k,) is that of the power's parts, in magnitude.
-    """
+    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic."""
     work, parts = power @ velocity, size @ np.abs(velocity)
     braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
     return bool(work > _ZERO_WORK * parts and work > _HUGE * braked * parts)
 
 
 def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
-    """Points of all processes, in an order that does not depend on them.
-
-    `works` (m, dim, k) are the motions of this process' points in each of k motions.
-    """
+    """Points of all processes, in an order independent of them; `works` are (m, dim, k)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
     works = np.where(interface.equation[..., None] >= 0, works, 0.0)
@@ -240,10 +233,8 @@ def rescue(
 ) -> Iterate:
     """The solution of an increment whose iteration has failed, or the refusal that says why.
 
-    The place is the kinematics at its start; `condensed` is None if that is not to be tried;
-    `spent` are linear systems solved so far, and what they took. Raises NoEquilibrium, NotUnique,
-    NotFound with what is known of the increment; NotConverged, the failure, unless statics explain
-    it.
+    The body is condensed unless that is not to be tried. A failure to converge stays one, unless
+    statics explain it.
     """
     proof, unproved = no_equilibrium(increment, place, rigid)
     if proof is not None:

@@ -34,10 +34,7 @@ _ZERO_STIFFNESS = 1e-11
 
 @dataclass(frozen=True)
 class Basis:
-    """Independent rigid motions (k, modes), and a mode that tells each apart.
-
-    The pivots (k,) are of size one in their own motion, and in none of the others.
-    """
+    """Independent rigid motions (k, modes); each has a pivot (k,), a mode that no other has."""
 
     motions: Array
     pivot: Indices
@@ -222,10 +219,7 @@ def direction(vector: Array) -> str:
 
 
 class RigidMotions:
-    """Rigid motions of the pieces of a supported body and of free surfaces.
-
-    The modes are all of them, supported or not; an active set leaves some of them free.
-    """
+    """Rigid motions of the pieces of a supported body and of free surfaces."""
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
