@@ -6,8 +6,6 @@ what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (
 with other nodes, see `Followers`.
 """
 
-from dataclasses import dataclass
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -145,7 +143,7 @@ class LinearLevel:
 
     def watch(self, nodes: Indices) -> None:
         if self._near is None:
-            self._near = _Near.of(self._K, self._P, self._space, nodes)
+            self._near = _Near(self._K, self._P, self._space, nodes)
             self._matrix = None
 
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
@@ -264,16 +262,13 @@ class _Interpolation:
         self._coarse.take_out(y.array)
 
 
-@dataclass(frozen=True)
 class _Near:
-    """The part of K at nodes whose interpolation may be held, and at those that they couple to."""
+    """The part of K at nodes whose interpolation may be held, and at those that they couple to.
 
-    nodes: Indices  # (k,), local, ascending
-    K: PETSc.Mat
-    P: PETSc.Mat  # rows of the interpolation
+    Nodes (k,) are local and ascending; P has their rows of the interpolation.
+    """
 
-    @classmethod
-    def of(cls, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> "_Near":
+    def __init__(self, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> None:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         owned = index_map.size_local
         fine, coarse = P.createVecLeft(), P.createVecRight()
@@ -291,19 +286,16 @@ class _Near:
         touched.array[:] = 0.0
         touched.array[around] = 1.0
         touched.scatter_reverse(la.InsertMode.add)
-        nodes = np.flatnonzero(touched.array[:owned]).astype(np.int64)
-        numbers = (nodes + index_map.local_range[0]).astype(PETSc.IntType)
+        self.nodes: Indices = np.flatnonzero(touched.array[:owned]).astype(np.int64)
+        numbers = (self.nodes + index_map.local_range[0]).astype(PETSc.IntType)
         rows = PETSc.IS().createBlock(block, numbers, comm=K.comm)
         start, last = P.getOwnershipRangeColumn()
         columns = PETSc.IS().createStride(last - start, start, 1, comm=K.comm)
-        part = K.createSubMatrix(rows, rows)
-        near = part
-        if is_blocked(part):
-            near = part.convert("aij", PETSc.Mat())
-            destroy(part)
-        made = cls(nodes, near, P.createSubMatrix(rows, columns))
+        self.K: PETSc.Mat = K.createSubMatrix(rows, rows)
+        if is_blocked(self.K):
+            self.K.convert("aij")
+        self.P: PETSc.Mat = P.createSubMatrix(rows, columns)
         destroy(fine, coarse, rows, columns)
-        return made
 
 
 class _NodeBlocks:

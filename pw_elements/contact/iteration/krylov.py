@@ -248,35 +248,32 @@ class Bordered:
         return totals
 
 
-@dataclass(frozen=True)
 class RigidHolds:
-    """As many nodes of each connected piece as there are dimensions, far from each other."""
+    """As many nodes of each connected piece as there are dimensions, far from each other.
 
-    piece: npt.NDArray[np.integer]  # (m,), of each contact node of this process
-    chosen: npt.NDArray[np.bool_]  # (m,)
-    pieces: int  # their number
-    comm: MPI.Comm
+    They are picked among local contact nodes (m,).
+    """
 
-    @classmethod
-    def of(cls, space: fem.FunctionSpace, nodes: Indices) -> "RigidHolds":
-        comm: MPI.Comm = space.mesh.comm
-        piece, pieces = connected_pieces(space)
+    def __init__(self, space: fem.FunctionSpace, nodes: Indices) -> None:
+        self._comm: MPI.Comm = space.mesh.comm
+        piece, self._pieces = connected_pieces(space)
+        self._piece = piece[nodes]
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
-        every, where = (np.concatenate(comm.allgather(part)) for part in (x, piece[nodes]))
+        every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, self._piece))
         chosen = np.zeros(len(every), dtype=bool)
-        for k in range(pieces):
+        for k in range(self._pieces):
             mine = np.flatnonzero(where == k)
             chosen[mine[_apart(every[mine])]] = True
-        first = sum(comm.allgather(len(nodes))[: comm.rank])
-        return cls(piece[nodes], chosen[first : first + len(nodes)], pieces, comm)
+        first = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
+        self._chosen = chosen[first : first + len(nodes)]
 
     def held(self, projectors: Array) -> Array:
         """Projectors (m, dim, dim) onto what is held, with the anchors where few nodes stick."""
         dim = projectors.shape[1]
         sticks = np.einsum("naa->n", projectors) > dim - 0.5
-        count = np.bincount(self.piece[sticks], minlength=self.pieces)
-        self.comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-        loose = self.chosen & (count < _ENOUGH)[self.piece]
+        count = np.bincount(self._piece[sticks], minlength=self._pieces)
+        self._comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
+        loose = self._chosen & (count < _ENOUGH)[self._piece]
         return np.where(loose[:, None, None], np.eye(dim), projectors)
 
 
@@ -352,7 +349,7 @@ class KrylovTangent:
         # supports that hold all pieces need no help of contact
         elastic, held = krylov.elastic
         loose = free_motion(elastic, held)
-        self._rigid_holds = RigidHolds.of(held.space, points.node) if loose else None
+        self._rigid_holds = RigidHolds(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
         self._accuracy, self._size = _EXACT, 0.0
