@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from figures.rivals import LOOK
-from figures.style import COLUMN, plain_ticks
+from figures.style import SIDE, plain_ticks
 from study.core.store import Results
 
 SECTION = "Q"
@@ -17,7 +17,7 @@ MOST = 2.0  # errors above are those of no solution
 
 def draw(results: Results) -> Figure:
     """Means of two places; a gap where there is no solution at one of them."""
-    fig, ax = plt.subplots(figsize=(COLUMN, 2.7))
+    fig, ax = plt.subplots(figsize=(SIDE, 2.5))
     for method in SWEPT:
         curves = [results.curves(f"Q/{method}-16-{place}") for place in PLACES]
         swept = np.array([one["sweep_l2"] for one in curves])
@@ -26,9 +26,16 @@ def draw(results: Results) -> Figure:
     errors = [results.scalar(f"Q/pw-T6-16-{place}", "pressure_l2") for place in PLACES]
     look = {key: LOOK["pw-T6"][key] for key in ("color", "label")}
     ax.axhline(100 * sum(errors) / len(errors), linestyle="--", **look)
-    ax.set(xlabel="parameter", ylabel="L2 error of pressure / %")
+    ax.set(xlabel="parameter", ylabel="L2 error / %")
     plain_ticks(ax)
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=7)
+    fig.legend(
+        *ax.get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=2,
+        fontsize=5.5,
+        columnspacing=0.8,
+        handlelength=1.2,
+    )
     return fig
 
 

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from figures.rivals import LOOK
-from figures.style import COLUMN, plain_ticks
+from figures.style import BESIDE, plain_ticks
 from study.core.store import Results
 
 SECTION = "Q"
@@ -14,14 +14,14 @@ NEEDS = [f"Q/offsets-{method}" for method in SHOWN]
 
 def draw(results: Results) -> Figure:
     """One line a method."""
-    fig, ax = plt.subplots(figsize=(COLUMN, 2.7))
+    fig, ax = plt.subplots(figsize=(BESIDE, 2.5))
     for method in SHOWN:
         curves = results.curves(f"Q/offsets-{method}")
         ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **LOOK[method])
     ax.set(xlabel="place of the contact's edge in an element", ylabel="L2 error of pressure / %")
     ax.set(xlim=(0, 1), ylim=(0.45, 6))
     plain_ticks(ax)
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=7)
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
     return fig
 
 
