@@ -1,7 +1,8 @@
 """How many random problems are tried: few in the suite, always the same; many in `--nightly`.
 
-The first line tells the number of tests, and how long they took when they last ran here. No test leaves figures open, for others count them. MPI's processes that wait leave the core to
-those that work: as fast as ever on a busy machine, where a time limit must tell hung from slow.
+The first line tells the number of tests, and how long they took when they last ran here. No test
+leaves figures open, for others count them. MPI's processes that wait leave the core to those that
+work: as fast as ever on a busy machine, where a time limit must tell hung from slow.
 """
 
 import os
