@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 
-ASSUMED = 0.25  # seconds of a test, before any has run
+ASSUMED = 0.25  # seconds of a test, before any of its file has run
 
 
 @pytest.fixture(autouse=True)
@@ -54,8 +54,7 @@ class Clock:
 
     def line(self, ids):
         processes = getattr(self.config.option, "numprocesses", None) or 1
-        other = sum(self.means.values()) / len(self.means) if self.means else ASSUMED
-        total = sum(self.means.get(one.split("::")[0], other) for one in ids) / processes
+        total = sum(self.means.get(one.split("::")[0], ASSUMED) for one in ids) / processes
         long = f"{total / 60:.0f} min" if total > 90 else f"{total:.0f} s"
         basis = "as they last ran here" if self.means else "none has run here yet"
         return f"{len(ids)} tests, about {long} by {processes} at a time ({basis})"
@@ -78,3 +77,12 @@ class Clock:
         if self.cache and self.counts:
             new = {file: self.seconds[file] / count for file, count in self.counts.items()}
             self.cache.set("pw_elements/seconds", self.means | new)
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory, worker_id):
+    """The study's results, each computed when a test asks for it, once for all workers."""
+    from tests.study.computed_results import ComputedResults
+
+    base = tmp_path_factory.getbasetemp()
+    return ComputedResults((base if worker_id == "master" else base.parent) / "computed")

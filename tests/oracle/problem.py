@@ -57,6 +57,13 @@ def assert_differs(problem):
     assert max(differences.values()) > 1e3 * TOLERANCE, differences
 
 
+def assert_found(problem, element):
+    """Both: weights of another kind would be noticed."""
+    assert_agrees(problem, element)
+    if element == "pw-T6":
+        assert_differs(problem)
+
+
 def on(axis, value):
     return lambda x: np.isclose(x[:, axis], value)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.core.store import MissingResult, Results
+from study.core.store import Results
 from study.judge.claims import GRADES, PAPER, judge, load_claims
 from study.judge.facts import (
     COMPUTED,
@@ -49,19 +49,12 @@ def graded(grade, *bases):
     return pytest.mark.parametrize("claim", found, ids=lambda claim: claim.id)
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory, worker_id):
-    base = tmp_path_factory.getbasetemp()
-    folder = base if worker_id == "master" else base.parent  # one for all workers
-    return ComputedResults(folder / "computed")
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def turned(results):
     return turned_by(judge(STATEMENTS + ON_PRINT, results), results)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def facts(turned):
     return facts_of(STATEMENTS, turned, FACTS)
 
@@ -199,9 +192,3 @@ def test_quote_is_short_and_implied_statements_say_whose_reading_they_are(claim)
 @pytest.mark.parametrize("part", ["Section 1", "Section 8"])
 def test_introduction_and_conclusions_are_judged(part):
     assert sum(bool(re.match(rf"{part}\b", claim.source)) for claim in STATEMENTS) >= 4
-
-
-def test_missing_results_are_computed_once(results):
-    assert results["7.1/pw-T6"].scalars == ComputedResults(results.folder)["7.1/pw-T6"].scalars
-    with pytest.raises(MissingResult):
-        results["7.1/no-such"]

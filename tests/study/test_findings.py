@@ -1,0 +1,59 @@
+"""Numbers that are only recorded, and findings that a second or two computes, found again.
+
+Computed anew without any stored results; `./run study check` judges all others.
+"""
+
+import re
+
+import pytest
+
+from study.judge.claims import judge, load_claims
+
+QUICK = """
+71: constants constants-galerkin
+72: balance composite own transfer transfer-stick displacements condensed
+74: own tributary
+75: axis units transfer symmetrised-half
+76: weights-. static-symmetrised unsymmetrised-1 safe-exact-1 safe-exact-J-2 thin-1 gap-1
+s4: lumped
+s5: q9-even identity rigid diagonal q9-unsymmetric
+T: .*
+C: symmetrised near-composite pairs
+P: native reactions cps6-thin cps6-buckling-thin transferred transferred-lifting surface reduced-.*
+P: normal elsewhere-.* tangential solid-friction exact-frequencies
+V1: own displacement tributary-.* curved-.* round axis
+V2: nafems-.* force-order approach held
+V3: forces-.* depth shear far-field transfer composite
+V4: held stress steps sawtooth-.* nu025-200
+V5: held pressure shear steps
+V6: sawtooth-.*
+V7: holds slides
+V8: tube tube-composite strip rod order-rod order-strip better-square sym-sign quadrature-galerkin
+V9: consistent sibling sibling-spectrum symmetric-part positive grows standard
+V10: sphere-median sphere-max
+V11: hertz-l2 hertz-inner hertz-dual master-ratio r0094-width unequal calculix-mortar
+V12: step-weights unstable release-plane plane late
+V13: square square-max trefftz-.* order
+V14: sawtooth-.* moment-linear moment-far force
+V15: cook hertz hertz-even order-.* square-H1 cube infsup-T6-standard identity-.* presses
+"""
+PATTERNS = [
+    f"{section}-{name}"
+    for section, names in (line.split(": ") for line in QUICK.strip().splitlines())
+    for name in names.split()
+]
+CLAIMS = load_claims()
+CHOSEN = [c for c in CLAIMS if c.kind == "finding" and re.fullmatch("|".join(PATTERNS), c.id)]
+PINS = [claim for claim in CLAIMS if claim.kind == "pin"]
+
+
+@pytest.mark.parametrize("claim", CHOSEN + PINS, ids=lambda claim: claim.id)
+def test_a_number_is_found_again(claim, results):
+    (found,) = judge([claim], results)
+    assert not found.differs, f"{found.verdict} with {found.measured}, not {found.expected}"
+    assert found.verdict == "holds" or claim.kind == "finding"
+
+
+def test_no_finding_is_missing():
+    for pattern in PATTERNS:
+        assert any(re.fullmatch(pattern, claim.id) for claim in CHOSEN), pattern
