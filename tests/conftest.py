@@ -56,7 +56,8 @@ class Clock:
         processes = getattr(self.config.option, "numprocesses", None) or 1
         total = sum(self.means.get(one.split("::")[0], ASSUMED) for one in ids) / processes
         long = f"{total / 60:.0f} min" if total > 90 else f"{total:.0f} s"
-        basis = "as they last ran here" if self.means else "none has run here yet"
+        known = all(one.split("::")[0] in self.means for one in ids)
+        basis = "as they last ran here" if known else "not all have run here yet"
         return f"{len(ids)} tests, about {long} by {processes} at a time ({basis})"
 
     def pytest_report_collectionfinish(self, items):

@@ -79,12 +79,10 @@ def test_figures_belong_to_the_sections_of_their_items():
             assert f'SECTION = "{item.section}"' in (PROJECT / item.figure).read_text(), item
 
 
-def test_the_map_is_the_table_of_what_is_where():
-    assert map_table() in MAP.read_text(), "python3 -m study.paper.items"
-
-
-def test_files_of_the_map_exist():
-    named = re.findall(r"`([\w/]+\.py)`", map_table())
+def test_the_map_is_the_table_of_what_is_where_and_its_files_exist():
+    table = map_table()
+    assert table in MAP.read_text(), "python3 -m study.paper.items"
+    named = re.findall(r"`([\w/]+\.py)`", table)
     assert len(named) > 100
     for name in named:
         assert (PROJECT / name).is_file(), name

@@ -10,7 +10,6 @@ import pytest
 from tests.oracle.contact import Pair, solve
 from tests.oracle.problem import (
     NORMAL_DOWN,
-    STATIC,
     assert_found,
     contact_problem,
     on,
@@ -42,6 +41,6 @@ def punch(result, element):
     return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
 
 
-@pytest.mark.parametrize("element", STATIC)
+@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8"])
 def test_oracle_finds_the_numbers_of_the_study(element, results):
     assert_found(punch(results[f"7.3/{element}"], element), element)

@@ -6,6 +6,7 @@ turn rest on one fact. The cases that are needed are computed here, without any 
 """
 
 import ast
+import json
 import re
 from dataclasses import replace
 from fractions import Fraction
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.core.store import Results
+from study.core.store import Results, write_json
 from study.judge.claims import GRADES, PAPER, judge, load_claims
 from study.judge.facts import (
     COMPUTED,
@@ -51,7 +52,11 @@ def graded(grade, *bases):
 
 @pytest.fixture(scope="session")
 def turned(results):
-    return turned_by(judge(STATEMENTS + ON_PRINT, results), results)
+    """What turns each statement: found once for all workers, for it takes long."""
+    path = results.folder / "turned.json"
+    if not path.exists():
+        write_json(path, turned_by(judge(STATEMENTS + ON_PRINT, results), results))
+    return json.loads(path.read_text())
 
 
 @pytest.fixture(scope="session")

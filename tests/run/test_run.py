@@ -88,7 +88,7 @@ def test_tests_first_tell_their_number_and_a_pipe_has_it_at_once(tmp_path, given
     told = next(line for line in lines if "tests, " in line)  # the test goes on meanwhile
     process.kill()
     process.communicate()
-    assert re.match(rf"1 tests, about \d+ (s|min) by {at_once} at a time \((as|none)", told)
+    assert re.match(rf"1 tests, about \d+ (s|min) by {at_once} at a time \((as|not)", told)
 
 
 def test_layers_that_are_none_and_options_that_are_none_are_refused():

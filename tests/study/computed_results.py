@@ -12,6 +12,12 @@ def cases():
     return {case.key: case for section in SECTIONS for case in load_section(section).cases}
 
 
+def listed(text):
+    """Section and name of each that lines such as "V1: own round" list."""
+    rows = [line.split(": ") for line in text.strip().splitlines()]
+    return [(section, name) for section, names in rows for name in names.split()]
+
+
 class Lazy:
     """A stored result whose case is computed when its numbers are read."""
 

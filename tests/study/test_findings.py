@@ -8,6 +8,7 @@ import re
 import pytest
 
 from study.judge.claims import judge, load_claims
+from tests.study.computed_results import listed
 
 QUICK = """
 71: constants constants-galerkin
@@ -37,17 +38,18 @@ V13: square square-max trefftz-.* order
 V14: sawtooth-.* moment-linear moment-far force
 V15: cook hertz hertz-even order-.* square-H1 cube infsup-T6-standard identity-.* presses
 """
-PATTERNS = [
-    f"{section}-{name}"
-    for section, names in (line.split(": ") for line in QUICK.strip().splitlines())
-    for name in names.split()
-]
+PATTERNS = [f"{section}-{name}" for section, name in listed(QUICK)]
 CLAIMS = load_claims()
 CHOSEN = [c for c in CLAIMS if c.kind == "finding" and re.fullmatch("|".join(PATTERNS), c.id)]
-PINS = [claim for claim in CLAIMS if claim.kind == "pin"]
+SLOW = ("V8-real-all-value", "C-stress-ball-value")  # of all rods, squares and strips; of a ball
+PINS = [
+    pytest.param(claim, marks=[pytest.mark.slow] * (claim.id in SLOW), id=claim.id)
+    for claim in CLAIMS
+    if claim.kind == "pin"
+]
 
 
-@pytest.mark.parametrize("claim", CHOSEN + PINS, ids=lambda claim: claim.id)
+@pytest.mark.parametrize("claim", [*CHOSEN, *PINS], ids=lambda claim: claim.id)
 def test_a_number_is_found_again(claim, results):
     (found,) = judge([claim], results)
     assert not found.differs, f"{found.verdict} with {found.measured}, not {found.expected}"
