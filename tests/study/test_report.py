@@ -9,7 +9,7 @@ import pytest
 from pypdf import PdfReader
 
 from study import report, texts
-from study.core.store import MissingResult, Results, StudyError
+from study.core.store import Results, StudyError
 from study.report import build, render
 from study.texts import italics, numbers, statements
 from study.texts.statements import names_section
@@ -113,20 +113,6 @@ def test_figures_tables_and_references_are_numbered_as_they_come(out, text):
 
 
 @pytest.mark.parametrize(
-    ("name", "of"),
-    [
-        ("fig05", " (the paper's Fig. 5)"),
-        ("fig07_08", " (the paper's Figs 7 and 8)"),
-        ("fig16_23", " (the paper's Figs 16 to 23)"),
-        ("tab02", " (to the paper's Table 2)"),
-        ("v2_hertz_pressure", ""),
-    ],
-)
-def test_captions_say_what_of_the_paper_a_figure_is(name, of):
-    assert texts.of_the_paper(name) == of
-
-
-@pytest.mark.parametrize(
     ("caption", "written"),
     [
         ("half width a, r < 0.8 a", "half width <i>a</i>, <i>r</i> &lt; 0.8 <i>a</i>"),
@@ -172,14 +158,6 @@ def test_numbers_of_statements_are_written_with_units(row, asked, found):
     row = {"unit": "", **row}
     assert statements.wanted(row).unescape().replace("\u202f", " ") == asked
     assert statements.found(row).replace("\u202f", " ") == found
-
-
-def test_statements_are_in_words():
-    words = statements.in_words("CAX8 (C-pairs) by the pw-Q8-lumped, where |x| < 1: L D L^T, 5 x 2")
-    assert words == (
-        "CAX8 by the new Q8, condensed pair, lumped mass, where |<i>x</i>| &lt; 1: "
-        "L D L<sup>T</sup>, 5 × 2"
-    )
 
 
 def test_text_can_call_for_numbers_and_curves(out, text):
@@ -246,12 +224,6 @@ def test_claims_belong_to_sections_that_their_source_names(source, sections, oth
     for section in others.split():
         assert not names_section(source, section)
     assert home is None or statements.home(source) == home
-
-
-def test_missing_figures_are_named_with_the_remedy(out):
-    (out / "figures" / "fig05.svg").unlink()
-    with pytest.raises(MissingResult, match=r"fig05\.svg: draw them again with"):
-        render(Results(out))
 
 
 @pytest.fixture(params=["toy", "study"])

@@ -48,28 +48,17 @@ def test_every_public_name_has_a_page():
 
 
 @pytest.mark.parametrize("full", reference.public())
-def test_every_page_says_what_its_thing_is_takes_and_refuses(full):
+def test_every_page_says_what_its_thing_and_its_methods_are_and_take(full):
     one = thing(full)
-    text = inspect.getdoc(one)
-    assert text
-    assert text.split("\n\n")[0].endswith((".", ":"))
-    if inspect.isfunction(one):
-        assert "\nArgs:\n" in text
-        told = text.partition("\nArgs:\n")[2]
-        assert all(f"    {name}:" in told for name in inspect.signature(one).parameters)
-
-
-@pytest.mark.parametrize("full", reference.public())
-def test_methods_say_what_they_take(full):
-    one = thing(full)
-    if not inspect.isclass(one):
-        return
-    for name, member in vars(one).items():
+    assert (inspect.getdoc(one) or "").split("\n\n")[0].endswith((".", ":"))
+    taking = {full: one} if inspect.isfunction(one) else {}
+    for name, member in vars(one).items() if inspect.isclass(one) else ():
         method = member.__func__ if isinstance(member, classmethod) else member
-        if name.startswith("_") or not inspect.isfunction(method) or name in RENAMED:
-            continue
-        text = inspect.getdoc(method) or ""
-        taken = {*inspect.signature(method).parameters} - {"self", "cls"}
+        if inspect.isfunction(method) and not name.startswith("_") and name not in RENAMED:
+            taking[name] = method
+    for name, function in taking.items():
+        text = inspect.getdoc(function)
+        taken = {*inspect.signature(function).parameters} - {"self", "cls"}
         assert text, name
         assert all(f"    {one}:" in text or f" {one} (n, " in text for one in taken), name
 

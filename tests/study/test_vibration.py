@@ -52,28 +52,6 @@ def test_modes_of_a_rectangle_between_walls(state):
     assert np.all(modes.eigenvalues > exact)
 
 
-@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9"])
-def test_default_degree_of_axisymmetry_is_8(element):
-    cell = "triangle" if element.endswith("T6") else "quadrilateral"
-
-    def difference(inner, degree, other):
-        mesh = v8_vibration._mesh((0.5, 1.0), (3, 4), cell, inner)
-        bodies = [
-            Body(spaces(element, mesh), MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=d)
-            for d in (degree, other)
-        ]
-        U = bodies[0].spaces.trial
-        held = [prescribe(U, 0, lambda x: np.isclose(x[0], inner))]
-        reduction = Reduction.dirichlet(U, held)
-        a, b = (reduction.matrix(assemble_matrix(body.stiffness())) for body in bodies)
-        return (a - b).norm() / b.norm()
-
-    assert difference(0.2, None, 8) == 0
-    assert difference(0.2, 8, 20) < 1e-7
-    # entries of cells that touch the axis by one vertex have singular integrands
-    assert difference(0.0, 8, 20) < 1e-4
-
-
 def test_free_bodies_have_their_rigid_modes():
     for state, rigid in (("plane stress", 3), ("axisymmetric", 1), ("solid", 6)):
         element = "pw-T10" if state == "solid" else "pw-T6"
