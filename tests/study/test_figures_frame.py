@@ -115,36 +115,26 @@ def test_figures_are_drawn_again_only_after_a_change_of_their_own(out, script):
     assert "toy_two" not in names(out)
 
 
-def test_figure_is_drawn_and_indexed(out, script):
-    script("toy_one")
-    assert draw_all(out, complete=False)
-    files = ["index.json", *(f"toy_one.{kind}" for kind in ("json", "narrow.svg", "png", "svg"))]
-    assert sorted(os.listdir(out / "figures")) == files
-    (entry,) = json.loads((out / "figures" / "index.json").read_text())
-    assert entry == {
-        "name": "toy_one",
-        "title": "Force over place",
-        "section": "1",
-        "caption": "Its scalar is 2.5.",
-        "alt": "A parabola",
-        "width": 336,
-        "height": 192,
-        "narrow": [336, 192],
-    }
-    assert plt.imread(out / "figures" / "toy_one.png").shape[:2] == (400, 700)
-    assert plt.get_fignums() == []
-
-
-def test_same_results_give_the_same_bytes_with_what_is_shown_and_no_more(out, script):
+def test_figure_is_indexed_and_drawn_each_time_the_same_with_what_is_shown_and_no_more(out, script):
     script("toy_same")
     drawn = []
     for _ in range(2):
-        draw_all(out, complete=False)
+        assert draw_all(out, complete=False)
+        assert plt.get_fignums() == []
+        kinds = ("json", "narrow.svg", "png", "svg")
+        files = ["index.json", *(f"toy_same.{kind}" for kind in kinds)]
+        assert sorted(os.listdir(out / "figures")) == files
         pictures = [out / "figures" / f"toy_same.{kind}" for kind in ("svg", "png")]
         drawn.append([picture.read_bytes() for picture in pictures])
         pictures[0].write_text("")
         (out / "figures" / "toy_same.json").unlink()
     assert drawn[0] == drawn[1]
+    (entry,) = json.loads((out / "figures" / "index.json").read_text())
+    assert entry == {
+        "name": "toy_same", "title": "Force over place", "section": "1", "alt": "A parabola",
+        "caption": "Its scalar is 2.5.", "width": 336, "height": 192, "narrow": [336, 192],
+    }  # fmt: skip
+    assert plt.imread(out / "figures" / "toy_same.png").shape[:2] == (400, 700)
     svg = drawn[0][0].decode()
     assert "font-family:'DejaVu Sans', sans-serif" in svg
     assert ">new T6<" in svg
@@ -278,14 +268,6 @@ def test_every_script_has_what_the_frame_asks_for():
         assert module.NEEDS, name
         assert isinstance(module.SECTION, str), name
         assert all(callable(getattr(module, part)) for part in ("draw", "caption", "alt")), name
-
-
-def test_style_ends_with_its_block():
-    before = matplotlib.rcParams["font.size"], matplotlib.rcParams["svg.hashsalt"]
-    with style():
-        assert matplotlib.rcParams["font.size"] == 9.0
-        assert matplotlib.rcParams["font.sans-serif"] == ["DejaVu Sans"]
-    assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["svg.hashsalt"]) == before
 
 
 def test_looks_are_distinct_and_visible_on_white():

@@ -15,7 +15,6 @@ from study.core.store import Results
 from study.paper.items import ITEMS
 from study.site import evidence, gallery, reference
 from study.texts import HEADS
-from study.texts import HERE as TEXTS
 from tests.study.browser import dead
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -152,11 +151,3 @@ def test_links_that_lead_nowhere_are_found(tmp_path):
         "b/c.html: ../a.html#gone",
         "b/d.html: https://example.org/x.js comes from elsewhere",
     ]
-
-
-def test_figures_that_texts_place_have_scripts():
-    text = "".join(path.read_text() for path in TEXTS.glob("*.html"))
-    placed = re.findall(r'figure\("([^"]+)"\)', text)
-    assert len(placed) > 40
-    drawn = {path.stem for path in (evidence.ROOT / "figures").glob("*.py")}
-    assert {*placed} <= drawn

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study.verification import friction, v4_spence, v6_greco, v7_wedge
+from study.verification import friction, v4_spence, v6_greco
 
 OPEN, STICK, SLIP = 0, 1, 2
 T6 = ("galerkin-T6", "pw-T6")
@@ -41,16 +41,3 @@ def test_stick_radius_below_a_flat_punch(material, known):
     assert abs(scalars["stick"] - known) < reach
     assert scalars["pass_change"] < 1e-6
     assert scalars["force_normal"] == pytest.approx(v4_spence.FORCE / 2, rel=1e-9)
-
-
-@pytest.mark.parametrize("element", T6)
-@pytest.mark.parametrize("mu", friction.WEDGE_SPRINGS)
-def test_wedge_slides_as_statics_says(element, mu):
-    result = v7_wedge.sliding(element, mu, (8, 2))
-    scalars = result.scalars
-    assert scalars["ratio"] == pytest.approx((0.1 + mu) / (1 - 0.1 * mu), rel=1e-9)
-    assert scalars["sliding"] == pytest.approx(scalars["sliding_known"], rel=1e-7)
-    assert scalars["sliding"] == pytest.approx(friction.WEDGE_SLIDING, abs=5e-4)
-    assert np.all(result.curves["status"] == SLIP)
-    limit = mu * result.curves["force_n"]
-    assert result.curves["force_t"] == pytest.approx(limit, abs=1e-8 * scalars["force_normal"])

@@ -12,7 +12,6 @@ from study.verification.half_space import (
     HertzLine,
     HertzSphere,
 )
-from study.verification.indentation import growing
 
 BODY = Elastic(1000.0, 0.3)
 KNOWN = [
@@ -79,11 +78,3 @@ class TestExactFields:
         assert known.force_within(np.array([end]))[0] == pytest.approx(quad(density, 0, end)[0])
         whole = known.force if isinstance(known, ROUND) else known.force / 2
         assert known.force_within(np.array([known.half_width]))[0] == pytest.approx(whole)
-
-
-def test_growing_lines_start_with_the_smallest():
-    lines = growing(0.1, 4.0)
-    steps = np.diff(lines)
-    assert steps[0] == pytest.approx(0.1)
-    assert lines[-1] == pytest.approx(4.0)
-    assert np.all((steps[1:] / steps[:-1] > 1) & (steps[1:] / steps[:-1] < 1.3001))
