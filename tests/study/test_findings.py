@@ -42,7 +42,7 @@ PATTERNS = [f"{section}-{name}" for section, name in listed(QUICK)]
 CLAIMS = load_claims()
 CHOSEN = [c for c in CLAIMS if c.kind == "finding" and re.fullmatch("|".join(PATTERNS), c.id)]
 # Long series; ./run study computes and judges them, too
-SLOW = "(V8-real-all|V8-sym|C-(stress-ball|composite-force|real-solid|near-ring|near-curved-ring))-value"
+SLOW = "(V8-(real-all|sym)|C-(stress-ball|composite-force|real-solid|near-(curved-)?ring))-value"
 PINS = [
     pytest.param(one, marks=[pytest.mark.slow] * bool(re.fullmatch(SLOW, one.id)), id=one.id)
     for one in CLAIMS
