@@ -1,5 +1,6 @@
 """Results that are computed when a measure asks for them."""
 
+import fcntl
 from dataclasses import replace
 from functools import cache
 
@@ -47,11 +48,17 @@ class ComputedResults(Results):
 
     def __getitem__(self, key):
         if key not in self and key in cases():
-            case = cases()[key]
-            case = replace(case, parameters=case.parameters | self.parameters)
-            result = case.run(**case.parameters)
-            save(self.folder, case.section, case.name, result, case.stored_parameters, {})
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with (self.folder / f".{key.replace('/', '-')}").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)  # others wait: two that save would mix their files
+                if key not in self:
+                    self._compute(cases()[key])
         return super().__getitem__(key)
+
+    def _compute(self, case):
+        case = replace(case, parameters=case.parameters | self.parameters)
+        result = case.run(**case.parameters)
+        save(self.folder, case.section, case.name, result, case.stored_parameters, {})
 
     def section(self, section):
         return [Lazy(self, key) for key in cases() if key.startswith(f"{section}/")]
