@@ -39,19 +39,25 @@ V8: cylinder-galerkin-Q8 free-plane-stress-galerkin-Q8 quadrature-galerkin-T6 ro
 V8: square-pw-T6 strip-pw-T6 tube-pw-T6
 V9: pw-lumped
 V10: patch-pw-H27 tilted-sibling-T10 sphere-pw-T10-5 punch-galerkin-T10-2
-V10: mindlin-pw-T10-2 mindlin-pw-T10-8
+V10: mindlin-pw-T10-8
 V11: patch-3d-pw-dual overhang-2d-p2-dual hertz-2d-pw-dual-16 cattaneo-pw-dual-8 unequal-pw-dual-16
 V11: r0094-pw-dual spheres-pw-dual-3 patch-3d-calculix-mortar
 V12: bar-2d-sibling-16 frequency-square-hrz step-cube-sibling bar-3d-sibling-14
 V13: square-pw-32 cube-transferred-4 graded-pw-16 sourced-standard-16 sourced-trefftz-6
 V13: cube-pw-24
-V14: punch-pw-T6-16 punch-pw-T10-2 smooth-pw-T6-4 linear-pw-T6-8 punch-pw-T10-8
+V14: punch-pw-T6-16 smooth-pw-T6-4 linear-pw-T6-8 punch-pw-T10-8
 K: contact-pw-T10-8-Iterative contact-C3D10-8-CalculiX
 V15: square-pw-hybrid-T6-0.5-8 cube-pw-hybrid-T10-0.4999-3 cook-pw-hybrid-T6-32
 V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-pw-hybrid-Q9
-V15: presses-pw-hybrid-T6-32 pushed-pw-hybrid-T6-30 sphere-pw-hybrid-H27-3 seal-pw-hybrid-T6-8
+V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
 """)
+]
+LONG = [
+    "V10/mindlin-pw-T10-2",
+    "V14/punch-pw-T10-2",
+    "V15/pushed-pw-hybrid-T6-30",
+    "V15/seal-pw-hybrid-T6-8",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -109,10 +115,10 @@ def test_quick_cases_are_of_all_problems():
     def problems(cases):
         return {(case.section, case.run.__name__) for case in cases}
 
-    assert problems(CASES[key] for key in QUICK) == problems(CASES.values()) - SLOW
+    assert problems(CASES[key] for key in QUICK + LONG) == problems(CASES.values()) - SLOW
 
 
-@pytest.mark.parametrize("key", QUICK)
+@pytest.mark.parametrize("key", QUICK + [pytest.param(k, marks=pytest.mark.slow) for k in LONG])
 def test_every_number_has_a_suitable_unit(key, results):
     case, read = CASES[key], results[key]
     assert read.parameters == case.stored_parameters
