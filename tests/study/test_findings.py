@@ -20,8 +20,8 @@ s4: lumped
 s5: q9-even identity rigid diagonal q9-unsymmetric
 T: (?!order).*
 C: symmetrised near-composite pairs
-P: native reactions cps6-thin cps6-buckling-thin transferred transferred-lifting surface reduced-contact
-P: reduced-radial normal elsewhere-.* tangential solid-friction
+P: native reactions cps6-thin cps6-buckling-thin transferred transferred-lifting surface
+P: reduced-contact reduced-radial normal elsewhere-.* tangential solid-friction
 V1: own displacement tributary-.* curved-.* round axis
 V2: nafems-.* force-order approach
 V3: forces-.* depth shear far-field transfer composite
