@@ -9,7 +9,7 @@ import pytest
 from pypdf import PdfReader
 
 from study import report, texts
-from study.core.store import Results, StudyError
+from study.core.store import MissingResult, Results, StudyError
 from study.report import build, render
 from study.texts import italics, numbers, statements
 from study.texts.statements import names_section
@@ -181,6 +181,9 @@ def test_what_is_missing_is_listed(out, text, tmp_path):
     html = text('{{ figure("fig77") }}', out)
     assert "Fig. 1 (the paper&#39;s Fig. 77) is not drawn" in html
     assert 'id="fig77"' in html
+    (out / "figures" / "fig05.svg").unlink()
+    with pytest.raises(MissingResult, match=r"fig05\.svg: draw them again with"):
+        render(Results(out))
 
 
 @pytest.mark.parametrize(
