@@ -22,7 +22,7 @@ SHELLS = [
     ("tube", "triangle", (4, 8), "inner"),
     ("tube", "quadrilateral", (4, 8), "outer"),
     ("tube in space", "tetrahedron", (2, 4), "inner"),
-    ("tube in space", "hexahedron", (2, 3), "outer"),
+    ("tube in space", "hexahedron", (2, 4), "outer"),
     ("sphere", "hexahedron", (2, 3), "inner"),
     ("revolved", "triangle", (4, 8), "outer"),
     ("revolved", "quadrilateral", (4, 8), "inner"),
