@@ -8,17 +8,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements import Body, Direct, Material, Reduction, Spaces, assemble_matrix, prescribe
-from pw_elements.contact import (
-    OPEN,
-    ContactPair,
-    ContactProblem,
-    Motion,
-    NotFound,
-    Parabola,
-    Plane,
-    solve_contact,
-)
+from pw_elements import Direct, Spaces
+from pw_elements.contact import OPEN, ContactPair, Motion, NotFound, Parabola
 from pw_elements.contact.interface import NoContactStated
 from pw_elements.contact.iteration import (
     ContactSystem,
@@ -39,18 +30,17 @@ from pw_elements.contact.rescue.condensed import (
     without_active_sets,
 )
 from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
-from pw_elements.elasticity import StressState
 from pw_elements.meshes import on_lines
 from study.verification.mesh_lines import growing
-from tests.contact.cases import Block, Greco, Punch, at
+from tests.contact.cases import Block, Elastic, Greco, Punch, at
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
 # Random problems on which the iteration cycles, crawls or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING = [158, 287, 264, 681, 991, 1134, 927, 132]
+FAILING = [158, 287, 264, 991, 1134, 132]
 # and on which it lets go of a surface or a body that friction can hold
-LOST = [667, 740, 799, 1441]
+LOST = [667, 1441]
 
 
 # -- the complementarity problem -------------------------------------------------------------
@@ -123,7 +113,7 @@ def test_lemke_ends_on_a_ray_where_there_is_no_solution():
 
 def started(case, pair, reduction, load, motions=(), free=()):
     """An increment from the undeformed body, its first place, and the condensed body."""
-    stated = ContactProblem(case.K, reduction, pair, case.space)
+    stated = case.problem(pair, reduction)
     interface = stated._stepping.interface
     system, rigid = stated._stepping._bound(free)
     target = Target.of(load, motions, interface)
@@ -142,10 +132,8 @@ def started(case, pair, reduction, load, motions=(), free=()):
 
 def test_condensed_stiffness_is_the_schur_complement():
     greco = Greco(4)
-    pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 1.0)
-    _, _, _, condensation, _ = started(greco, pair, greco.symmetry, greco.load)
-    K = greco.K[:, :]
-    x = greco.space.tabulate_dof_coordinates()[:, :2]
+    _, _, _, condensation, _ = started(greco, greco.pair(1.0), greco.symmetry, greco.push)
+    K, x = greco.K[:, :], greco.x
     base = np.flatnonzero(np.isclose(x[:, 1], 0.0))
     base = base[np.argsort(x[base, 0])]
     held = np.flatnonzero(np.isclose(x[:, 0], 0.04)) * 2
@@ -168,10 +156,9 @@ def test_a_body_that_floats_has_a_condensed_stiffness_of_nearly_no_translation()
 def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
     case = Punch()
     motion = Motion((0, None), (0, -217.3))
-    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
-    nothing = case.K.createVecLeft()
+    nothing = case.nothing
     stated, increment, place, condensation, _ = started(
-        case, pair, case.foot, nothing, [motion], ((0, 1),)
+        case, case.pair(0.6), case.foot, nothing, [motion], ((0, 1),)
     )
     state = stated.step(stated.undeformed, nothing, [motion])
     known = state.pairs[0]
@@ -199,12 +186,11 @@ def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
 
 def test_the_remedy_alone_finds_what_the_iteration_finds():
     greco = Greco(8)
-    pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 1.0)
     stated, increment, place, condensation, policy = started(
-        greco, pair, greco.symmetry, greco.load
+        greco, greco.pair(1.0), greco.symmetry, greco.push
     )
     found = without_active_sets(increment, lambda: condensation, place, policy, 50)
-    known = stated.step(stated.undeformed, greco.load)
+    known = stated.step(stated.undeformed, greco.push)
     difference = (found.full - known.displacement).norm()
     assert difference < 1e-12 * known.displacement.norm()
 
@@ -262,14 +248,8 @@ def test_nearly_incompressible_half_plane_is_pressed_and_pushed(method, build, n
     lines = np.concatenate([-right[:0:-1], right]), -growing(zone / n, 75 * a, growth)[::-1]
     cut = () if build == "quadrilateral" else (build,)
     cell = "triangle" if cut else build
-    body = Body(
-        method(on_lines(MPI.COMM_SELF, *lines, cell, *cut)),
-        Material(modulus, nu),
-        StressState.PLANE_STRAIN,
-    )
-    space = body.spaces.trial
-    K = assemble_matrix(body.stiffness())
-    base = [prescribe(space, i, at(1, lines[1][0])) for i in (0, 1)]
+    body = Elastic(on_lines(MPI.COMM_SELF, *lines, cell, *cut), method, E=modulus, nu=nu)
+    base = body.clamped(at(1, lines[1][0]))
     motions = [Motion((0, None), (0, -P))]
     motions += [Motion((None, None), (share * mu * P, -P)) for share in (0.2, 0.4)]
     punch = ContactPair(
@@ -278,18 +258,12 @@ def test_nearly_incompressible_half_plane_is_pressed_and_pushed(method, build, n
         mu,
         motions,
     )
-    arguments = K, [K.createVecLeft()] * 3, Reduction.dirichlet(space, base), punch, space
     with pytest.raises(NotFound):
-        solve_contact(*arguments, remedies=())
-    states = solve_contact(*arguments)
+        body.contact(punch, base, remedies=())
+    states = body.contact(punch, base)
     assert not any(state.substates for state in states)
     assert states[-1].pairs[0].force == pytest.approx((0.4 * mu * P, -P), rel=1e-8)
     assert max(state.residuals.largest() for state in states) < 1e-8
-
-
-def test_remedies_have_names():
-    with pytest.raises(ValueError, match="give some of 'condensed', 'cutback'"):
-        Greco(4).solve(1.0, remedies=("prayer",))
 
 
 # -- increments in parts ---------------------------------------------------------------------
@@ -333,9 +307,7 @@ def test_linear_systems_of_failed_attempts_are_counted(monkeypatch):
 def test_parts_are_the_increments_that_a_user_would_make():
     """A step that is refused beyond a third of the way is made in quarters."""
     case = Punch()
-    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
-    stated = ContactProblem(case.K, case.foot, pair, case.space)
-    nothing = case.K.createVecLeft()
+    stated, nothing = case.problem(case.pair(0.6), case.foot), case.nothing
     pressed = stated.step(stated.undeformed, nothing, [Motion((0, -0.1))])
     start = held_by(pressed, case.K, stated._stepping.interface)
     end = Target.of(nothing, [Motion((0.08, -0.2))], stated._stepping.interface)
@@ -373,7 +345,7 @@ def test_parts_are_the_increments_that_a_user_would_make():
 def test_a_state_holds_its_load():
     """K a - H r is the load, but for what supports carry."""
     case = Block(8)
-    stated = ContactProblem(case.K, case.free, case.pair(0.3), case.space)
+    stated = case.problem(case.pair(0.3))
     state = stated.step(stated.undeformed, case.pressure)
     start = held_by(state, case.K, stated._stepping.interface)
     assert (start.load - case.pressure).norm() < 1e-10 * case.pressure.norm()
@@ -387,9 +359,8 @@ def test_a_state_holds_its_load():
 
 def test_a_part_of_a_step_without_gaps_is_like_the_whole():
     case = Block(8)
-    stated = ContactProblem(case.K, case.free, case.pair(0.3), case.space)
+    stated = case.problem(case.pair(0.3))
     assert homogeneous(stated.undeformed)
     assert not homogeneous(stated.step(stated.undeformed, case.pressure))
     punch = Punch()
-    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
-    assert not homogeneous(ContactProblem(punch.K, punch.foot, pair, punch.space).undeformed)
+    assert not homogeneous(punch.problem(punch.pair(0.6), punch.foot).undeformed)
