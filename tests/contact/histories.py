@@ -32,7 +32,7 @@ def mortar(comm=MPI.COMM_SELF, element="petrov_galerkin", nu=0.3):
     """A body on another, held by it alone: pressed, then drawn to and fro."""
     stack = Stack((4, 3), element=element, nu=nu, comm=comm)
     problem = stack.problem(stack.pair("upper", 0.3), stack.clamped(at(1, 0.0)))
-    down, along = (stack.on_top(1e-3 * axis) for axis in np.eye(2)[::-1])
+    down, along = (stack.load(1e-3 * axis) for axis in np.eye(2)[::-1])
     return problem, [(along * share - down,) for share in (0, 0.15, 0.25, 0.1, -0.1, -0.25, 0.1)]
 
 

@@ -121,7 +121,7 @@ def held_by_contact(stack: Stack, slave, surface=None):
     pair = stack.pair(slave, 0.2)
     if surface is not None:
         pair = ContactPair(pair.nodes, surface, pair.friction)
-    return stack.K, stack.on_top(PUSHED), stack.clamped(at(2, 0.0)), pair, stack.space
+    return stack.K, stack.load(PUSHED), stack.clamped(at(2, 0.0)), pair, stack.space
 
 
 def _on_a_floor(stack, slave):
@@ -134,7 +134,7 @@ def _smooth(stack, slave):
     """Without friction, guided on top."""
     guided = [(i, at(2, end)) for i in range(2) for end in (0.0, 2.0)]
     supports = stack.held(*guided, (2, at(2, 0.0)))
-    return stack.K, stack.on_top((0, 0, -1e-3)), supports, stack.pair(slave), stack.space
+    return stack.K, stack.load((0, 0, -1e-3)), supports, stack.pair(slave), stack.space
 
 
 def _through_contact(stack, slave):

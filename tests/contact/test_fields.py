@@ -198,9 +198,9 @@ def test_gap_slip_and_status_are_those_of_the_displacements():
 
 def test_both_sides_of_matching_nodes_have_opposite_forces():
     blocks = Blocks()
-    (state,) = blocks.contact(blocks.pair(), blocks.foot, blocks.on_top((0.0, -3.0)))
+    (state,) = blocks.contact(blocks.pair(), blocks.foot, blocks.load((0.0, -3.0)))
     fields = ContactFields.of(state, blocks.body)
-    left = reactions(blocks.K, state.displacement, blocks.on_top((0.0, -3.0))).array_r
+    left = reactions(blocks.K, state.displacement, blocks.load((0.0, -3.0))).array_r
     foot = np.isclose(blocks.x, 0.0).any(axis=1)
     wrong = (left - fields.force.x.array).reshape(-1, 2)[~foot]
     assert np.abs(wrong).max() < 1e-9 * np.abs(left).max()

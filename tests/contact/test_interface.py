@@ -115,7 +115,7 @@ def test_a_point_may_couple_to_many_nodes_and_its_force_act_elsewhere(descent, d
 def test_operators_of_matching_nodes_leave_nothing_but_the_foot():
     """Forces are equal and opposite on the two sides, whatever else acts on them."""
     blocks = Blocks()
-    load = blocks.on_top((0.3, -3.0))
+    load = blocks.load((0.3, -3.0))
     (state,) = blocks.contact(blocks.pair(), blocks.foot, load)
     interface = nodal_interface([blocks.pair()], blocks.space, blocks.foot)
     G, H = dense(interface.motion), dense(interface.force)

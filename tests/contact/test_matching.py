@@ -49,8 +49,8 @@ class Blocks(Elastic):
         self.gap, self.top = gap, 2 * HEIGHT + gap
         self.foot = self.held((1, at(1, 0.0)), (0, at(0, 0.0)))
 
-    def on_top(self, traction):
-        return self.load(traction, at(1, self.top))
+    def load(self, traction, where=None):
+        return super().load(traction, where or at(1, self.top))
 
     def nodes(self, upper):
         where = HEIGHT + self.gap if upper else HEIGHT
@@ -71,7 +71,7 @@ class Blocks(Elastic):
 def test_uniform_pressure_passes_exactly(method, own_is_upper):
     blocks, down = Blocks(method), (0.0, -3.0)
     pair_ = blocks.pair(own_is_upper=own_is_upper)
-    (state,) = blocks.contact(pair_, blocks.foot, blocks.on_top(down))
+    (state,) = blocks.contact(pair_, blocks.foot, blocks.load(down))
     (pair,) = state.pairs
     end, middle = (1 / 6, 2 / 3) if method == GALERKIN else (1 / 4, 1 / 2)
     expected = np.full(13, 2 * end)
@@ -81,7 +81,7 @@ def test_uniform_pressure_passes_exactly(method, own_is_upper):
     assert np.abs(pair.gap).max() < 1e-12
     assert state.residuals.largest() < 1e-10
     # equal and opposite on both bodies: nothing is left of K a - f but the foot
-    r = reactions(blocks.K, state.displacement, blocks.on_top(down)).array_r.reshape(-1, 2)
+    r = reactions(blocks.K, state.displacement, blocks.load(down)).array_r.reshape(-1, 2)
     own, other = blocks.nodes(own_is_upper), blocks.nodes(not own_is_upper)
     assert r[own].sum(axis=0) == pytest.approx(-r[other].sum(axis=0), abs=1e-10)
     assert r[own].sum(axis=0) == pytest.approx(pair.force, abs=1e-10)
@@ -92,7 +92,7 @@ def test_bodies_that_stick_are_one_body(method):
     """With friction enough, two blocks move as the block that they would be if glued."""
     blocks, traction = Blocks(method), (1.0, -10.0)
     pair = blocks.pair(friction=5.0)
-    (state,) = blocks.contact(pair, blocks.foot, blocks.on_top(traction))
+    (state,) = blocks.contact(pair, blocks.foot, blocks.load(traction))
     assert (state.pairs[0].status == STICK).all()
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, 2 * HEIGHT), (6, 6))
     whole = Elastic(mesh, method, E=100.0)
@@ -111,7 +111,7 @@ def test_either_side_may_be_the_pair_s_own(gap):
         sign = -1.0 if own_is_upper else 1.0  # Parabola's rigid side is above for a positive radius
         level = HEIGHT if own_is_upper else HEIGHT + gap
         pair = blocks.pair(0.2, own_is_upper, Parabola((LENGTH / 2, level), sign * 10.0))
-        loads = [blocks.on_top((pull, -2.0)) for pull in (0.0, 0.3)]
+        loads = [blocks.load((pull, -2.0)) for pull in (0.0, 0.3)]
         state = blocks.contact(pair, blocks.clamped(at(1, 0.0)), loads)[-1]
         results.append((state.displacement.array_r, state.pairs[0]))
     (moved, own), (moved_too, other) = results

@@ -109,7 +109,7 @@ def test_slave_whose_facets_stick_out(cell):
     """A column on a wider block, which is the slave: what faces nothing stays open."""
     stack = Stack((5, 3) if cell in PLANE else (3, 2), cell, lower=(-0.37, 1.37))
     up = stack.up
-    load = stack.on_top(-PRESSURE * np.eye(stack.dim)[up])
+    load = stack.load(-PRESSURE * np.eye(stack.dim)[up])
     guides = [(i, at(up, 2.0)) for i in range(up)]
     supports = stack.held(*((i, at(up, 0.0)) for i in range(stack.dim)), *guides)
     (state,) = stack.contact(stack.pair("lower"), supports, load)
@@ -124,7 +124,7 @@ def test_patch_where_facets_are_covered_in_part(cell, slave):
     """The upper block ends inside of facets; what it leaves of the lower is pressed by loads."""
     end, h = (0.81, 0.1) if cell in PLANE else (0.83, 1 / 6)
     stack = Stack((5, 4) if cell in PLANE else (3, 2), cell, shape=lambda x: x * [end, 1.0, 1.0])
-    load = stack.on_top(-PRESSURE * np.eye(stack.dim)[stack.up])
+    load = stack.load(-PRESSURE * np.eye(stack.dim)[stack.up])
     nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
     pressed = -PRESSURE * weights_beyond(corners, end)
     np.add.at(load.array.reshape(-1, stack.dim)[:, stack.up], nodes, pressed)
@@ -382,7 +382,7 @@ def test_a_coarse_slave_is_warned_of(caplog):
 def test_a_body_held_by_nothing_is_named(traction, friction, kind, message):
     with pytest.raises(kind, match=message):
         STACK.contact(
-            STACK.pair("upper", friction), STACK.clamped(at(1, 0.0)), STACK.on_top(traction)
+            STACK.pair("upper", friction), STACK.clamped(at(1, 0.0)), STACK.load(traction)
         )
 
 

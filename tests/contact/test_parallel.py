@@ -51,7 +51,7 @@ def mortar(comm, cell="tetrahedron", element="petrov_galerkin", nu=0.3):
 def matching(comm):
     """Two blocks, the upper one held by the lower alone; their nodes coincide."""
     blocks = Blocks(divisions=(12, 6), comm=comm)
-    loads = [blocks.on_top((pull, -3.0)) for pull in (0.0, 0.4)]
+    loads = [blocks.load((pull, -3.0)) for pull in (0.0, 0.4)]
     states = blocks.contact(blocks.pair(0.3), blocks.clamped(at(1, 0.0)), loads)
     left = reactions(blocks.K, states[-1].displacement, loads[-1]).array_r
     force = ContactFields.of(states[-1], blocks.space).force.x.array[: len(left)]

@@ -1,6 +1,5 @@
 """Refusals against statics done by hand and another linear program."""
 
-
 from mpi4py import MPI
 
 import numpy as np

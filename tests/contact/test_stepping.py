@@ -136,7 +136,7 @@ def test_nodes_that_coincide_keep_their_displacements(tmp_path):
     """Two blocks that touch have nodes in one place, which a file has to tell apart."""
     blocks = Blocks()
     problem = blocks.problem(blocks.pair(), blocks.foot)
-    state = problem.step(problem.undeformed, blocks.on_top((0.0, -3.0)))
+    state = problem.step(problem.undeformed, blocks.load((0.0, -3.0)))
     problem.save(state, tmp_path / "state.npz")
     read = problem.load(tmp_path / "state.npz")
     assert np.array_equal(read.displacement.array_r, state.displacement.array_r)

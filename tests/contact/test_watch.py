@@ -157,7 +157,7 @@ def test_matching_nodes_slip_away_from_their_partners():
     problem = blocks.problem(blocks.pair(0.0), blocks.foot)
     state, slips = problem.undeformed, []
     for aside in (0.02, 0.05):
-        state = problem.step(state, blocks.on_top((0.0, -0.1)), [Motion((aside, 0.0))])
+        state = problem.step(state, blocks.load((0.0, -0.1)), [Motion((aside, 0.0))])
         (pair,) = state.pairs
         relative = np.abs(pair.displacement[:, 0] - aside).max()
         assert state.smallness.slip == pytest.approx(relative * 3)  # edges of 1/3

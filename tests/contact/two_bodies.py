@@ -103,9 +103,9 @@ class Stack(Elastic):
         mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
         return mask
 
-    def on_top(self, traction):
-        """Load vector."""
-        return self.load(traction, at(self.up, 2.0))
+    def load(self, traction, where=None):
+        """Load vector of a traction, on top unless told otherwise."""
+        return super().load(traction, where or at(self.up, 2.0))
 
     def pair(self, slave="upper", friction=0.0, motions=()):
         """A mortar pair."""
@@ -125,7 +125,7 @@ class Stack(Elastic):
 
     def pressed(self, slave="upper", friction=0.0, load=None):
         """The state of uniaxial stress: symmetry planes, a base that slides, pressure on top."""
-        load = self.on_top(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
+        load = self.load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
         supports = self.held(*((i, at(i, 0.0)) for i in range(self.dim)))
         return self.contact(self.pair(slave, friction), supports, load)[0]
 

@@ -74,21 +74,7 @@ PATHS = {
 
 @dataclass(frozen=True)
 class PairSketch:
-    """One pair in numbers; lengths over the body's size, mu phi F is the tangential force.
-
-    Args:
-        side: of the box.
-        part: of the side along its first axis, two numbers within 0 and 1.
-        kind: of surface.
-        shape: numbers that the surface of this kind takes.
-        gap: initial distance over the press.
-        mu: largest friction coefficient.
-        friction: "constant", "graded" or "half smooth".
-        drive: "rest", "moved" by translations or "pushed" by forces.
-        along: what a driven surface does tangentially: "held", "moved" or "free" (by force).
-        press: depth over the body's height, or force over modulus and area.
-        drag: tangential motion over the press, or force over mu times normal force.
-    """
+    """One pair in numbers; lengths over the body's size, mu phi F is the tangential force."""
 
     side: Side
     kind: str
@@ -105,30 +91,7 @@ class PairSketch:
 
 @dataclass(frozen=True)
 class Sketch:
-    """A problem in numbers, in the frame of the body.
-
-    Args:
-        seed: it follows from.
-        cell: of the mesh.
-        element: method of `Spaces`.
-        state: of the body.
-        divisions: cells along each axis (boxes, before they are cut).
-        pattern: of triangles.
-        size: lengths of the box.
-        lower: its lower corner.
-        waves: numbers of the mesh's distortion.
-        crown: by how much a side falls off from its middle to its edges, over the height.
-        modulus: E.
-        nu: Poisson's ratio.
-        thickness: of plane bodies.
-        support: name of the kind.
-        held: (side, component, prescribed value) of the supports.
-        pairs: at least one.
-        loads: (side, "traction" or "nodal", pressing, dragging) over modulus and strain.
-        path: its name.
-        steps: (press, drag) at the end of each increment.
-        strain: size of what is prescribed.
-    """
+    """A problem in numbers, in the frame of the body."""
 
     seed: int
     cell: str
@@ -180,19 +143,7 @@ class Sketch:
 
 @dataclass(frozen=True)
 class Problem:
-    """All that is stated, and `solve`.
-
-    Args:
-        sketch: what it was made of.
-        body: spaces, material and state.
-        K: stiffness.
-        space: of displacements.
-        loads: one per increment.
-        conditions: of the supports.
-        reduction: by them.
-        pairs: contact pairs.
-        turned: (dim, dim) from the sketch's frame to this one.
-    """
+    """All that is stated, and `solve`."""
 
     sketch: Sketch
     body: Body
@@ -529,15 +480,7 @@ def problem(
     stiffer: float = 1.0,
     backwards: bool = False,
 ) -> Problem:
-    """The problem of a seed.
-
-    Args:
-        seed: or a sketch.
-        comm: the mesh is distributed over.
-        turned: (dim, dim), turns or mirrors it; rows and columns of the identity, with signs.
-        stiffer: factor of the modulus, and of all forces.
-        backwards: lists the pairs in the other order.
-    """
+    """The problem of a seed."""
     plan = seed if isinstance(seed, Sketch) else sketch(seed)
     turn = np.eye(plan.dim) if turned is None else np.asarray(turned, dtype=float)
     return _Maker(plan, comm, turn, stiffer).problem(backwards)

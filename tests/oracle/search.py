@@ -43,18 +43,7 @@ TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance
 
 @dataclass(frozen=True)
 class Increment:
-    """What the law of n nodes speaks of, as linear functions of (z; 1), each (n, k + 1).
-
-    Args:
-        normal: r_n, the normal forces.
-        shear: r_t, along the tangents; zero where a support holds these.
-        gap: where a surface faces the node.
-        slip: along the tangents, since the increment's start.
-        balance: (b, k + 1), zero in equilibrium: of free surfaces, R - P.
-        mu: (n,).
-        faced: (n,), whether a surface faces the node.
-        stiffness: of a node, by which lengths are stated as forces.
-    """
+    """What the law of n nodes speaks of, as linear functions of (z; 1), each (n, k + 1)."""
 
     normal: np.ndarray
     shear: np.ndarray
@@ -68,14 +57,7 @@ class Increment:
 
 @dataclass(frozen=True)
 class Branch:
-    """Statuses of all nodes (n) of which none makes a state, and multipliers that say why.
-
-    Args:
-        allowed: (n, 4): open, sticking, slipping forwards and backwards; smooth nodes are open or
-            "sticking", which is closed.
-        normal, shear, gap, slip: (n,).
-        total: (b,), of the balances.
-    """
+    """Statuses of all nodes (n) of which none makes a state, and multipliers that say why."""
 
     allowed: np.ndarray
     normal: np.ndarray
