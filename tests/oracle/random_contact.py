@@ -53,7 +53,6 @@ from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import PATTERNS, mapped, quadrilaterals, triangles
 from tests.contact.polyline import Polyline
-from tests.contact.residuals import _contact_nodes
 
 Array = npt.NDArray[np.float64]
 Side = tuple[int, int]  # axis and end of the box
@@ -785,8 +784,7 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
     from tests.contact.residuals import residuals, walked, worst
-    from tests.oracle.proofs import contradictions, contradicts, flaws, linear_increment, sound
-    from tests.oracle.search import search
+    from tests.oracle.proofs import flaws, sound
 
     stated = problem(seed)
     result: dict = {"seed": seed, "description": stated.description, "outcome": "solved"}
@@ -798,14 +796,6 @@ def outcome(seed: int) -> dict:
         if isinstance(error, NoEquilibrium):
             proof = flaws(stated, len(states), error)
             result |= {"proof": proof, "proved": sound(proof)}
-        if _is_searchable(stated):
-            increment = linear_increment(stated, states)
-            found_by_search = search(increment)
-            there = "a state" if found_by_search.z is not None else "not known"
-            if found_by_search.closed:
-                flawed = not contradicts(contradictions(increment, found_by_search.closed))
-                there = "a flawed proof" if flawed else "no state"
-            result["search"] = there
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}
@@ -825,16 +815,6 @@ def outcome(seed: int) -> dict:
         "residuals": {name: max(f[name] for f in found) for name in found[0]} if found else {},
         "library": [state.residuals.largest() for state in states],
     }
-
-
-def _is_searchable(stated: Problem) -> bool:
-    """Whether gaps are linear in all motions, in the plane, and contact nodes are few."""
-    nodes = sum(len(_contact_nodes(pair, stated.space)[0]) for pair in stated.pairs)
-    linear = all(
-        pair.kind == "plane" or (pair.drive != "pushed" and pair.along != "free")
-        for pair in stated.sketch.pairs
-    )
-    return linear and nodes <= 60 and stated.space.mesh.geometry.dim == 2
 
 
 def _pressed(stated: Problem, states: Sequence[ContactState]) -> list[float]:
@@ -874,8 +854,6 @@ def summary(outcomes: Sequence[dict]) -> str:
     )
     proved = Counter(result["proved"] for result in outcomes if "proved" in result)
     lines.append(f"proofs against an equilibrium: {proved[True]}, flawed ones: {proved[False]}")
-    searched = Counter(f"{r['outcome']}: {r['search']}" for r in outcomes if "search" in r)
-    lines.append(f"refusals by a search of all statuses: {dict(searched)}")
     lines.append("worst residuals:")
     for result in sorted(outcomes, key=lambda result: -result["residual"])[:5]:
         lines.append(f"  {result['residual']:.1e}  {result['description']}")

@@ -1,4 +1,4 @@
-"""The oracle's search of all statuses, its proofs, and bodies that are loose."""
+"""All sets of statuses of five nodes against the library, and bodies that are loose."""
 
 from dataclasses import replace
 from itertools import product
@@ -8,23 +8,13 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
-from pw_elements.contact import (
-    ContactPair,
-    ContactProblem,
-    Motion,
-    NoEquilibrium,
-    NotFound,
-    NotUnique,
-    Plane,
-)
-from pw_elements.elasticity import StressState
+from pw_elements import prescribe
+from pw_elements.contact import ContactPair, Motion, NoEquilibrium, NotFound, NotUnique, Plane
 from pw_elements.meshes import triangles
-from tests.contact.cases import at
+from tests.contact.cases import GALERKIN, PW, Elastic, at
 from tests.contact.residuals import Step, _supports, residuals, worst
-from tests.oracle.proofs import contradictions, contradicts, linear_increment
+from tests.oracle.proofs import linear_increment
 from tests.oracle.random_contact import problem
-from tests.oracle.search import Found, search
 
 
 def equilibria(increment):
@@ -55,61 +45,46 @@ def equilibria(increment):
     return found
 
 
-class Pressed:
+class Pressed(Elastic):
     """A block with five nodes under a plate that a force presses and pushes."""
 
     def __init__(self, seed):
         rng = np.random.default_rng((11, seed))
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, float(rng.uniform(0.4, 1.0))), (2, 1))
         top = mesh.geometry.x[:, 1].max()
-        method = (Spaces.galerkin, Spaces.petrov_galerkin)[seed % 2]
-        body = Body(method(mesh), Material(1000.0, 0.3), StressState.PLANE_STRAIN)
-        self.space = body.spaces.trial
-        self.K = assemble_matrix(body.stiffness())
+        super().__init__(mesh, (GALERKIN, PW)[seed % 2])
         self.conditions = [prescribe(self.space, axis, at(1, 0.0)) for axis in (0, 1)]
         mu, smooth = float(rng.uniform(0.2, 2.5)), float(rng.uniform(0.2, 1.8))
         slope = rng.uniform(-0.3, 0.3)
         touching = np.array([0.0 if slope > 0 else 2.0, top])
-        push = float(rng.uniform(-1, 1)) * mu
-        motion = Motion((None, None), (push, -1.0))
+        motion = Motion((None, None), (float(rng.uniform(-1, 1)) * mu, -1.0))
         friction = lambda x: mu * (x[0] > smooth)  # noqa: E731
         plate = Plane(touching, (slope, -1.0))
         self.pairs = [ContactPair(at(1, top), plate, friction, [motion])]
-        self.loads = [self.K.createVecLeft()]
-
-    def stated(self):
-        supports = Reduction.dirichlet(self.space, self.conditions)
-        return ContactProblem(self.K, supports, self.pairs, self.space)
-
-    def increment(self):
-        return linear_increment(self, [])
+        self.loads = [self.nothing]
 
 
-KINDS = {seed: bool(equilibria(Pressed(seed).increment())) for seed in range(24)}
+KINDS = {seed: equilibria(linear_increment(Pressed(seed), [])) for seed in range(12)}
 
 
 def test_brute_force_meets_both():
-    assert 5 <= sum(KINDS.values()) <= 19
+    assert 3 <= sum(map(bool, KINDS.values())) <= 9
 
 
 @pytest.mark.parametrize("seed", KINDS)
-def test_search_finds_a_state_where_trying_all_statuses_does_and_nowhere_else(seed):
-    increment = Pressed(seed).increment()
-    found = search(increment)
-    assert (found.z is not None) == KINDS[seed]
-    assert bool(found.closed) != KINDS[seed]
-    if found.closed:
-        assert contradicts(contradictions(increment, found.closed))
-
-
-@pytest.mark.parametrize("seed", [seed for seed, there in KINDS.items() if not there])
-def test_increments_without_a_state_are_refused(seed):
+def test_library_finds_a_state_where_trying_all_statuses_does_and_nowhere_else(seed):
     stated = Pressed(seed)
-    with pytest.raises((NoEquilibrium, NotFound)):
-        stated.stated().step(stated.stated().undeformed, stated.loads[0], stated.pairs[0].motions)
-
-
-# -- proofs ----------------------------------------------------------------------------------
+    supports = stated.clamped(at(1, 0.0))
+    if not KINDS[seed]:
+        with pytest.raises((NoEquilibrium, NotFound)):
+            stated.contact(stated.pairs, supports)
+        return
+    (state,) = stated.contact(stated.pairs, supports)
+    place = linear_increment(stated, []).place
+    nodes = [np.argmin(np.linalg.norm(stated.x - x, axis=1)) for x in place]
+    moved = state.displacement.array_r.reshape(-1, 2)[nodes].ravel()
+    found = np.append(moved, state.pairs[0].translation)
+    assert min(np.abs(found - z).max() for z in KINDS[seed]) < 1e-8 * np.abs(found).max()
 
 
 def refused(seed, kind):
@@ -120,38 +95,7 @@ def refused(seed, kind):
     return stated, caught.value
 
 
-def test_closed_branches_contradict_the_law_and_hold_all_statuses():
-    """Statics alone do not rule an equilibrium out here, but elasticity does."""
-    stated, error = refused(276, NotFound)
-    increment = linear_increment(stated, error.states)
-    branches = search(increment).closed
-    assert contradicts(contradictions(increment, branches))
-    # what is no proof is not taken for one
-    assert not contradicts(contradictions(increment, branches[1:]))
-    assert not contradicts(contradictions(increment, (*branches, branches[0])))
-    stretched = replace(branches[0], normal=1.001 * branches[0].normal)
-    assert not contradicts(contradictions(increment, (stretched, *branches[1:])))
-    wider = branches[-1].allowed | branches[-1].allowed.any(axis=1, keepdims=True)
-    widened = replace(branches[-1], allowed=wider)
-    assert not contradicts(contradictions(increment, (*branches[:-1], widened)))
-    # a search that is not finished proves nothing
-    assert search(increment, most=30_000) == Found()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1310, 2276])
-def test_other_searches_prove_it_too(seed):
-    stated, error = refused(seed, NotFound)
-    increment = linear_increment(stated, error.states)
-    branches = search(increment).closed
-    assert branches
-    assert contradicts(contradictions(increment, branches))
-
-
-# -- loose bodies ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", [103, 762, 1386])
+@pytest.mark.parametrize("seed", [103, 762])
 def test_loose_bodies_are_told(seed):
     """The state attached has no forces and open gaps everywhere, so that others do, too."""
     stated, error = refused(seed, NotUnique)
