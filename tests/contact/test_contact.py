@@ -152,20 +152,6 @@ def test_start_from_a_coarser_mesh():
     assert [state.iterations for state in again] == [1, 1, 1, 1]
 
 
-def test_stick_remembers_its_slip():
-    """Pulled and let go, the block does not come back to where it was pressed."""
-    loads = block(20).pulled(60.0, 4)
-    states = block(20).contact(block(20).pair(0.3), loads=[*loads, *loads[-2::-1]])
-    pressed, back = states[0], states[-1]
-    assert back.pairs[0].force == pytest.approx((0, 800), abs=1e-9)
-    total = sum(state.pairs[0].slip for state in states[1:])
-    assert np.abs(total[:, 0]).max() > 1e-3
-    difference = (back.displacement - pressed.displacement).array_r.reshape(-1, 2)
-    # open or not, contact nodes move as they slip
-    moved = difference[back.pairs[0].node]
-    assert moved[:, 0] == pytest.approx(total[:, 0], abs=1e-12)
-
-
 def test_block_between_two_surfaces():
     """Two pairs: the floor, and a smooth plate on top that goes down and carries a force."""
     b, plate = block(20), Plane((0, 2.5), (0, -1))
@@ -183,32 +169,6 @@ def test_block_between_two_surfaces():
     other = pressed(Motion((0, None), (0, above.force[1])))
     assert other.pairs[1].translation == pytest.approx((0, -0.8))
     assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-9)
-
-
-def test_tilted_world_gives_the_same_contact():
-    """Nothing depends on the axes: the block, floor and loads turned by 30 degrees."""
-    turn = np.array([[np.sqrt(3), -1.0], [1.0, np.sqrt(3)]]) / 2
-
-    def side(axis, value):
-        return lambda x: np.isclose(turn.T[axis] @ x[:2], value)
-
-    def friction(x):
-        along = turn.T[0] @ x[:2]
-        return np.where((along > 0.2 - 1e-9) & (along < 3.8 + 1e-9), 0.3, 0.0)
-
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (20, 10))
-    mapped(mesh, lambda x: np.column_stack([x[:, :2] @ turn.T, x[:, 2]]))
-    body = Elastic(mesh, state="plane stress")
-    pressure = body.load(turn @ (0.0, -200.0), side(1, 2.0))
-    pulled = pressure + body.load(turn @ (60.0, 0.0), side(0, 4.0))
-    floor = ContactPair(side(1, 0.0), Plane((0, 0), turn[:, 1]), friction)
-    turned = body.contact(floor, loads=[pressure, pulled])
-    straight = block(20).solve(0.3, 60.0, increments=1)
-    for a, b in zip(turned, straight, strict=True):
-        assert a.pairs[0].force_normal == pytest.approx(b.pairs[0].force_normal, abs=1e-9)
-        tangential = b.pairs[0].force_tangential @ turn.T
-        assert a.pairs[0].force_tangential == pytest.approx(tangential, abs=1e-9)
-        assert a.pairs[0].status.tolist() == b.pairs[0].status.tolist()
 
 
 def test_residuals_of_contacts_without_force_or_displacement():
@@ -305,3 +265,57 @@ def test_a_plate_under_force_that_is_pressed_and_pushed_at_once(build, method, n
     assert state.pairs[0].force == pytest.approx((share * mu, -1.0), rel=1e-9)
     # one set of status with all slipping would leave the plate free
     assert (state.pairs[0].status == STICK).any()
+
+
+@pytest.mark.parametrize(("method", "angle"), [(PW, 0.7), (GALERKIN, 2.5)])
+def test_sliding_block_in_space(method, angle):
+    """Shear of uniform size mu p against the slip, whatever its direction: exact."""
+    mu, p, E = 0.3, 3.0, 10.0
+    along = np.array([np.cos(angle), np.sin(angle)])
+    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
+    body = Elastic(mesh, method, "solid", E, 0.0)  # without Poisson's effect slip is uniform, too
+    shear, stress, f = mu * p * along, np.zeros((3, 3)), body.nothing
+    stress[2, :2] = stress[:2, 2] = -shear
+    stress[2, 2] = -p
+    for axis, side in ((0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)):
+        f += body.load(stress @ ((2 * side - 1) * np.eye(3)[axis]), at(axis, side))
+    held = body.held(*((i, at(2, 1.0), u) for i, u in enumerate([*(-shear * 2 / E), -p / E])))
+    dragged = [Motion((0.1 * along[0], 0.1 * along[1], 0.0))]
+    (state,) = body.contact(
+        ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), mu, dragged), held, f
+    )
+    (contact,) = state.pairs
+    assert contact.force == pytest.approx([*shear, p], abs=1e-9)
+    friction = contact.force_tangential[:, :2]
+    assert friction == pytest.approx(mu * contact.force_normal[:, None] * along, abs=1e-9)
+    loaded = contact.force_normal > 1e-9
+    assert np.all(contact.status[loaded] == SLIP)
+    slip = -0.1 * np.tile(along, (loaded.sum(), 1))
+    assert contact.slip[loaded, :2] == pytest.approx(slip, abs=1e-9)
+    assert state.iterations <= 8
+    assert state.residuals.largest() < 1e-9
+
+
+def test_sphere_under_forces_in_space():
+    """Force and displacement control agree although normals and tangents turn on the way."""
+    mesh = create_box(MPI.COMM_SELF, [(-1, -1, 0), (1, 1, 1)], [6, 6, 2], CellType.tetrahedron)
+    body, mu, force = Elastic(mesh, state="solid"), 0.4, 120.0
+
+    def driven(motions):
+        ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), mu, motions)
+        return body.contact(ball, body.clamped(at(2, 0.0)))
+
+    around = [
+        Motion((None, None, None), (0.6 * mu * force * c, 0.6 * mu * force * s, -force))
+        for c, s in ((1.0, 0.0), (0.0, 1.0))
+    ]
+    states = driven([Motion((0, 0, None), (0, 0, -force)), *around])
+    again = driven([Motion(state.pairs[0].translation) for state in states])
+    for state, other in zip(states, again, strict=True):
+        assert state.residuals.largest() < 1e-8
+        assert other.pairs[0].force == pytest.approx(state.pairs[0].force, abs=1e-5)
+        assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-8)
+    for state, motion in zip(states[1:], around, strict=True):
+        assert state.pairs[0].force == pytest.approx(motion.force, abs=1e-6)
+        slide, pull = state.pairs[0].translation[:2], np.array(motion.force[:2])
+        assert slide @ pull > 0.9 * np.linalg.norm(slide) * np.linalg.norm(pull)

@@ -17,7 +17,6 @@ from pw_elements.contact import (
     ContactFields,
     ContactPair,
     Motion,
-    Parabola,
     Plane,
     Sphere,
     plot,
@@ -79,48 +78,6 @@ def test_even_pressure_is_a_constant_function(build, method, kind):
     for field in (fields.pressure, fields.tributary_pressure, fields.status):
         assert not field.x.array[elsewhere].any()
     assert (fields.status.x.array[below] != OPEN).all()
-
-
-def along(space, field, where, degree):
-    """Integral of a function over a line y = constant, piecewise of a degree between the nodes."""
-    nodes = on(space, where)
-    x = space.tabulate_dof_coordinates()[nodes, 0]
-    order = np.argsort(x)
-    x, values = x[order], field.x.array.reshape(-1, field.function_space.dofmap.index_map_bs)
-    values = values[nodes[order]]
-    if degree == 2:  # Simpson's rule
-        return (x[2::2] - x[:-2:2]) @ (values[:-2:2] + 4 * values[1::2] + values[2::2]) / 6
-    return (x[1:] - x[:-1]) @ (values[1:] + values[:-1]) / 2
-
-
-@pytest.mark.parametrize(("method", "degree"), [(PW, 1), (GALERKIN, 2)])
-def test_integrals_of_pressure_and_traction_are_the_total_force(method, degree):
-    """The load is 200 and 60 on lengths of 4 and 2; nodes' values in between as the weights."""
-    block = Block(12, method)
-    state = block.solve(0.3, 60.0, increments=2)[-1]
-    fields = ContactFields.of(state, block.body)
-    pressure, traction = (
-        along(block.space, field, at(1, 0.0), degree)
-        for field in (fields.pressure, fields.traction)
-    )
-    assert pressure == pytest.approx([800.0], rel=1e-9)
-    assert traction == pytest.approx([-120.0, 0.0], rel=1e-9, abs=1e-9)
-
-
-def test_integral_of_pressure_round_an_axis():
-    """A sphere pressed on a cylinder: uneven, and 2 pi r counts."""
-    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (8, 4)), uneven)
-    body = Elastic(mesh, PW, "axisymmetric", 100.0)
-    held = body.held((0, at(0, 0.0)), (1, at(1, 0.0)))
-    motion = Motion((0, None), (0, -7.0))
-    pair = ContactPair(at(1, 1.0), Parabola((0, 1), 3.0), 0.0, [motion])
-    (state,) = body.contact(pair, held)
-    nodes = on(body.space, at(1, 1.0))
-    r, p = body.x[nodes, 0], ContactFields.of(state, body.body).pressure.x.array[nodes]
-    order = np.argsort(r)
-    (r, p), h = (r[order], p[order]), np.diff(np.sort(r))
-    middle = (r[1:] + r[:-1]) * (p[1:] + p[:-1])
-    assert np.pi / 3 * h @ (r[1:] * p[1:] + r[:-1] * p[:-1] + middle) == pytest.approx(7, rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])

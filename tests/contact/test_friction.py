@@ -56,6 +56,14 @@ class Adhesive(Falling):
         return limit + 1.0, slope
 
 
+class Stiffening(Falling):
+    """Its coefficient is 0.1 without pressure and four times that under much of it."""
+
+    def limit(self, half, force):
+        limit, slope = super().limit(half, force)
+        return 0.4 * force - limit, 0.4 - slope
+
+
 @SOLVERS
 @pytest.mark.parametrize("p", [5.0, 60.0])
 def test_an_even_stress_has_the_friction_of_its_pressure(solver, p):
@@ -177,6 +185,7 @@ def test_chords_of_a_cone():
     "law",
     [
         *(Falling(-0.3, 1.0), Falling(np.nan, 1.0), Falling(0.3, lambda x: x), Falling),
+        *(Stiffening(0.3, 1e-8), Stiffening(0.3, 1e9)),
         *(Adhesive(0.3, 1.0), Coulomb(-0.1), Coulomb("0.3")),
     ],
 )

@@ -284,7 +284,3 @@ def test_bar_in_space_has_even_pressure_on_the_sibling_alone():
     assert "pressure_error_alone_max" in even
     assert "pressure_error_alone_max" not in uneven
     assert uneven["open_share"] > 0.05
-
-
-def test_unsymmetric_stiffness_gains_energy():
-    assert v12_impact.bar("pw", 2, 8).scalars["energy_end"] > 1.2

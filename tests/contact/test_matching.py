@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_mesh
+from dolfinx.mesh import create_mesh
 
 from pw_elements import reactions, solve
 from pw_elements._compat import cell_nodes
@@ -137,18 +137,6 @@ def test_relative_motion_and_its_force():
     by_force = driven((0.0, None), (0.0, given.force[1]))
     assert by_force.translation == pytest.approx((0.0, 0.01), rel=1e-9)
     assert by_force.force_normal == pytest.approx(given.force_normal, rel=1e-8)
-
-
-def test_two_blocks_in_space():
-    box = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], CellType.tetrahedron)
-    body = Elastic(doubled(box, (0.0, 0.0, 1.0)), state="solid", E=10.0)
-    lower, upper = (lower_nodes(body.space, 1.0, above) for above in (False, True))
-    pair = ContactPair(upper, MatchingNodes(lower, Plane((0, 0, 1), (0, 0, 1))), 0.3)
-    sides = body.held(*((i, at(i, 0.0)) for i in range(3)))
-    (state,) = body.contact(pair, sides, body.load((0.0, 0.0, -1.0), at(2, 2.0)))
-    assert state.pairs[0].force == pytest.approx((0, 0, 1), abs=1e-10)
-    assert np.all(state.pairs[0].force_normal > 1e-3)
-    assert state.residuals.largest() < 1e-10
 
 
 APART = Blocks(gap=0.1)

@@ -1,7 +1,5 @@
 """Two deformable bodies on meshes that do not match."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,6 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import gathered_trace
 from pw_elements.contact.interface.geometry import segments
-from pw_elements.contact.model import MatchingNodes
 from pw_elements.spaces import SubSpace
 from tests.contact.cases import at
 from tests.contact.two_bodies import PLANE, PRESSURE, Stack
@@ -235,19 +232,6 @@ def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, n
         assert found * area[known][counts, None] == pytest.approx(expected, abs=near)
 
 
-def test_matching_meshes_give_what_one_body_gives():
-    """Bonded by friction, the stack is a single body to the order of its elements."""
-    stack = Stack((6, 6))
-    nodal = MatchingNodes(stack.nodes("lower"), Plane((0.0, 1.0), (0.0, 1.0)))
-    one, other = (
-        stack.contact(pair, stack.moved_top([0.001, -0.02]))[0]
-        for pair in (stack.pair("upper", 50.0), ContactPair(stack.nodes("upper"), nodal, 50.0))
-    )
-    moved = other.displacement.array
-    assert one.displacement.array == pytest.approx(moved, abs=2e-3 * np.abs(moved).max())
-    assert one.pairs[0].force == pytest.approx(other.pairs[0].force, rel=2e-3)
-
-
 @pytest.mark.parametrize("motion", [Motion((0.0, 0.02)), Motion((0.0, None), (0.0, 0.01))])
 def test_motion_brings_the_opposite_body_nearer(motion):
     """Given and, under a force, free."""
@@ -351,18 +335,6 @@ def test_other_weights_are_refused(cell):
             stack.problem(stack.pair(), supports)
 
 
-def test_contact_points_alone_find_the_same():
-    """The remedy, on the Schur complement, after an iteration that may take one step only."""
-    stack = Stack((5, 4), upper=(0.13, 0.83))
-    pair, supports = stack.pair("upper", 0.2), stack.moved_top([0.002, -0.02])
-    whole, alone = (
-        stack.contact(pair, supports, **options)[0] for options in ({}, {"max_iterations": 2})
-    )
-    assert whole.iterations > 2
-    moved = whole.displacement.array
-    assert alone.displacement.array == pytest.approx(moved, abs=1e-10 * np.abs(moved).max())
-
-
 def test_a_coarse_slave_is_warned_of(caplog):
     stack = Stack((3, 12))
     for slave, warned in (("upper", False), ("lower", True)):
@@ -408,16 +380,3 @@ def test_bodies_that_overlap_are_named():
     stack = Stack((3, 2), shape=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
     with pytest.raises(ValueError, match="lie inside the body that they face"):
         stack.contact(stack.pair(), stack.moved_top([0.0, 0.0]))
-
-
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-def test_interference_is_pressed_out(cell):
-    """Uniaxial stress of two blocks that overlap by d: p = E' d / 2 for heights of one."""
-    depth, up = 1e-3, 1 if cell in PLANE else 2
-    count = (5, 4) if cell in PLANE else (3, 2)
-    stack = Stack(count, cell, shape=lambda x: x - depth * (2 - x[:, [up]]) * np.eye(3)[up])
-    supports = stack.held(*((i, at(i, 0.0)) for i in range(stack.dim)), (up, at(up, 2.0)))
-    (state,) = stack.contact(replace(stack.pair(), interference=True), supports)
-    modulus = 1.0 if stack.dim == 3 else 1 / (1 - 0.3**2)
-    exact = depth * modulus / (2 + depth)  # the upper block is longer by it
-    assert state.pairs[0].force[up] == pytest.approx(exact, rel=1e-9)

@@ -131,18 +131,6 @@ def test_what_nothing_holds_is_named_and_no_more_than_three_rescues_are_tried():
         alone.kept(new, old, slid)
 
 
-def test_nothing_is_asked_where_nothing_lets_go():
-    policy = hold(lambda _: 1 / 0)
-    closing = active(STICK, SLIP, STICK, STICK, direction=1.0)
-    assert policy.kept(closing, active(OPEN, OPEN, SLIP, STICK, direction=1.0), PULLED) is closing
-    in_space = replace(closing, direction=np.repeat(closing.direction, 2, axis=1))
-    frame = np.tile(np.eye(3), (N, 1, 1))
-    with pytest.raises(ZeroDivisionError):  # where slip turns, what it leaves free turns, too
-        LastHold(lambda *_: 1 / 0, np.zeros(N, dtype=np.int32), 1, SELF).kept(
-            in_space, in_space, replace(PULLED, frame=frame)
-        )
-
-
 def test_points_that_cycle_change_one_at_a_time():
     """Points that swap their states: the remedy lets the worst one go first."""
     cycles = Cycles(SELF)

@@ -21,9 +21,8 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue.refusals import Points, escape, proof
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import mapped, triangles
+from pw_elements.meshes import triangles
 from tests.contact.cases import Elastic, Greco, at
-from tests.contact.residuals import Step, residuals, worst
 from tests.contact.test_matching import doubled, lower_nodes
 from tests.oracle.proofs import flaws, sound
 from tests.oracle.random_contact import problem as random_problem
@@ -114,45 +113,6 @@ def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
         assert direction == pytest.approx([1, mu], rel=1e-6)
         assert error.velocity.rotation == pytest.approx(0.0, abs=1e-9)
         assert error.velocity.centre == pytest.approx(np.array([[1, 0.5]]))
-
-
-def test_least_missing_force_is_enough():
-    """With a little more than it the same block stands; with a little less it does not."""
-    body, slope = block(), floor(0.4, Plane((0, 0), (0.2, 1)))
-    error = refusal(body, slope, (1.0, -1.0))
-    more = error.missing.force[0] / 2.0  # per volume
-    body.solve(slope, tuple((1.0, -1.0) + 1.001 * more))
-    refusal(body, slope, tuple((1.0, -1.0) + 0.999 * more))
-
-
-@pytest.mark.parametrize(("share", "stands"), [(0.98, False), (1.02, True)])
-def test_ladder_against_a_smooth_wall(share, stands):
-    """It stands if mu is at least the horizontal over the vertical force at its foot."""
-    angle = np.radians(60)
-    turn = np.array([[-np.cos(angle), np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    length, width = 3.0, 0.2
-
-    def leaning(x):
-        return np.column_stack([x[:, :2] @ turn.T, x[:, 2:]])
-
-    mesh = mapped(triangles(SELF, (0.0, 0.0), (length, width), (8, 1)), leaning)
-    x = mesh.geometry.x
-    foot, top = x[np.argmin(x[:, 1])], x[np.argmin(x[:, 0])]
-    corners = [leaning(np.array([[a, b, 0.0]]))[0] for a in (0, length) for b in (0, width)]
-    middle = np.mean(corners, axis=0)
-    critical = (foot[0] - middle[0]) / (top[1] - foot[1])
-    ladder = Stated(mesh)
-
-    def near(place):
-        return lambda x: np.linalg.norm(x.T - place, axis=1) < 1e-9
-
-    ground = ContactPair(near(foot), Plane(foot[:2], (0, 1)), share * critical)
-    wall = ContactPair(near(top), Plane(top[:2], (1, 0)))
-    if stands:
-        state = ladder.solve([ground, wall], (0.0, -1.0))
-        assert state.pairs[1].force[0] == pytest.approx(critical * length * width)
-    else:
-        refusal(ladder, [ground, wall], (0.0, -1.0), "turns about .* slides along x on pair 0")
 
 
 def test_body_in_space_is_dragged_along_a_diagonal():
@@ -383,11 +343,3 @@ def test_what_is_not_found_says_where_no_proof_was_looked_for():
     with pytest.raises(NotFound) as flat:
         random_problem(1310).solve(remedies=())
     assert "none was looked for" not in str(flat.value)
-
-
-def test_friction_is_held_to_the_tolerance_where_coordinates_are_rounded():
-    """Near nu = 1/2 the round-off of gaps is 6e-8 of the forces here; slips have none of it."""
-    stated = random_problem(637)
-    with pytest.raises(NoEquilibrium) as error:
-        stated.solve()
-    assert worst(residuals(stated, [Step.of(state) for state in error.value.states])) < 1e-9

@@ -3,13 +3,11 @@
 from collections import Counter
 from itertools import product
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 
-from pw_elements import Direct, Spaces
-from pw_elements.contact import OPEN, ContactPair, Motion, NotFound, Parabola
+from pw_elements import Direct
+from pw_elements.contact import OPEN, Motion, NotFound
 from pw_elements.contact.interface import NoContactStated
 from pw_elements.contact.iteration import (
     ContactSystem,
@@ -30,9 +28,7 @@ from pw_elements.contact.rescue.condensed import (
     without_active_sets,
 )
 from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
-from pw_elements.meshes import on_lines
-from study.verification.mesh_lines import growing
-from tests.contact.cases import Block, Elastic, Greco, Punch, at
+from tests.contact.cases import Block, Greco, Punch
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
@@ -88,20 +84,6 @@ def test_lemke_finds_what_enumeration_finds():
         assert min(np.abs(x - other).max() for other in every) < 1e-9
 
 
-def test_lemke_solves_every_friction_problem_with_a_compliance():
-    """The matrix is copositive: a theorem says so, for any friction."""
-    rng = np.random.default_rng(2)
-    for _ in range(40):
-        M = friction_matrix(rng, 15)
-        q = rng.normal(size=len(M))
-        q[45:] = 0.0
-        x = lemke(M, q)
-        w = M @ x + q
-        assert x.min() >= 0
-        assert w.min() > -1e-8
-        assert np.abs(x * w).max() < 1e-8 * max(1.0, np.abs(x).max())
-
-
 def test_lemke_ends_on_a_ray_where_there_is_no_solution():
     assert lemke(np.array([[-1.0]]), np.array([-1.0])) is None
     assert lemke(np.zeros((2, 2)), np.array([-1.0, 1.0])) is None
@@ -142,15 +124,6 @@ def test_condensed_stiffness_is_the_schur_complement():
     inverse = np.linalg.inv(K[np.ix_(inner, inner)])
     schur = K[np.ix_(kept, kept)] - K[np.ix_(kept, inner)] @ inverse @ K[np.ix_(inner, kept)]
     assert np.abs(condensation.stiffness - schur).max() < 1e-10 * np.abs(schur).max()
-
-
-def test_a_body_that_floats_has_a_condensed_stiffness_of_nearly_no_translation():
-    block = Block(8)
-    _, _, _, condensation, _ = started(block, block.pair(0.3), block.free, block.pressure)
-    S = condensation.stiffness
-    for axis in (0, 1):
-        together = np.tile(np.eye(2)[axis], len(S) // 2)
-        assert np.abs(S @ together).max() < 1e-10 * np.abs(S).max()
 
 
 def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
@@ -222,44 +195,6 @@ def test_large_friction_from_a_cold_start():
     with pytest.raises(NotFound):
         greco.solve(30.0, remedies=())
     assert greco.solve(30.0).residuals.largest() < 1e-11
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "build", "n"),
-    [
-        (Spaces.galerkin, "quadrilateral", 15),
-        (Spaces.galerkin, "quadrilateral", 30),
-        (Spaces.petrov_galerkin, "quadrilateral", 15),
-        (Spaces.petrov_galerkin, "right_left", 30),
-    ],
-)
-def test_nearly_incompressible_half_plane_is_pressed_and_pushed(method, build, n):
-    """A block 150 a wide for a half plane, nu = 0.4999, Q/(mu P) = 0.4 in two steps."""
-    modulus, nu, radius, mu, P, growth = 1000.0, 0.4999, 20.0, 0.35, 4.0, 1.2
-    a = np.sqrt(4 * P * radius * (1 - nu**2) / (np.pi * modulus))
-    zone = 1.3 * a
-    beside = zone + growing(zone / n * growth, 75 * a - zone, growth)[1:]
-    right = np.concatenate([np.linspace(0, zone, n + 1), beside])
-    lines = np.concatenate([-right[:0:-1], right]), -growing(zone / n, 75 * a, growth)[::-1]
-    cut = () if build == "quadrilateral" else (build,)
-    cell = "triangle" if cut else build
-    body = Elastic(on_lines(MPI.COMM_SELF, *lines, cell, *cut), method, E=modulus, nu=nu)
-    base = body.clamped(at(1, lines[1][0]))
-    motions = [Motion((0, None), (0, -P))]
-    motions += [Motion((None, None), (share * mu * P, -P)) for share in (0.2, 0.4)]
-    punch = ContactPair(
-        lambda x: np.isclose(x[1], 0) & (np.abs(x[0]) < zone * (1 + 1e-9)),
-        Parabola((0, 0), radius),
-        mu,
-        motions,
-    )
-    with pytest.raises(NotFound):
-        body.contact(punch, base, remedies=())
-    states = body.contact(punch, base)
-    assert not any(state.substates for state in states)
-    assert states[-1].pairs[0].force == pytest.approx((0.4 * mu * P, -P), rel=1e-8)
-    assert max(state.residuals.largest() for state in states) < 1e-8
 
 
 # -- increments in parts ---------------------------------------------------------------------

@@ -179,21 +179,6 @@ def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
         assert (values(fields.status, nodes) == STICK).all()
 
 
-def test_a_body_held_by_two_pairs_alone_by_both_solvers():
-    """It lies on a rigid floor, and another one is pressed on it and pushed."""
-    stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83))
-    held = stack.held(*((i, at(2, 2.0), by) for i, by in enumerate((0.004, 0.004, -0.02))))
-    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.4)
-    found = []
-    for solver in (None, Iterative()):
-        (state,) = stack.contact([stack.pair("upper", 0.2), floor], held, solver=solver)
-        upper, lower = state.pairs
-        assert upper.force == pytest.approx(lower.force, rel=1e-8)
-        found.append(ContactFields.of(state, stack.body).pressure.x.array)
-    near = 1e-8 * np.nanmax(found[0])
-    assert found[1] == pytest.approx(found[0], abs=near, nan_ok=True)
-
-
 def test_areas_that_are_not_revolved_are_named():
     stack = Stack((4, 7), state="axisymmetric")
     pair = stack.pair()

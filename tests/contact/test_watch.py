@@ -127,15 +127,6 @@ def test_what_is_largest_within_a_cell_is_seen():
     assert 0.7 * np.abs(across).max() / 2 < rotation <= np.abs(across).max() / 2
 
 
-def test_a_turned_body_is_turned_by_its_angle():
-    """The theory's rotation is the sine of the angle, and strains are cosine - 1."""
-    space = SPACES["curved triangles"]().trial
-    angle = 0.01
-    c, s = np.cos(angle) - 1, np.sin(angle)
-    turned = in_space(space, lambda x: x @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 0]]).T)
-    assert Gradients(space).largest(turned) == pytest.approx((-c, s), rel=1e-9)
-
-
 # -- what states report ----------------------------------------------------------------------
 
 
@@ -207,14 +198,6 @@ def test_surfaces_do_not_pass_through(name):
     assert len(caught.value.states) < len(motions)
 
 
-def test_a_surface_that_goes_through_by_force_is_found():
-    """Nothing says beforehand where a force takes it."""
-    slack = Elastic(BLOCK.mesh, state="plane stress", E=1.0)
-    pushed = Motion((0, None), (0, -50.0))
-    with pytest.raises(SurfacePassed, match="whole thickness"):
-        driven(PLATE, pushed, body=slack, supports=slack.clamped(at(1, 0.0)))
-
-
 ALLOWED = {
     "deep": (PLATE, [(0, -1.9)]),
     "far along": (PLATE, [(1e4, -0.1)]),
@@ -236,39 +219,6 @@ def test_surfaces_may_go_where_they_like_outside(name):
     states = driven(surface, *motions, friction=0.3)
     assert len(states) == len(motions)
     assert all(state.residuals.largest() < 1e-10 for state in states)
-
-
-def test_a_body_may_go_along_as_far_as_it_likes():
-    """Between two plates that both move by twenty heights."""
-    pairs = [
-        ContactPair(at(1, 2.0), PLATE, 0.3, [Motion((0, -40.01))]),
-        ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 0.3, [Motion((0, -40.0))]),
-    ]
-    (state,) = BLOCK.contact(pairs)
-    assert state.smallness.strain < 0.01
-    assert state.pairs[0].displacement[:, 1] == pytest.approx(-40.01)
-
-
-def test_a_surface_may_go_where_the_body_was():
-    """A ball comes under a block that has been lifted by its supports."""
-    lifted = BLOCK.held((0, at(1, 0.0)), (1, at(1, 0.0), 5.0))
-    states = driven(BALL, (20, 0), (0, -2.2), friction=0.3, supports=lifted)
-    assert not states[-1].pairs[0].status.any()
-
-
-def test_a_slender_beam_may_bend_by_more_than_its_height():
-    beam = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (40.0, 1.0), (40, 2)), state="plane stress")
-    wall = beam.clamped(at(0, 0.0))
-
-    def top(x):
-        return np.isclose(x[1], 1.0) & (x[0] > 30.0)
-
-    with pytest.raises(SurfacePassed):  # gap and normal are taken where the beam was
-        beam.contact(ContactPair(top, Sphere((38.0, 2.0), 1.0), 0.0, [Motion((0, -8.0))]), wall)
-    slanted = ContactPair(top, Plane((40, 1), (-0.05, -1)), 0.0, [Motion((0, -3.0))])
-    (state,) = beam.contact(slanted, wall)
-    assert state.residuals.largest() < 1e-8
-    assert state.smallness.strain < 0.01
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
