@@ -203,32 +203,19 @@ AWAY = ContactPair(at(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
 EDGE = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
 ONE, OTHER = (rf"translation x of the body around \({x}, 0\.5\)" for x in (1, 6))
 ABOUT = " and ".join(rf"rotation about the axis along {a} through \(0, 0, 0\)" for a in "zyx")
+SPIN = r"rotation about the axis along z through \(1, 1, 0\.5\) and translation x and tr"
+HINGE = r"rotation about the axis along y through \(0, 1, 0\) and translation y"
+RING = ContactPair(at(0, 3.0), Plane((3, 0), (-1, 0)))
 FREE = {
     "ice": (block, ICE, "^increment 0: translation x"),
     "inclined": (block, floor(0.0, Inclined()), r"translation \(0\.8, 0\.6\)"),
     "apart": (two_apart, ICE, f"{ONE} and {OTHER}"),
     # a rough plate lies on a block on ice: it is free with the block, not by itself
-    "together": (
-        block,
-        [ICE, PLATE],
-        "0: translation x of the body and the surface of pair 1",
-    ),
-    "space": (
-        solid,
-        ICE_IN_SPACE,
-        r"rotation about the axis along z through \(1, 1, 0\.5\) and translation x and tr",
-    ),
+    "together": (block, [ICE, PLATE], "0: translation x of the body and the surface of pair 1"),
+    "space": (solid, ICE_IN_SPACE, SPIN),
     "pinned": (lambda: solid([(axis, corner) for axis in range(3)]), AWAY, ABOUT),
-    "hinged": (
-        lambda: solid(EDGE),
-        AWAY,
-        r"rotation about the axis along y through \(0, 1, 0\) and translation y",
-    ),
-    "axis": (
-        lambda: block(state="axisymmetric", left=1.0),
-        ContactPair(at(0, 3.0), Plane((3, 0), (-1, 0))),
-        "0: translation y",
-    ),
+    "hinged": (lambda: solid(EDGE), AWAY, HINGE),
+    "axis": (lambda: block(state="axisymmetric", left=1.0), RING, "0: translation y"),
 }
 
 
