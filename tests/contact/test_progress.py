@@ -124,9 +124,8 @@ def on_a_terminal(*arguments):
     return written.decode()
 
 
-@pytest.mark.parametrize("word", ["", "warnings"])
-def test_a_line_on_a_terminal_says_what_is_done_and_goes(word):
-    written = on_a_terminal(word)
+def test_a_line_on_a_terminal_says_what_is_done_and_goes():
+    written = on_a_terminal("warnings")
     lines = written.split("\r\x1b[K")
     size = BLOCK.K.getSize()[0]
     for expected in (

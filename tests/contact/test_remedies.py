@@ -25,7 +25,6 @@ from pw_elements.contact.rescue.condensed import (
     lemke,
     scattered,
     sprung,
-    without_active_sets,
 )
 from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
 from tests.contact.cases import Block, Greco, Punch
@@ -155,17 +154,6 @@ def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
     order = np.arange(len(force))
     interface = stated._stepping.interface
     assert gathered(interface, scattered(interface, order)).tolist() == order.tolist()
-
-
-def test_the_remedy_alone_finds_what_the_iteration_finds():
-    greco = Greco(8)
-    stated, increment, place, condensation, policy = started(
-        greco, greco.pair(1.0), greco.symmetry, greco.push
-    )
-    found = without_active_sets(increment, lambda: condensation, place, policy, 50)
-    known = stated.step(stated.undeformed, greco.push)
-    difference = (found.full - known.displacement).norm()
-    assert difference < 1e-12 * known.displacement.norm()
 
 
 # -- problems on which the iteration fails ---------------------------------------------------
