@@ -11,8 +11,6 @@ nothing is asked but for the velocity that its error carries. It is a proof if
 A curved surface that is free to move is asked for its normals at many places: they may not turn.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -152,93 +150,3 @@ def _turned(pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool
     here = shape.normal(x - place)
     moves = np.where(free, rng.uniform(-1, 1, (20, len(place))), 0.0) * extent
     return max(float(np.abs(shape.normal(x - place - move) - here).max()) for move in moves)
-
-
-@dataclass(frozen=True)
-class Increment:
-    """What the law of n nodes speaks of, as linear functions of (z; 1), each (n, k + 1)."""
-
-    normal: Array  # r_n, the normal forces
-    shear: Array  # r_t, along the tangents; zero where a support holds these
-    gap: Array
-    slip: Array  # along the tangents, since the increment's start
-    balance: Array  # (b, k + 1), zero in equilibrium: of free surfaces, R - P
-    mu: Array  # (n,)
-    place: Array  # (n, 2)
-
-
-def linear_increment(problem, states) -> Increment:
-    """The increment after some states, of a problem in the plane, by the whole K; in serial.
-
-    Surfaces that are free to move have to be flat.
-    """
-    space = problem.space
-    dim, number = space.mesh.geometry.dim, len(states)
-    x = space.tabulate_dof_coordinates()[:, :dim]
-    K = problem.K[:, :]
-    f = problem.loads[number].array_r
-    held, values = _supports(problem.conditions, len(x), dim)
-    where = [
-        (k, int(n), mu)
-        for k, pair in enumerate(problem.pairs)
-        for n, mu in zip(*_contact_nodes(pair, space), strict=True)
-        if not held[n].all()
-    ]
-    nodes, pair_of = np.array([n for _, n, _ in where]), np.array([k for k, _, _ in where])
-    contact = np.zeros(x.shape, dtype=bool)
-    contact[nodes] = True
-    moved = np.flatnonzero((contact & ~held).ravel())
-    inner = np.flatnonzero((~contact & ~held).ravel())
-    place, was = np.zeros((2, len(problem.pairs), dim))
-    before = np.zeros((len(x), dim))
-    if states:
-        was = np.array([pair.translation for pair in states[-1].pairs])
-        before = states[-1].displacement.array_r.reshape(-1, dim)
-    free, asked = [], []
-    for k, pair in enumerate(problem.pairs):
-        motion = pair.motions[number] if pair.motions else None
-        for axis in range(dim):
-            u = 0.0 if motion is None else motion.translation[axis]
-            place[k, axis] = was[k, axis] if u is None else u
-            if u is None:
-                free.append((k, axis))
-                asked.append(0.0 if motion.force is None else motion.force[axis])
-    size = len(moved) + len(free) + 1
-    a = np.zeros((x.size, size))
-    a[:, -1] = np.where(held, values, 0.0).ravel()
-    a[moved, np.arange(len(moved))] = 1.0
-    right = -K[inner] @ a
-    right[:, -1] += f[inner]
-    a[inner] = np.linalg.solve(K[np.ix_(inner, inner)], right)
-    r = K @ a
-    r[:, -1] -= f
-    r[held.ravel()] = 0.0  # forces of supports
-    a, r = a.reshape(-1, dim, size)[nodes], r.reshape(-1, dim, size)[nodes]
-    U = np.zeros((len(problem.pairs), dim, size))
-    U[..., -1] = place
-    for k, at in enumerate(free):
-        U[at] = 0.0
-        U[at][len(moved) + k] = 1.0
-    balance = np.zeros((len(free), size))
-    for k, (pair, axis) in enumerate(free):
-        balance[k] = r[pair_of == pair, axis].sum(axis=0)
-        balance[k, -1] -= asked[k]
-    shapes = [problem.pairs[k].surface for k in pair_of]
-    points = x[nodes] - place[pair_of]
-    normal = np.array([s.normal(p[None])[0] for s, p in zip(shapes, points, strict=True)])
-    gap = np.array([s.gap(p[None])[0] for s, p in zip(shapes, points, strict=True)])
-    tangent = np.where(held[nodes], 0.0, np.column_stack([-normal[:, 1], normal[:, 0]]))
-    tangent *= np.linalg.norm(tangent, axis=1, keepdims=True) > 0.5
-    relative = a - U[pair_of]
-    towards = np.einsum("na,nab->nb", normal, relative)
-    towards[:, -1] += gap + np.sum(normal * place[pair_of], axis=1)
-    relative[..., -1] -= before[nodes] - was[pair_of]
-    return Increment(
-        np.einsum("na,nab->nb", normal, r),
-        np.einsum("na,nab->nb", tangent, r),
-        towards,
-        np.einsum("na,nab->nb", tangent, relative),
-        balance,
-        np.array([mu for _, _, mu in where]),
-        x[nodes],
-    )
