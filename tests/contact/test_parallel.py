@@ -250,31 +250,14 @@ def everything(comm, before, folder):
     return found
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """By the number of processes, of each of them; and where they have written."""
-    found, folders, before = {}, {}, None
-    for count in (1, 2, 3):
-        folders[count] = folder = tmp_path_factory.mktemp("processes") / str(count)
-        folder.mkdir()
-        if count == 1:
-            found[count] = [everything(MPI.COMM_SELF, before, folder)]
-        else:
-            found[count] = run_on(count, everything, before, folder)
-        before = folder
-    return found, folders
-
-
 def size(name, value):
     # displacements are of this size in all contact problems, gaps and slips may all be zero
     return 0.1 if name.endswith((" gap", " slip")) else np.abs(value).max()
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_numbers_and_words_are_the_same(runs, count):
-    serial = runs[0][1][0]
+def assert_same_numbers_and_words(serial, parallel):
     assert [said.split(":")[0] for said in serial["words"]] == KINDS
-    for process in runs[0][count]:
+    for process in parallel:
         assert process["words"] == serial["words"]
         assert process["numbers"].keys() == serial["numbers"].keys()
         for name, value in serial["numbers"].items():
@@ -296,11 +279,8 @@ def unique(values):
     return found
 
 
-@pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")
-@pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("name", FILES)
-def test_files_are_the_same(runs, count, name):
-    one, more = (vtx.read(runs[1][n] / f"{name}.bp") for n in (1, count))
+def assert_same_files(name, folder, another):
+    one, more = (vtx.read(of / f"{name}.bp") for of in (folder, another))
     for (time, serial), (other, parallel) in zip(one, more, strict=True):
         assert time == other
         if name == "matching":  # nodes of two bodies are in one place
@@ -321,25 +301,41 @@ def test_files_are_the_same(runs, count, name):
             assert np.nanmax(difference) < 1e-8 * max(scale, 1e-3), field
 
 
-@pytest.mark.parametrize("name", histories)
-def test_histories_go_on_with_other_processes(runs, name):
+def assert_same_histories(name, found, last):
     """Written on one process, gone on from on two, from there on three, and back on one."""
     problem, steps = histories[name]()
-    back = resumed(problem, steps, problem.load(runs[1][3] / f"{name}.npz"))
-    serial = runs[0][1][0]["histories"][name]
-    others = [process["histories"][name] for count in (2, 3) for process in runs[0][count]]
+    back = resumed(problem, steps, problem.load(last / f"{name}.npz"))
+    (first,), *later = ([of["histories"][name] for of in processes] for processes in found)
+    others = [states for processes in later for states in processes]
     others.append([{**fields(s), "displacement": s.displacement.norm()} for s in back])
     for states in others:
-        for state, known in zip(states, serial, strict=True):
+        for state, known in zip(states, first, strict=True):
             for field, values in known.items():
                 scale = values if field == "displacement" else scale_of(field, back)
-                assert np.abs(state[field] - values).max() < 1e-9 * scale, field
+                assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 
 
-def test_what_fails_on_one_process_ends_all_and_one_speaks(runs):
-    (first, lines), (second, others) = (process["told"] for process in runs[0][2])
+def assert_told(one, other):
+    """What fails on one process ends all, and one speaks."""
+    (first, lines), (second, others) = one, other
     assert first == ["Enough enough", "More one and two", True]
     assert second == ["Enough enough", "RuntimeError More: one and two", True]
     assert len(lines) > 2
     assert all(line.startswith(("increment 0: ", "LU by ")) for line in lines)
     assert not any(line.startswith("increment") for line in others)
+
+
+def test_one_two_and_three_processes_agree(tmp_path):
+    """In one test, which other workers would else compute once more for its parts."""
+    folders = [tmp_path / str(count) for count in (1, 2, 3)]
+    for folder in folders:
+        folder.mkdir()
+    found = [[everything(MPI.COMM_SELF, None, folders[0])]]
+    for count in (2, 3):
+        found.append(run_on(count, everything, folders[count - 2], folders[count - 1]))
+        assert_same_numbers_and_words(found[0][0], found[-1])
+        for name in FILES if vtx.library() else ():
+            assert_same_files(name, folders[0], folders[count - 1])
+    for name in histories:
+        assert_same_histories(name, found, folders[-1])
+    assert_told(*(process["told"] for process in found[1]))
