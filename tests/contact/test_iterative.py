@@ -8,15 +8,7 @@ from dolfinx.mesh import CellType, create_unit_cube
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from pw_elements import Direct, Iterative, Spaces
-from pw_elements.contact import (
-    STICK,
-    ContactPair,
-    FreeBody,
-    Motion,
-    NotFound,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import STICK, ContactPair, FreeBody, Motion, NotFound, Plane, solve_contact
 from pw_elements.contact.iteration import LinearisedLaw
 from pw_elements.contact.iteration.krylov import _apart
 from pw_elements.contact.model import MatchingNodes

@@ -84,14 +84,6 @@ def test_tetrahedra_of_gmsh_err_as_if_the_pressure_were_given():
     assert max(found[1:]) < 0.05
 
 
-@pytest.mark.slow
-def test_tetrahedra_of_gmsh_come_nearer_with_order_two():
-    found = [errors(Shells("sphere of Gmsh", "tetrahedron", (k, 1.37 * k)))[0] for k in (3, 6)]
-    orders = np.log2(np.divide(*found))
-    assert orders.min() > 2
-    assert max(found[1]) < 1e-2
-
-
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_gaps_of_meshes_are_of_order_four(cell):
     """They are pressed out where sides are not said to coincide."""

@@ -3,14 +3,7 @@ from decimal import Decimal, getcontext
 import numpy as np
 import pytest
 
-from pw_elements.contact import (
-    FlatPunch,
-    Motion,
-    Parabola,
-    Plane,
-    SignedDistance,
-    Sphere,
-)
+from pw_elements.contact import FlatPunch, Motion, Parabola, Plane, SignedDistance, Sphere
 from tests.contact.polyline import Polyline
 
 RANDOM = np.random.default_rng(5)
