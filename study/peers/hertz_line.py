@@ -124,10 +124,10 @@ class Line:
         x, y = self.nodes.T
         far = np.isclose(x, OUTER) | np.isclose(y, -OUTER)
         field = self.known.displacement(self.nodes[far])
-        for k, (u, v) in zip(np.flatnonzero(far) + 1, field, strict=True):
-            yield row([k, 1, 1, _short(u if x[k - 1] else 0.0)])
-            yield row([k, 2, 2, _short(v)])
-        yield from (row([k, 1, 1, 0.0]) for k in np.flatnonzero(np.isclose(x, 0.0) & ~far) + 1)
+        field[x[far] == 0, 0] = 0.0
+        for k, moved in zip(np.flatnonzero(far) + 1, field, strict=True):
+            yield from (row([int(k), i, i, _short(moved[i - 1])]) for i in (1, 2))
+        yield from (row([int(k), 1, 1, 0.0]) for k in np.flatnonzero(np.isclose(x, 0.0) & ~far) + 1)
 
     def numbers(self, printed: str) -> dict[str, Array]:
         """Places of the slave's nodes and CalculiX' pressures there, over Hertz' peak."""

@@ -243,5 +243,7 @@ CASES = [
         _stated(problem),
     )
     for name, problem in PROBLEMS.items()
-    if type(problem) in _RUNS  # the others are of sections P (p_standard), V11 and Q
+    if isinstance(
+        problem, TwoTriangles | Block | HalfBeam
+    )  # the others are of sections P (p_standard), V11 and Q
 ] + p_standard.CASES

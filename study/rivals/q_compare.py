@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from time import process_time
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,7 @@ from study.verification.recorded import longer
 
 TITLE = "What a user would pick instead"
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from functools import cache
 from importlib import import_module
 from time import process_time
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from study.rivals.problem import Form, NoSolution, Problem, line
 from study.rivals.q_compare import EDGES, FAILED, OFFSETS, sampled
 from study.units import dimensionless
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 
 METHODS = {
     "new": "new element",
