@@ -245,5 +245,5 @@ CASES = [
     for name, problem in PROBLEMS.items()
     if isinstance(
         problem, TwoTriangles | Block | HalfBeam
-    )  # the others are of sections P (p_standard), V11 and Q
+    )  # others: p_standard, V11, Q
 ] + p_standard.CASES
