@@ -243,7 +243,5 @@ CASES = [
         _stated(problem),
     )
     for name, problem in PROBLEMS.items()
-    if isinstance(
-        problem, TwoTriangles | Block | HalfBeam
-    )  # others: p_standard, V11, Q
+    if isinstance(problem, TwoTriangles | Block | HalfBeam)  # others: p_standard, V11, Q
 ] + p_standard.CASES
