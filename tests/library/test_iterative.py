@@ -1,11 +1,6 @@
 """The iterative solver gives the numbers of the direct one, or says why it does not."""
 
-import json
 import logging
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -41,8 +36,6 @@ from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, auto_solver, matrices
 from study.inner_nodes import centre_nodes
 from tests.contact.cases import at
-
-PROJECT = Path(__file__).parents[2]
 
 
 def box(cell, n=2, comm=MPI.COMM_SELF):
@@ -373,21 +366,3 @@ def test_modes_that_need_factors_or_more_iterations():
         vibration_modes(K, M, held, symmetrised=True, solver=Iterative())
     with pytest.raises(NotConverged, match="left a mode with the residual"):
         vibration_modes(K, M, held, solver=Iterative(options={"ksp_max_it": 3}))
-
-
-def numbers(processes):
-    python = [sys.executable, "-m", "mpi4py", "-m"]
-    command = ["mpirun", "-n", str(processes), *python, "tests.library.iterative_numbers"]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
-    assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout)
-
-
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-def test_same_numbers_on_one_two_and_three_processes():
-    serial = numbers(1)
-    for processes in (2, 3):
-        parallel = numbers(processes)
-        assert parallel.keys() == serial.keys()
-        for name, value in serial.items():
-            assert parallel[name] == pytest.approx(value, rel=1e-8), name
