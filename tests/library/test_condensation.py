@@ -4,7 +4,7 @@ import basix.ufl
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import create_mesh, exterior_facet_indices
+from dolfinx.mesh import create_mesh
 
 from pw_elements import (
     Body,
@@ -111,19 +111,6 @@ def test_guyan_reduction_has_one_stiffness_and_two_masses(problem):
     shift = np.tile([1.0, 0.0], len(M) // 2)
     for reduced in (M, M_symmetric):
         assert shift @ reduced @ shift == pytest.approx(dense(mass)[::2, ::2].sum(), rel=1e-12)
-
-
-@pytest.mark.parametrize("element", CONDENSED)
-def test_patch_test(element):
-    body = discretise(element, square, MATERIAL, StressState.PLANE_STRESS)
-    U, mesh = body.space, body.space.mesh
-    exact = fem.Function(U)
-    exact.interpolate(lambda x: np.array([[1.0, 0.4], [-0.3, 0.7]]) @ x[:2])
-    mesh.topology.create_connectivity(1, 2)
-    rim = fem.locate_dofs_topological(U, 1, exterior_facet_indices(mesh.topology))
-    f = assemble_vector(body.body.body_load((0.0, 0.0)))
-    a = solve(body.K, f, body.supports([fem.dirichletbc(exact, rim)]))
-    assert np.abs(a.array - exact.x.array).max() < 1e-12
 
 
 def test_cuts_agree_for_equilibrated_quadratic_displacements_only():

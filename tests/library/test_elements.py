@@ -123,8 +123,3 @@ def test_serendipity_is_nodal_and_holds_the_right_polynomials():
 
     assert interpolation_error(lambda x, y: x**2 * y - 3 * x * y**2 + y**2 - x * y + 2) < 1e-13
     assert interpolation_error(lambda x, y: x**2 * y**2) > 1e-2  # Q9 has it, Q8 does not
-
-
-def test_refuses_other_cells():
-    with pytest.raises(ValueError, match="prism"):
-        macro_element("prism")

@@ -166,32 +166,6 @@ def test_the_coarse_level_follows_what_is_held(blocked, tied):
         assert np.abs(grid.coarse[:, :] - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-def test_many_random_problems():
-    """Random cells, moduli, supports and loads, each of them regular."""
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        name = rng.choice([*BODIES])
-        spaces, state = BODIES[name]()
-        U = spaces.trial
-        nu = rng.uniform(-0.3, 0.45)
-        body = Body(spaces, Material(10 ** rng.uniform(-3, 9), nu), state)
-        K = assemble_matrix(body.stiffness())
-        x = U.tabulate_dof_coordinates()
-        block = U.dofmap.index_map_bs
-        nodes = rng.choice(len(x), size=rng.integers(3, len(x) // 2), replace=False)
-        whole = nodes[: max(3, len(nodes) // 2)].astype(np.int32)
-        held = [fem.dirichletbc(rng.normal(size=block), whole, U)]
-        for node in nodes[len(whole) :]:
-            component = int(rng.integers(block))
-            dofs = np.array([node * block + component], dtype=np.int32)
-            held.append(fem.dirichletbc(rng.normal(), dofs, U.sub(component)))
-        supports = Reduction.dirichlet(U, held)
-        f = K.createVecLeft()
-        f.setArray(body.material.youngs_modulus * rng.normal(size=f.getSize()))
-        a, b = (solve(K, f, supports, solver) for solver in (Iterative(), Direct()))
-        assert difference(a, b) < 1e-9, seed
-
-
 @pytest.mark.parametrize("rows", [12_000, 90])
 def test_matrices_in_blocks(monkeypatch, rows):
     """They give the same, coarse level included, however many rows are converted at once."""

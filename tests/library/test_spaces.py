@@ -1,6 +1,5 @@
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -10,12 +9,10 @@ from dolfinx.mesh import (
     create_box,
     create_interval,
     create_rectangle,
-    create_unit_square,
 )
 
 import pw_elements
 from pw_elements import Reduction, Spaces, assemble_matrix, assemble_vector, solve
-from pw_elements.spaces import NumberingError
 
 UNIT_SQUARE = [(0.0, 0.0), (1.0, 1.0)]
 UNIT_CUBE = [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0)]
@@ -54,22 +51,3 @@ def test_poisson_with_the_test_space_meets_a_quadratic(mesh):
     )
     a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(exact, rim)]))
     assert np.abs(a.array - exact.x.array[: a.getLocalSize()]).max() < 1e-12
-
-
-def test_refuses_a_trial_space_that_is_not_quadratic():
-    mesh = create_unit_square(MPI.COMM_SELF, 1, 1)
-    with pytest.raises(ValueError, match=r'"Lagrange", 2'):
-        pw_elements.test_space(fem.functionspace(mesh, ("Lagrange", 1)))
-    enriched = basix.ufl.element("iso", "triangle", 1)
-    with pytest.raises(ValueError, match="triangle"):
-        pw_elements.test_space(fem.functionspace(mesh, enriched))
-
-
-def test_refuses_spaces_that_number_differently():
-    trial = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 2, 2)).trial
-    other = Spaces.petrov_galerkin(create_unit_square(MPI.COMM_SELF, 3, 2)).test
-    with pytest.raises(NumberingError, match=r"test_space\(trial\)"):
-        Spaces(trial, other)
-    vector = Spaces.galerkin(trial.mesh, 0).trial
-    with pytest.raises(NumberingError):
-        Spaces(trial, vector)

@@ -11,7 +11,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix as dolfinx_matrix
-from dolfinx.mesh import CellType, create_unit_cube, meshtags
+from dolfinx.mesh import create_unit_cube, meshtags
 
 from pw_elements import (
     Body,
@@ -309,11 +309,3 @@ def test_values_and_nodal_slopes_may_be_asked_for():
 def _points(space):
     points = space.element.interpolation_points
     return points() if callable(points) else points  # a method up to DOLFINx 0.9
-
-
-def test_other_cells_have_their_plain_measure():
-    mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1, CellType.hexahedron)
-    dx = cell_measure(Spaces.petrov_galerkin(mesh, 0).test, 3)
-    assert dx.metadata() == {"quadrature_degree": 3}
-    tetrahedra = Spaces.galerkin(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
-    assert cell_measure(tetrahedra.test, 3).metadata() == {"quadrature_degree": 3}
