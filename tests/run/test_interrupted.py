@@ -70,12 +70,12 @@ class Run:
             if b"spawn_main" in (Path("/proc") / str(process) / "cmdline").read_bytes()
         ]
 
-    def wait(self, seconds=120):
+    def wait(self, seconds=1800):
         return self.process.wait(seconds)
 
     def survivors(self):
         """Return the processes that are there some time after the main one."""
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 600
         while (left := self.processes()) and time.monotonic() < deadline:
             time.sleep(0.05)
         return left
@@ -116,7 +116,7 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
     whole, out = tmp_path / "whole", tmp_path / "results"
     start = time.monotonic()
     run = Run(whole, *SECTIONS)
-    assert run.wait(600) == 0, run.told()
+    assert run.wait() == 0, run.told()
     seconds, expected = time.monotonic() - start, numbers(whole)
     ended, attempt = [], 0
     while len(ended) < KILLS:
@@ -133,7 +133,7 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
         killed = run.process.poll() is None
         with suppress(ProcessLookupError):  # it has just ended
             os.kill(victim, signal.SIGKILL)
-        status = run.wait(600)
+        status = run.wait()
         ended += [status] * killed
         assert status in (0, 1, -signal.SIGKILL), run.told()
         assert not run.survivors()
@@ -142,7 +142,7 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
         assert {key: after.get(key) for key in before} == before
     assert set(ended) >= {1, -signal.SIGKILL}  # workers with a case, and main processes
     run = Run(out, *SECTIONS, **compiled)
-    assert run.wait(600) == 0, run.told()
+    assert run.wait() == 0, run.told()
     assert numbers(out) == expected
     assert [path.name for path in out.rglob(".*")] == []
 
