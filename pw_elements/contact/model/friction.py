@@ -4,8 +4,9 @@ A law says how large the tangential force of a node may be beside its normal for
 
     |r_t| <= limit(r_n),    limit(0) = 0,
 
-and which slope the limit has. Coulomb's is mu r_n. The limit's chord, limit(r_n) / r_n, must never
-rise with r_n: so the slope at zero bounds it, and the cone of that slope holds all admitted forces.
+and which slope the limit has. Coulomb's is mu r_n. The coefficient limit(r_n) / r_n must never rise
+with r_n: so the slope at zero bounds it, and the cone of that slope holds all admitted forces. Laws
+are asked for it once, at forces of many sizes, for those of a problem are not known before.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+# Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
+_FORCES = 10.0 ** np.arange(-12, 13)
+_ROUND_OFF = 1e-9
 
 # Sides of the polygon that stands for the circle of friction in a linear problem
 SIDES = 8
@@ -70,34 +75,20 @@ class Coulomb:
     mu: float | Callable[[Array], Array]
 
     def at(self, x: Array) -> Array | float:
-        """The coefficient (n,) of nodes.
-
-        Args:
-            x: positions as columns (3, n).
-        """
+        """The coefficient (n,) of nodes at positions, columns (3, n)."""
         return self.mu(x) if callable(self.mu) else self.mu
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
-        """Largest tangential force (n,) beside a normal force, and its slope.
-
-        Args:
-            at: the coefficient (n,).
-            force: normal forces (n,).
-        """
+        """Largest tangential force (n,) beside a normal force, and its slope, the coefficient."""
         return at * force, at
 
 
 @dataclass(frozen=True)
 class Cone:
-    """Forces that the laws of friction admit at contact points (m), pair after pair.
+    """Forces that the laws of friction admit at contact points (m), pair after pair."""
 
-    Args:
-        laws: one per pair.
-        at: what each of them says of the pair's points.
-    """
-
-    laws: Sequence[Friction]
-    at: Sequence[Array]
+    laws: Sequence[Friction]  # one per pair
+    at: Sequence[Array]  # what each of them says of the pair's points
 
     def limit(self, force: Array) -> tuple[Array, Array]:
         """Largest tangential forces (m,) beside normal forces (m,), and their slopes (m,)."""
@@ -107,7 +98,6 @@ class Cone:
 
     @cached_property
     def _parts(self) -> list[slice]:
-        """Where the pairs' points are."""
         ends = np.cumsum([0, *map(len, self.at)])
         return [slice(*part) for part in pairwise(ends)]
 
@@ -121,6 +111,13 @@ class Cone:
     def steepest(self) -> Array:
         """Slope (m,) at zero, which bounds the coefficient."""
         return self.limit(np.zeros(sum(len(at) for at in self.at)))[1]
+
+    def rises(self) -> npt.NDArray[np.bool_]:
+        """Which points (m,) have a coefficient that rises with the normal force."""
+        with np.errstate(all="ignore"):  # far from what a law may have been made for
+            limits = [self.limit(np.full(len(self.steepest), one))[0] / one for one in _FORCES]
+            larger = np.diff([self.steepest, *limits], axis=0) > _ROUND_OFF * self.steepest
+        return np.asarray(larger.any(axis=0))
 
     @property
     def rough(self) -> npt.NDArray[np.bool_]:
@@ -150,13 +147,8 @@ def polygon(tangents: Array) -> Array:
 def dual_rows(mu: Array, along: Array, normal: Array, tangential: Array) -> Array:
     """v_n - mu v_t·d over the length of (1, mu), (m, k): one row each of a linear program.
 
-    Where it is negative in some direction d, forces of the cone brake the motion.
-
-    Args:
-        mu: slopes of the cones, (m,).
-        along: d, unit vectors (m, dim).
-        normal: v_n in each of k motions, (m, k).
-        tangential: v_t, (m, dim, k).
+    Where it is negative in some direction d, forces of the cone brake the motion. `along` has the
+    unit vectors d (m, dim), `normal` v_n (m, k) in each of k motions, `tangential` v_t (m, dim, k).
     """
     sliding = np.einsum("ma,mak->mk", along, tangential)
     return (normal - mu[:, None] * sliding) / np.sqrt(1 + mu**2)[:, None]
