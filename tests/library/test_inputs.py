@@ -109,6 +109,9 @@ def test_scalar_spaces_have_a_component_to_prescribe():
 
 
 def test_conditions_that_say_the_same_do_not_contradict():
+    """Nor do those on the test space, whose nodes are the same."""
+    one = prescribe(BLOCK.body.spaces.test, 0, BOTTOM)
+    assert Reduction.dirichlet(U, one).right.getSize()[1] < K.getSize()[0]
     both = [prescribe(U, 0, marker, 0.0) for marker in (at(0, 0.0), BOTTOM)]
     assert Reduction.dirichlet(U, both).right.getSize()[1] < K.getSize()[0]
 

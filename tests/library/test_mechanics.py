@@ -46,34 +46,18 @@ def cube(cell):
     return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], cell)
 
 
-SETTINGS = {
-    "T6": (lambda: mapped(square(), distorted), StressState.PLANE_STRESS),
-    "T6 strain": (lambda: mapped(square(), distorted), StressState.PLANE_STRAIN),
-    "T6 curved": (lambda: curved(square(), distorted), StressState.PLANE_STRESS),
-    "Q9": (lambda: mapped(quadrilaterals(), distorted), StressState.PLANE_STRESS),
-    "T10": (lambda: cube(CellType.tetrahedron), StressState.SOLID),
-    "H27": (lambda: cube(CellType.hexahedron), StressState.SOLID),
-}
-
-
 @pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_constant_strain_is_met(setting, method):
+def test_constant_strain_is_met_by_curved_cells(method):
     # patch test: boundary displacements of a linear field, which must come back inside
-    make_mesh, state = SETTINGS[setting]
-    spaces = method(make_mesh())
-    body = Body(spaces, MATERIAL, state)
-    d = spaces.mesh.geometry.dim
-    gradient = np.array([[1.0, 0.4, -0.2], [-0.3, 0.7, 0.5], [0.1, 0.6, -0.8]])[:d, :d]
+    spaces = method(curved(square(), distorted))
+    body = Body(spaces, MATERIAL, "plane stress")
     exact = fem.Function(spaces.trial)
-    exact.interpolate(lambda x: gradient @ x[:d])
-    spaces.mesh.topology.create_connectivity(d - 1, d)
-    rim = fem.locate_dofs_topological(
-        spaces.trial, d - 1, exterior_facet_indices(spaces.mesh.topology)
-    )
-    K = assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load(np.zeros(d)))
-    a = solve(K, f, Reduction.dirichlet(spaces.trial, [fem.dirichletbc(exact, rim)]))
+    exact.interpolate(lambda x: np.array([[1.0, 0.4], [-0.3, 0.7]]) @ x[:2])
+    spaces.mesh.topology.create_connectivity(1, 2)
+    rim = fem.locate_dofs_topological(spaces.trial, 1, exterior_facet_indices(spaces.mesh.topology))
+    f = assemble_vector(body.body_load((0.0, 0.0)))
+    held = Reduction.dirichlet(spaces.trial, [fem.dirichletbc(exact, rim)])
+    a = solve(assemble_matrix(body.stiffness()), f, held)
     assert np.abs(a.array - exact.x.array).max() < 1e-12
 
 

@@ -9,7 +9,6 @@ from pw_elements import (
     Material,
     Spaces,
     SurfaceNodes,
-    as_function,
     assemble_vector,
     boundary_measure,
     force_transfer,
@@ -86,14 +85,6 @@ def test_pressures_of_an_even_pressure(build, method, state):
     assert surface.tributary_pressure(np.column_stack([force, 2 * force]))[:, 1] == pytest.approx(6)
 
 
-def test_edges_and_rim_of_a_line():
-    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
-    assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
-    assert np.flatnonzero(surface.rim).tolist() == [0, 10]
-    halves = np.diff(surface.position[:, 0]) / 2
-    assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
-
-
 @pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
 def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
@@ -154,14 +145,6 @@ def test_surface_by_facets_is_that_of_the_marker():
         boundary_measure(mesh, np.array([-1]))
 
 
-def test_vector_as_a_function():
-    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
-    f = assemble_vector(body.body_load((1.0, 2.0)))
-    function = as_function(body.spaces.trial, f, "load")
-    assert function.name == "load"
-    assert function.x.array == pytest.approx(f.array_r)
-
-
 @pytest.mark.parametrize(
     "cell", [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
 )
@@ -189,3 +172,11 @@ def test_transferred_loads_are_those_of_the_weights(cell):
     given = T.createVecRight()
     T.multTranspose(even, given)
     assert given.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
+
+
+def test_edges_and_rim_of_a_line():
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
+    assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
+    assert np.flatnonzero(surface.rim).tolist() == [0, 10]
+    halves = np.diff(surface.position[:, 0]) / 2
+    assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
