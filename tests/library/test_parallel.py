@@ -288,7 +288,7 @@ def summed(states):
 
 def nested(comm):
     (coarse,) = solve_contact(*Solid(n=2, comm=comm).arguments("rough floor"), solver=Iterative())
-    solid = Solid(n=4, comm=comm)
+    solid = Solid(n=3, comm=comm)
     solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
     fine = solid.arguments("rough floor")
     (state,) = solve_contact(*fine, solver=Iterative(), start=coarse)
@@ -339,11 +339,11 @@ def iterative_numbers(comm):
         stack = Stack((4, 3), "tetrahedron", upper=(0.13, 0.83), comm=comm, **body)
         return contact(STACKED[case](stack, "upper"))
 
-    rubber = Solid(method=Spaces.hybrid, comm=comm, nu=0.5)
+    rubber = Solid(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
     return named(
         {cell: supported(comm, cell) for cell in ("tetrahedron", "hexahedron")}
         | {f"hybrid {cell}": incompressible(comm, cell) for cell in ("tetrahedron", "hexahedron")}
-        | {case: contact(Solid(comm=comm).arguments(case)) for case in CASES}
+        | {case: contact(Solid(n=2, comm=comm).arguments(case)) for case in CASES}
         | {f"hybrid {c}": contact(rubber.arguments(c)) for c in ("sphere", "plate by forces")}
         | {case: stacked(case, ratio=0.5) for case in STACKED}
         | {"hybrid stacked": stacked("held by contact", element="hybrid", nu=0.5)}
