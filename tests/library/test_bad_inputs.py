@@ -35,6 +35,7 @@ from pw_elements import (
     force_transfer,
     forces_along,
     lumped_mass,
+    nodal_flux,
     prescribe,
     reactions,
     solve,
@@ -247,6 +248,12 @@ class World:
     def modes(self, **changes):
         given = {"K": self.K, "M": self.M, "reduction": self.held, "count": 2}
         return vibration_modes(**given | changes)
+
+    def flux(self, spaces=None, r=None, where=left, value=1.0, **options):
+        if r is None:
+            r = fem.Function(self.scalar.trial).x.petsc_vec
+            r.set(value)
+        return nodal_flux(spaces or self.scalar, r, where, **options)
 
     def hybrid_modes(self, **changes):
         spaces = Spaces.hybrid(self.mesh)
@@ -586,6 +593,17 @@ REFUSED = [
     ("scale = nan", lambda w: draw(w.mesh, scale=NAN)),
     ("view", lambda w: draw(w.mesh, view=(1, 2, 3))),
     ("limits", lambda w: draw(w.mesh, limits=(1,))),
+    ("TypeError: spaces is of the type FunctionSpace", lambda w: w.flux(w.scalar.trial)),
+    ("TypeError: the vector of reactions is of the", lambda w: w.flux(r=np.ones(15))),
+    ("the vector of reactions has 90 degrees of", lambda w: w.flux(r=w.f)),
+    ("the vector of reactions is not finite", lambda w: w.flux(value=NAN)),
+    ("area 'mine': it is 'geometric' or 'own'", lambda w: w.flux(area="mine")),
+    ("TypeError: evened is 1", lambda w: w.flux(evened=1)),
+    ("T evens out reactions of the standard", lambda w: w.flux(evened=True)),
+    ("T evens out", lambda w: w.flux(Spaces.composite(w.mesh, 0), evened=True)),
+    ("T evens out", lambda w: w.flux(Spaces.galerkin(w.mesh, 0), evened=True, area="own")),
+    ("depth = 0.0: has to be positive", lambda w: w.flux(depth=0.0)),
+    ("the marker holds on no exterior facet", lambda w: w.flux(where=nowhere)),
     ("the form has several measures of exterior facets", lambda w: assemble_vector(w.two_loads())),
     ("the apex of a parabola (0, nan)", lambda w: Parabola((0, NAN), 1.0)),
     ("the offset of matching nodes (0, nan)", lambda w: MatchingNodes(below, FLOOR, (0, NAN))),

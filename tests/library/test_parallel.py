@@ -251,7 +251,7 @@ def impact(comm):
 
 def supported(comm, cell):
     body = Body(
-        Spaces.petrov_galerkin(box(comm, (2, 1, 1), (6, 3, 3), cell)), Material(1.0, 0.3), "solid"
+        Spaces.petrov_galerkin(box(comm, (2, 1, 1), (4, 2, 2), cell)), Material(1.0, 0.3), "solid"
     )
     U = body.spaces.trial
     K = assemble_matrix(body.stiffness())
@@ -266,7 +266,7 @@ def supported(comm, cell):
 
 
 def incompressible(comm, cell):
-    mesh = box(comm, (2, 1, 1), (6, 3, 3), cell)
+    mesh = box(comm, (2, 1, 1), (4, 2, 2), cell)
     body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), "solid")
     W = body.spaces.trial
     f = assemble_vector(body.body_load((0.0, 3e8, -1e9)))
@@ -336,7 +336,7 @@ def iterative_numbers(comm):
 
     def stacked(case, **body):
         """The upper one is the slave."""
-        stack = Stack((4, 3), "tetrahedron", upper=(0.13, 0.83), comm=comm, **body)
+        stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), comm=comm, **body)
         return contact(STACKED[case](stack, "upper"))
 
     rubber = Solid(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)

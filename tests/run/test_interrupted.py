@@ -194,32 +194,26 @@ def source(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("wrapped", [False, True])
-def test_compilation_that_was_killed_is_removed(source, wrapped):
-    error = waiting_for(source)
-    assert unblocked(ValueError(f"the form cannot be compiled: {error}") if wrapped else error)
-    assert not source.exists()
-
-
-def test_compilation_that_is_slow_is_waited_for(source):
-    source.with_suffix(".o").write_text("just made")
+def test_compilations_that_were_killed_or_made_twice_are_made_again(source):
+    """But one that is slow is waited for, and other errors block nothing."""
+    compiled, done = source.with_suffix(".o"), source.with_suffix(".c.cached")
+    compiled.write_text("just made")
     assert unblocked(waiting_for(source))
+    assert not unblocked(TimeoutError("of another kind"))
+    assert not unblocked(FileExistsError(17, "File exists", str(source)))
     assert source.exists()
-
-
-def test_compilation_that_two_have_made_is_made_again(source):
-    done = source.with_suffix(".c.cached")
+    compiled.unlink()
+    assert unblocked(waiting_for(source))
+    assert not source.exists()
+    source.write_text("")
+    os.utime(source, (0, 0))
+    assert unblocked(ValueError(f"the form cannot be compiled: {waiting_for(source)}"))
+    assert not source.exists()
     done.touch()
     with pytest.raises(FileExistsError) as caught:
         done.open("x")
     assert unblocked(caught.value)
     assert not done.exists()
-
-
-def test_other_errors_block_nothing(source):
-    assert not unblocked(TimeoutError("of another kind"))
-    assert not unblocked(FileExistsError(17, "File exists", str(source)))
-    assert source.exists()
 
 
 BLOCKED = """
