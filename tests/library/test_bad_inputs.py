@@ -251,7 +251,7 @@ class World:
 
     def flux(self, spaces=None, r=None, where=left, value=1.0, **options):
         if r is None:
-            r = fem.Function(self.scalar.trial).x.petsc_vec
+            r = PETSc.Vec().createSeq(self.scalar.trial.dofmap.index_map.size_local)
             r.set(value)
         return nodal_flux(spaces or self.scalar, r, where, **options)
 
