@@ -29,7 +29,7 @@ def pytest_addoption(parser):
         "--nightly",
         action="store_true",
         help="1 600 random contact problems in place of 60, 400 for the second solver in place of "
-        "40, 5 000 examples of each property, new ones each time, in place of 200, and the study "
+        "40, 5 000 examples of each property, new ones each time, in place of 40, and the study "
         "interrupted 80 times and killed 50 times",
     )
 
@@ -37,7 +37,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
     common = {"deadline": None, "database": None, "suppress_health_check": slow}
-    settings.register_profile("suite", max_examples=200, derandomize=True, **common)
+    settings.register_profile("suite", max_examples=40, derandomize=True, **common)
     settings.register_profile("nightly", max_examples=5000, print_blob=True, **common)
     settings.load_profile("nightly" if config.getoption("--nightly") else "suite")
     if not hasattr(config, "workerinput"):

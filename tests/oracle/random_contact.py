@@ -744,7 +744,8 @@ def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -
 def outcome(seed: int) -> dict:
     """What came of a seed, as JSON: solved or refused, iterations, norms, residuals."""
     from tests.contact.residuals import residuals, walked, worst
-    from tests.oracle.proofs import flaws, sound
+    from tests.oracle.proofs import contradictions, contradicts, flaws, linear_increment, sound
+    from tests.oracle.search import search
 
     stated = problem(seed)
     result: dict = {"seed": seed, "description": stated.sketch.description, "outcome": "solved"}
@@ -756,6 +757,14 @@ def outcome(seed: int) -> dict:
         if isinstance(error, NoEquilibrium):
             proof = flaws(stated, len(states), error)
             result |= {"proof": proof, "proved": sound(proof)}
+        if _is_searchable(stated):
+            increment = linear_increment(stated, states)
+            found_by_search = search(increment)
+            there = "a state" if found_by_search.z is not None else "not known"
+            if found_by_search.closed:
+                flawed = not contradicts(contradictions(increment, found_by_search.closed))
+                there = "a flawed proof" if flawed else "no state"
+            result["search"] = there
     except Exception as error:  # a bug, whatever it is: the others are to be seen, too
         states = []
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}
@@ -775,6 +784,18 @@ def outcome(seed: int) -> dict:
         "residuals": {name: max(f[name] for f in found) for name in found[0]} if found else {},
         "library": [state.residuals.largest() for state in states],
     }
+
+
+def _is_searchable(stated: Problem) -> bool:
+    """Whether gaps are linear in all motions, in the plane, and contact nodes are few."""
+    from tests.contact.residuals import _contact_nodes
+
+    nodes = sum(len(_contact_nodes(pair, stated.space)[0]) for pair in stated.pairs)
+    linear = all(
+        pair.kind == "plane" or (pair.drive != "pushed" and pair.along != "free")
+        for pair in stated.sketch.pairs
+    )
+    return linear and nodes <= 60 and stated.space.mesh.geometry.dim == 2
 
 
 def _pressed(stated: Problem, states: Sequence[ContactState]) -> list[float]:
@@ -798,6 +819,7 @@ def summary(outcomes: Sequence[dict]) -> str:
         for pressed, residual in zip(result["pressed"], result["library"], strict=True)
     )
     proved = Counter(result["proved"] for result in outcomes if "proved" in result)
+    searched = Counter(f"{r['outcome']}: {r['search']}" for r in outcomes if "search" in r)
     worst = sorted(outcomes, key=lambda result: -result["residual"])[:5]
     counts = dict(Counter(result["outcome"] for result in outcomes))
     forced = sum(result["driven by force"] for result in outcomes)
@@ -808,6 +830,7 @@ def summary(outcomes: Sequence[dict]) -> str:
             f"systems of an increment: median {np.median(iterations):.0f}, 99 % up to {tail}",
             f"states without contact force whose own residuals are above 1e-8: {alarms}",
             f"proofs against an equilibrium: {proved[True]}, flawed ones: {proved[False]}",
+            f"refusals by a search of all statuses: {dict(searched)}",
             *(f"  {result['residual']:.1e}  {result['description']}" for result in worst),
             *(
                 f"{result['outcome']}: {result['message']}\n  {result['description']}"

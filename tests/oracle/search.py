@@ -1,0 +1,335 @@
+"""A search of all statuses of contact nodes in the plane: a state, or the proof that none exists.
+
+Branch and bound. A branch allows each node some of the four statuses: open, sticking, slipping
+forwards or backwards along its tangent. What these have in common is linear in the motions z:
+
+    r_n >= 0,  g >= 0,  |r_t| <= mu r_n    always,
+    r = 0                                  of nodes that can but be open,
+    g = 0                                  of nodes that cannot,
+    v >= 0,  r_t = -mu r_n                 of nodes that can but slip forwards,
+
+and so on. A linear program asks by how much these conditions are violated at the least. If they
+can all hold, Newton's method tries from there, and a node at which r_n g, or the friction's work,
+is wrong has its statuses divided between two branches. If they cannot, the branch is closed, and
+the program's multipliers say why: a combination of the conditions that is negative for every z,
+
+    sum (normal r_n + shear r_t + gap g + slip v) + sum total (R - P) = -1,
+
+while each term is positive or zero by the law, or zero by balance. Where all branches are closed
+no state exists. That is arithmetic, and is checked as such by `tests/oracle/proofs.py`: round-off
+could undo it only at motions that are `HUGE` times those of the loads.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linprog
+
+# Sets of statuses that a branch may allow, and into which two of them each is divided
+ANY, OPENED, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
+ALLOWED = np.array([*map(list, ("1111", "1000", "0111", "0101", "0010", "0100", "0001"))]) == "1"
+DIVIDED = {
+    ANY: (OPENED, CLOSED),
+    CLOSED: (NOT_FORWARDS, FORWARDS),
+    NOT_FORWARDS: (STICKING, BACKWARDS),
+}
+CLOSES, NONE = 1e-7, 1e-9  # violation over the largest force that closes a branch, and that is none
+HUGE = 1e3  # motions, over those of the loads, up to which round-off leaves a closed branch closed
+CANDIDATES, NEWTON_STEPS, ATTEMPTS = 3, 8, 200
+MOST = 2_500_000  # linear programs times nodes squared: some ten seconds
+TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+
+
+@dataclass(frozen=True)
+class Increment:
+    """What the law of n nodes speaks of, as linear functions of (z; 1), each (n, k + 1).
+
+    Args:
+        normal: r_n, the normal forces.
+        shear: r_t, along the tangents; zero where a support holds these.
+        gap: where a surface faces the node.
+        slip: along the tangents, since the increment's start.
+        balance: (b, k + 1), zero in equilibrium: of free surfaces, R - P.
+        mu: (n,).
+        faced: (n,), whether a surface faces the node.
+        stiffness: of a node, by which lengths are stated as forces.
+    """
+
+    normal: np.ndarray
+    shear: np.ndarray
+    gap: np.ndarray
+    slip: np.ndarray
+    balance: np.ndarray
+    mu: np.ndarray
+    faced: np.ndarray
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Statuses of all nodes (n) of which none makes a state, and multipliers that say why.
+
+    Args:
+        allowed: (n, 4): open, sticking, slipping forwards and backwards; smooth nodes are open or
+            "sticking", which is closed.
+        normal, shear, gap, slip: (n,).
+        total: (b,), of the balances.
+    """
+
+    allowed: np.ndarray
+    normal: np.ndarray
+    shear: np.ndarray
+    gap: np.ndarray
+    slip: np.ndarray
+    total: np.ndarray
+
+
+@dataclass(frozen=True)
+class Found:
+    """A state z (k,), or all branches closed; neither if the search ended too early to tell."""
+
+    z: np.ndarray | None = None
+    closed: tuple[Branch, ...] = ()
+
+
+def search(increment: Increment, most: float = MOST) -> Found:
+    """Searches all statuses, with so many linear programs times nodes squared at most."""
+    conditions = _Conditions(increment)
+    most = most / max(1, len(conditions.faced)) ** 2
+    root = np.zeros(len(conditions.faced), dtype=np.int8)
+    first = conditions.least(root)
+    if first is None or first.closed:
+        return Found(closed=first.closed if first else ())
+    waiting, closed = [(root, first.z)], ()
+    programs, attempts = 1, 0
+    while waiting:
+        codes, z = waiting.pop()
+        if attempts < ATTEMPTS:
+            attempts += 1
+            state = _newton(increment, z)
+            if state is not None:
+                return Found(state)
+        options = []
+        for k in conditions.worst(codes, z):
+            tried = [(part, conditions.least(part)) for part in _parts(codes, k)]
+            programs += len(tried)
+            if any(least is None for _, least in tried):
+                return Found()
+            left = [(part, least.z) for part, least in tried if not least.closed]
+            if len(left) < len(tried):
+                closed += sum((least.closed for _, least in tried), ())
+                options = left
+                break
+            options = options or left
+        else:
+            if not options:
+                return Found()  # nothing is wrong, and yet it is no state
+        if programs > most:
+            return Found()
+        waiting += sorted(options, key=lambda option: -conditions.wrong(*option).sum())
+    return Found(closed=closed)
+
+
+def _parts(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
+    for code in DIVIDED[int(codes[node])]:
+        part = codes.copy()
+        part[node] = code
+        yield part
+
+
+def _newton(increment: Increment, z: np.ndarray) -> np.ndarray | None:
+    """A state by Newton's method on the equations of the statuses that z tells, or None."""
+    rows = (increment.normal, increment.shear, increment.gap, increment.slip)
+    c, mu, faced = increment.stiffness, increment.mu, increment.faced
+    rough = faced & (mu > 0) & np.any(increment.shear != 0, axis=1)
+    for _ in range(NEWTON_STEPS):
+        r_n, r_t, gap, slip = (part @ np.append(z, 1.0) for part in rows)
+        pressed, rubbed = r_n - c * gap, r_t - c * slip
+        if _obeys(increment, z, rough):
+            return z
+        closed = faced & (pressed > 0)
+        sticks = rough & closed & (np.abs(rubbed) <= mu * pressed)
+        share = np.where(rough & closed, np.sign(rubbed) * mu, 0.0)[:, None]
+        equations = np.concatenate(
+            [
+                np.where(closed[:, None], c * increment.gap, increment.normal),
+                np.where(
+                    sticks[:, None],
+                    c * increment.slip,
+                    increment.shear - share * increment.normal,
+                ),
+                increment.balance,
+            ]
+        )
+        z = np.linalg.lstsq(equations[:, :-1], -equations[:, -1], rcond=1e-12)[0]
+    return z if _obeys(increment, z, rough) else None
+
+
+def _obeys(increment: Increment, z: np.ndarray, rough: np.ndarray) -> bool:
+    """Whether z violates no line of the law by more than 1e-9 of the largest force."""
+    every = np.append(z, 1.0)
+    r_n, r_t, gap, slip, lack = (
+        part @ every
+        for part in (
+            increment.normal,
+            increment.shear,
+            increment.gap,
+            increment.slip,
+            increment.balance,
+        )
+    )
+    c, faced = increment.stiffness, increment.faced
+    size = np.abs(np.concatenate([r_n, r_t])).max() or 1.0
+    cone = np.where(rough, increment.mu * r_n, 0.0)
+    least = np.minimum(np.abs(cone - np.abs(r_t)), c * np.abs(slip))
+    lines = [
+        np.where(faced, np.maximum(-r_n, np.maximum(-c * gap, np.minimum(r_n, c * gap))), 0.0),
+        np.where(faced, 0.0, np.abs(r_n)),
+        np.abs(r_t) - cone,
+        np.where(rough, least, 0.0),
+        np.where(rough & (c * np.abs(slip) > NONE * size), r_t * np.sign(slip), 0.0),
+        np.abs(lack),
+    ]
+    return all(line.max(initial=0.0) <= NONE * size for line in lines)
+
+
+@dataclass(frozen=True)
+class _Least:
+    """A z of least violation, and the branch if that closes it."""
+
+    z: np.ndarray
+    closed: tuple[Branch, ...] = ()
+
+
+class _Conditions:
+    """Conditions >= 0, <= 0 or both, linear in z: r_n, g, mu r_n + r_t, mu r_n - r_t, v, others.
+
+    Lengths are stated as forces, by the nodes' stiffness, and forces over the largest one.
+    """
+
+    def __init__(self, increment: Increment) -> None:
+        self.faced = np.flatnonzero(increment.faced)
+        self._increment, faced = increment, self.faced
+        slides = np.any(increment.shear != 0, axis=1)
+        self._mu = mu = increment.mu[faced]
+        self._rough = slides[faced] & (mu > 0)
+        # what is zero in any case: forces where nothing faces a node, smooth shear, balances
+        self._away = ~increment.faced
+        self._smooth = slides & ~(increment.faced & (increment.mu > 0))
+        normal, shear = increment.normal[faced], increment.shear[faced]
+        rows = [
+            normal,
+            increment.stiffness * increment.gap[faced],
+            mu[:, None] * normal + shear,
+            mu[:, None] * normal - shear,
+            increment.stiffness * increment.slip[faced],
+            increment.normal[self._away],
+            increment.shear[self._smooth],
+            increment.balance,
+        ]
+        every = np.concatenate(rows)
+        self._weight = np.ones(len(every))
+        self._weight[2 * len(faced) : 4 * len(faced)] = np.tile(np.sqrt(1 + mu**2), 2)
+        self.force = np.abs(every[:, -1]).max(initial=0.0) or 1.0
+        self._length = self.force / increment.stiffness
+        self._slope = every[:, :-1] / increment.stiffness
+        self._value = every[:, -1] / self.force
+        self._rescale()
+
+    def _rescale(self) -> None:
+        """Takes the largest sum of normal forces for the scale, where there is one."""
+        least, _ = self._limits(np.zeros(len(self.faced), dtype=np.int8))
+        total = self._slope[: len(self.faced)].sum(axis=0)
+        best = linprog(
+            -total,
+            A_ub=-self._slope[least],
+            b_ub=self._value[least],
+            bounds=(None, None),
+            method="highs-ds",
+        )
+        if best.success:
+            most = total @ best.x + self._value[: len(self.faced)].sum()
+            share = float(np.clip(most, CLOSES, 1.0))
+            self.force, self._length = share * self.force, share * self._length
+            self._value = self._value / share
+
+    def _limits(self, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which conditions are >= 0, and which are <= 0."""
+        nodes, rough = len(codes), self._rough
+        least = np.ones((5, nodes), dtype=bool)
+        least[2:4] = rough
+        least[4] = rough & np.isin(codes, (FORWARDS, STICKING))
+        most = np.zeros((5, nodes), dtype=bool)
+        most[0] = codes == OPENED
+        most[1] = codes >= CLOSED
+        most[2] = rough & np.isin(codes, (OPENED, FORWARDS))
+        most[3] = rough & np.isin(codes, (OPENED, BACKWARDS))
+        most[4] = rough & np.isin(codes, (NOT_FORWARDS, STICKING, BACKWARDS))
+        always = np.ones(len(self._value) - 5 * nodes, dtype=bool)
+        return np.append(least.ravel(), always), np.append(most.ravel(), always)
+
+    def least(self, codes: np.ndarray) -> _Least | None:
+        """The z at which the conditions of a branch are violated least.
+
+        None if HiGHS fails, or if round-off might undo what closes the branch.
+        """
+        least, most = self._limits(codes)
+        sign = np.repeat((1.0, -1.0), (least.sum(), most.sum()))
+        row = np.concatenate([np.flatnonzero(least), np.flatnonzero(most)])
+        n = self._slope.shape[1]
+        best = linprog(
+            np.append(np.zeros(n), 1.0),
+            A_ub=np.column_stack([-sign[:, None] * self._slope[row], -self._weight[row]]),
+            b_ub=sign * self._value[row],
+            bounds=[(None, None)] * n + [(0.0, None)],
+            method="highs-ds",
+            options=TOLERANCES,
+        )
+        if not best.success:  # HiGHS gives up at times
+            return None
+        z = self._length * best.x[:n]
+        if best.fun <= CLOSES:
+            return _Least(z)
+        multiplier = np.zeros(len(self._value))
+        np.add.at(multiplier, row, sign * np.maximum(0.0, -best.ineqlin.marginals))
+        why = self._closed(codes, multiplier)
+        return None if why is None else _Least(z, (why,))
+
+    def _closed(self, codes: np.ndarray, multiplier: np.ndarray) -> Branch | None:
+        """The proof that multipliers of the conditions give, if they do."""
+        constant, slope = multiplier @ self._value, multiplier @ self._slope
+        if not -constant > HUGE * np.abs(slope).sum():
+            return None
+        faced, nodes = self.faced, len(self._away)
+        parts = np.split(multiplier / -constant / self.force, np.cumsum([len(faced)] * 5))
+        pressed, gap, forwards, backwards, slip, rest = parts
+        normal, shear, gaps, slips = np.zeros((4, nodes))
+        normal[faced] = pressed + self._mu * (forwards + backwards)
+        shear[faced] = forwards - backwards
+        away, smooth = np.flatnonzero(self._away), np.flatnonzero(self._smooth)
+        normal[away] += rest[: len(away)]
+        shear[smooth] += rest[len(away) : len(away) + len(smooth)]
+        gaps[faced], slips[faced] = gap, slip
+        allowed = np.tile(ALLOWED[OPENED], (nodes, 1))
+        allowed[faced] = ALLOWED[codes]
+        allowed[faced[~self._rough], 2:] = False  # smooth nodes have two statuses only
+        c, total = self._increment.stiffness, rest[len(away) + len(smooth) :]
+        return Branch(allowed, normal, shear, c * gaps, c * slips, total)
+
+    def wrong(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """What each node's law is violated by, beyond the conditions of a branch; (n,)."""
+        values = self._slope @ (z / self._length) + self._value
+        r_n, gap, ahead, behind, slip = values[: 5 * len(codes)].reshape(5, -1)
+        r_n, gap, ahead, behind = (np.maximum(0.0, part) for part in (r_n, gap, ahead, behind))
+        rubs = self._rough & (codes != OPENED) & (r_n > gap)
+        forwards = np.minimum(np.maximum(0.0, slip), ahead) * (codes != FORWARDS)
+        backwards = np.minimum(np.maximum(0.0, -slip), behind) * (codes != BACKWARDS)
+        return np.where(codes == ANY, np.minimum(r_n, gap), 0.0) + rubs * (forwards + backwards)
+
+    def worst(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """The nodes at which the law is violated most, and whose statuses can be divided."""
+        wrong = np.where(np.isin(codes, list(DIVIDED)), self.wrong(codes, z), 0.0)
+        wrong[~self._rough & (codes != ANY)] = 0.0
+        ranked = np.argsort(-wrong, kind="stable")[:CANDIDATES]
+        return ranked[wrong[ranked] > NONE]
