@@ -125,8 +125,9 @@ class Line:
         far = np.isclose(x, OUTER) | np.isclose(y, -OUTER)
         field = self.known.displacement(self.nodes[far])
         field[x[far] == 0, 0] = 0.0
-        for k, moved in zip(np.flatnonzero(far) + 1, field, strict=True):
-            yield from (row([int(k), i, i, _short(moved[i - 1])]) for i in (1, 2))
+        held = np.flatnonzero(far) + 1
+        for k, moved in zip(held.tolist(), field.tolist(), strict=True):
+            yield from (row([k, i, i, _short(moved[i - 1])]) for i in (1, 2))
         yield from (row([int(k), 1, 1, 0.0]) for k in np.flatnonzero(np.isclose(x, 0.0) & ~far) + 1)
 
     def numbers(self, printed: str) -> dict[str, Array]:
