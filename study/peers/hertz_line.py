@@ -125,9 +125,10 @@ class Line:
         far = np.isclose(x, OUTER) | np.isclose(y, -OUTER)
         field = self.known.displacement(self.nodes[far])
         field[x[far] == 0, 0] = 0.0
-        held = np.flatnonzero(far) + 1
-        for k, moved in zip(held.tolist(), field.tolist(), strict=True):
-            yield from (row([k, i, i, _short(moved[i - 1])]) for i in (1, 2))
+        for place, k in enumerate(np.flatnonzero(far)):
+            for axis in (0, 1):
+                moved = _short(float(field[place, axis]))
+                yield row([int(k) + 1, axis + 1, axis + 1, moved])
         yield from (row([int(k), 1, 1, 0.0]) for k in np.flatnonzero(np.isclose(x, 0.0) & ~far) + 1)
 
     def numbers(self, printed: str) -> dict[str, Array]:
