@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
-from pw_elements.algebra.problem_checks import check_problem, check_weights, refuse_negative
+from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import collective, flag, number, processes, whole
 from pw_elements.progress import doing
@@ -245,7 +245,6 @@ def buckling(
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
-    check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
     taken = _chosen(solver, reduction, symmetrised)
     every = partial(_buckles, unblocked(K), K_sigma, reduction, count, symmetrised)
     return with_fallback(taken, solver, reduction.supports, every)
