@@ -385,7 +385,9 @@ class Body:
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
-        return ufl.inner(self._vector("traction", traction), v) * self._depth() * self._stated(surface)
+        return (
+            ufl.inner(self._vector("traction", traction), v) * self._depth() * self._stated(surface)
+        )
 
     def body_load(self, force: Vector) -> ufl.Form:
         """Load of a body force vector (force per volume), Eq. (12).

@@ -130,7 +130,7 @@ class Shells:
         self.own = sides.pop(slave)
         (theirs,) = sides.values()
         nodes = fem.locate_dofs_topological(space, dim - 1, self.own)
-        surface = DeformableSurface(theirs, kind == "revolved", coincident)
+        surface = DeformableSurface(theirs, coincident=coincident)
         self.pair = ContactPair(nodes, surface)
         bore = boundary_measure(mesh, lambda x: np.isclose(radius(x), INNER), 6)
         normal = ufl.FacetNormal(mesh)

@@ -387,7 +387,7 @@ def test_ring_in_a_ring():
     behind = np.array([mesh.topology.connectivity(1, 2).links(f)[0] for f in facets])
     theirs, own = facets[of_outer[behind]], facets[~of_outer[behind]]
     nodes = fem.locate_dofs_topological(space, 1, own)
-    pair = ContactPair(nodes, DeformableSurface(theirs, revolved=True))
+    pair = ContactPair(nodes, DeformableSurface(theirs))
     bore = boundary_measure(mesh, at(0, inner))
     load = assemble_vector(body.surface_load((PRESSURE, 0.0), bore))
     held = [prescribe(space, 1, lambda x: np.isclose(x[1], 0.0) | np.isclose(x[1], height))]

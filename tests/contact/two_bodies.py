@@ -104,5 +104,5 @@ class Stack:
     def pair(self, slave="upper", friction=0.0, motions=()):
         """A mortar pair."""
         master = "lower" if slave == "upper" else "upper"
-        surface = DeformableSurface(self.sides[master], self.body.state.value == "axisymmetric")
+        surface = DeformableSurface(self.sides[master])
         return ContactPair(self.nodes(slave), surface, friction, motions)

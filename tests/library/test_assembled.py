@@ -58,7 +58,11 @@ def mass_of_another_mesh():
 
 def mass_of_another_state():
     one = plate()
-    modes(matrices(one)[0], matrices(plate("petrov_galerkin", "axisymmetric", one.spaces.mesh))[1], one)
+    modes(
+        matrices(one)[0],
+        matrices(plate("petrov_galerkin", "axisymmetric", one.spaces.mesh))[1],
+        one,
+    )
 
 
 def load_of_another_state():

@@ -1,6 +1,6 @@
 """Interfaces whose points are nodes: against rigid surfaces, and between matching nodes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from mpi4py import MPI
 
@@ -21,8 +21,8 @@ from pw_elements.contact.model import (
     MatchingNodes,
     Surface,
 )
-from pw_elements.elasticity import Sibling
-from pw_elements.spaces import is_hybrid
+from pw_elements.elasticity import StressState
+from pw_elements.spaces import Assembled, is_hybrid
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -35,11 +35,12 @@ def nodal_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    sibling: Sibling | None = None,
+    known: Assembled | None = None,
 ) -> Interface:
     """Contact points of pairs, and checks of what can be checked before any computation.
 
-    The unknowns are coefficients where a sibling is given, and gaps are theirs.
+    What is `known` of the stiffness tells whether areas are those of a circumference, and whether
+    the unknowns are a sibling's coefficients; gaps are theirs then.
 
     Raises:
         ValueError: for no nodes, a node that does not exist, lies inside of the body, is in two
@@ -71,7 +72,9 @@ def nodal_interface(
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         opposite = None
         if isinstance(pair.surface, DeformableSurface):
-            of_pair, shapes[k] = mortar_points(k, pair.surface, node, cone, body)
+            revolved = _revolved(k, pair.surface, known or Assembled(), dim)
+            depth = _depth(space.mesh.comm, k, pair, body.x[node])
+            of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
             points.append(of_pair)
             continue
         if isinstance(pair.surface, MatchingNodes):
@@ -79,8 +82,8 @@ def nodal_interface(
             faced.append(owned_nodes(whose, pair.surface.nodes, body.space))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
         points.append(_points(body, node, cone, opposite))
-    interfering = [pair.interference for pair in pairs]
-    inverse = None if sibling is None else sibling.inverse
+    interfering = [pair.interference is not False for pair in pairs]
+    inverse = None if known is None or known.sibling is None else known.sibling.inverse
     interface = Interface(points, shapes, body.field, interfering, inverse)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
@@ -135,11 +138,45 @@ def _check_dimension(number: int, surface: Surface, dim: int) -> None:
 
 def _cone(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Cone:
     """What the law of friction says at positions (n, dim); local, for use under the guard."""
+    whose = f"the friction of contact pair {number}"
+    return Cone([pair.law], [_at_nodes(comm, whose, pair.law.at, x)])
+
+
+def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | None:
+    """The nominal interference (n,) at positions (n, dim); None where sides do not coincide."""
+    depth = pair.interference
+    if not getattr(pair.surface, "coincident", False):
+        return None
+    if not callable(depth):
+        return np.full(len(x), float(depth))
+    with collective(comm):
+        return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
+
+
+def _at_nodes(
+    comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
+) -> Array:
+    """What a user's function says at positions (n, dim); local, for use under the guard."""
     points = np.zeros((3, len(x)))
     points[: x.shape[1]] = x.T
-    whose = f"the friction of contact pair {number}"
-    given = answer(comm, whose, pair.law.at, points) if len(x) else points[0]
+    given = answer(comm, whose, function, points) if len(x) else points[0]
     if is_number(given):  # the same everywhere
         given = np.full(len(x), given, dtype=float)
     layout = "it takes points as columns (3, n) and gives (n,)"
-    return Cone([pair.law], [field(whose, given, (len(x),), layout)])
+    return field(whose, given, (len(x),), layout)
+
+
+def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
+    """Whether areas are those of a circumference, by what is known of the stiffness if it is."""
+    axisymmetric = StressState.AXISYMMETRIC.value in known.states
+    if dim == 2 and not known.states and master.revolved is None:
+        raise ValueError(
+            f"contact pair {number}: the stiffness does not tell whether it is axisymmetric, as "
+            "that of a Body does; give DeformableSurface(..., revolved=True or False)"
+        )
+    if known.states and master.revolved not in (None, axisymmetric):
+        raise ValueError(
+            f"contact pair {number}: its surface is said to be revolved={master.revolved}, but the "
+            f"stiffness is one in {' and '.join(sorted(known.states))}"
+        )
+    return bool(axisymmetric or master.revolved)

@@ -56,6 +56,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 
+from pw_elements.checks import listed
 from pw_elements.contact.interface.geometry import (
     Segments,
     Trace,
@@ -67,7 +68,7 @@ from pw_elements.contact.interface.geometry import (
 )
 from pw_elements.contact.interface.nodes import BodyNodes
 from pw_elements.contact.interface.operators import DEFORMABLE, Points
-from pw_elements.contact.model import Cone, DeformableSurface
+from pw_elements.contact.model import Cone, ContactPair, DeformableSurface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import Assembled, exterior_facets, is_hybrid
 
@@ -268,10 +269,12 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
 def mortar_points(
     number: int,
-    master: DeformableSurface,
+    pair: ContactPair,
     node: npt.NDArray[np.int32],
     cone: Cone,
     body: BodyNodes,
+    revolved: bool,
+    depth: Array | None,
 ) -> tuple[Points, InitialGap]:
     """Points at the owned nodes of a pair whose opposite is another part of the boundary.
 
@@ -279,17 +282,20 @@ def mortar_points(
 
     Args:
         number: of the pair, for messages.
-        master: the opposite part.
+        pair: against a `DeformableSurface`.
         node: (m,), owned nodes of the pair.
         cone: of friction.
         body: whose nodes they are.
+        revolved: whether areas are those of a circumference.
+        depth: (m,), nominal interference of sides that coincide; None of others.
 
     Raises:
-        ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
+        ValueError: if the pair's surface has an edge, a node belongs to no facet whose nodes are all in the pair, the opposite part
             has no facets, both parts share a node, no part of the pair's facets faces the
             opposite part, friction at supports would be lost, or sides that are to coincide do not.
     """
-    space, comm = body.space, body.space.mesh.comm
+    space, comm, master = body.space, body.space.mesh.comm, pair.surface
+    assert isinstance(master, DeformableSurface)
     own = node + np.int64(space.dofmap.index_map.local_range[0])
     one = gathered_trace(space, facets_of(space, node))
     other = gathered_trace(space, exterior_facets(space.mesh, master.where))
@@ -299,7 +305,12 @@ def mortar_points(
         )
     body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
-    overlap = Overlap.of(one, other, own, master.revolved)
+    if len(places := one.edges()):
+        raise ValueError(
+            f"contact pair {number} has an edge at {listed(places)}, where its normal would belong "
+            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
+        )
+    overlap = Overlap.of(one, other, own, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
         behind = overlaps(one, other, own, -other.parts[2])[0]
         raise ValueError(
@@ -340,13 +351,19 @@ def mortar_points(
     into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
-    if master.coincident:
+    if depth is not None:
         edge = overlap.edge(comm)
         body.refuse(
             node[faced & (np.abs(gap) > _COINCIDE * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",
         )
-        gap = np.where(faced, 0.0, np.inf)
+        gap = np.where(faced, -depth, np.inf)
+    noise = np.zeros(m)
+    if depth is None and pair.interference:
+        across = np.einsum("qi,qk->ikq", overlap.apart, overlap.apart)
+        square = np.array([[overlap.per_point(x, m) for x in row] for row in across])
+        square = np.einsum("mi,ikm,mk->m", into, square, into) * scale.diagonal()
+        noise = np.sqrt(np.where(faced, square - gap**2, 0.0).clip(0))
     axes = sp.eye_array(dim)
     at = other.positions_of_nodes()
     points = Points(
@@ -360,6 +377,7 @@ def mortar_points(
         own,
         np.full_like(own, DEFORMABLE),
         other.nodes[by_position(at)],
+        noise,
     )
     return points, InitialGap(body.x[node], gap, into)
 

@@ -75,6 +75,7 @@ class Points:
             faces a surface.
         opposite: (k,), global numbers of the nodes of a deformable surface, of all processes, in
             the order of `by_position`.
+        noise: (m,), spread of the gap around a point that is cut off, of round mesh; none if empty.
     """
 
     position: Array
@@ -87,6 +88,7 @@ class Points:
     node: Indices
     faced: Indices
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    noise: Array | None = None
 
 
 class NoContactStated(ValueError):
@@ -103,6 +105,7 @@ class Interface:
         position, equation, node, faced: as in `Points`.
         cone: of friction, at all of them.
         opposite: as in `Points`, per pair.
+        noise: (m,), as in `Points`, zero where there is none.
         motion: G.
         force: H.
         field: the displacements among the unknowns.
@@ -133,6 +136,11 @@ class Interface:
         self.node = np.concatenate([part.node for part in points])
         self.faced = np.concatenate([part.faced for part in points])
         self.opposite = [part.opposite for part in points]
+        none = [
+            np.zeros(count) if p.noise is None else p.noise
+            for p, count in zip(points, counts, strict=True)
+        ]
+        self.noise = np.concatenate(none)
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
         self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), field)

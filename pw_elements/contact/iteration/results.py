@@ -6,8 +6,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.interface import ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import OPEN, SLIP, STICK, ActiveSet
+from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
+from pw_elements.contact.iteration.law import HELD, OPEN, SLIP, STICK, ActiveSet
 from pw_elements.contact.iteration.newton import Increment, Iterate
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
@@ -23,6 +23,7 @@ def contact_state(
     report: SolverReport,
     smallness: Smallness,
     converged: bool = True,
+    slides: bool = False,
 ) -> ContactState:
     """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
@@ -32,9 +33,9 @@ def contact_state(
     scale, residuals = _measured(increment, now, before.scale)
     return ContactState(
         increment.interface.field.part(now.full),
-        tuple(_pair(k, increment.interface, now, active) for k in range(increment.interface.pairs)),
+        tuple(_pair(k, increment, now, active) for k in range(increment.interface.pairs)),
         iterations,
-        len(orientations) <= 1 if own else None,
+        False if slides else len(orientations) <= 1 if own else None,
         residuals,
         report,
         before.increment + 1,
@@ -93,10 +94,16 @@ def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
     )
 
 
-def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> PairState:
-    contact = now.contact
+def _pair(k: int, increment: Increment, now: Iterate, active: ActiveSet) -> PairState:
+    interface, contact, past = increment.interface, now.contact, increment.past
     normal, tangents = contact.frame[:, 0], contact.frame[:, 1:]
     slip = np.einsum("nab,na->nb", tangents, contact.slip)
+    held = (interface.faced == DEFORMABLE) & interface.cone.rough & ~tangents.any(axis=(1, 2))
+    status = np.where(held & (active.status != OPEN), HELD, active.status)
+    moved = now.displacement - past.displacement
+    moved = moved - (now.translations - past.translations)[interface.pair]
+    along = moved - np.sum(moved * normal, axis=1)[:, None] * normal
+    slip = np.where((status == HELD)[:, None], along, slip)
     slip[active.status == OPEN] = 0.0
 
     def ordered(values: npt.NDArray) -> npt.NDArray:
@@ -110,7 +117,7 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
         gap=ordered(contact.gap),
         slip=ordered(slip),
         friction=ordered(interface.cone.coefficient(contact.force[:, 0])),
-        status=ordered(active.status),
+        status=ordered(status.astype(np.int8)),
         translation=now.translations[k].copy(),
         force=ordered(now.force).sum(axis=0),
         displacement=ordered(now.displacement),
@@ -126,7 +133,8 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
 def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
     """The scale of the history up to a solution, and the solution's residuals on it."""
     force = _largest(increment, np.linalg.norm(now.force, axis=1))
-    moved = np.concatenate([now.displacement, increment.interface.shifts(now.translations)])
+    shifts = increment.interface.shifts(now.translations)
+    moved = np.concatenate([increment.system.moved(now.full), shifts])
     length = _largest(increment, np.linalg.norm(moved, axis=1))
     scale = before
     if force > increment.round_off(now):

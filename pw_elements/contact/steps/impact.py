@@ -328,7 +328,7 @@ def solve_impact(
     if step > critical:
         raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
     sibling: Sibling | None = Assembled.of(K).sibling
-    interface = nodal_interface(stated, space, reduction, sibling)
+    interface = nodal_interface(stated, space, reduction, Assembled.of(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(free, velocity.array_r, 0.0))

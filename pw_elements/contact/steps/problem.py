@@ -331,7 +331,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping = self._by(auto_solver(solver, reduction.supports))
+        self._stepping, self._seen = self._by(auto_solver(solver, self._supports)), K.stateGet()
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     def step(
@@ -366,6 +366,9 @@ class ContactProblem:
             NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
+        if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
+            self.release()
+            self._stepping, self._seen = self._by(self._stepping.solver), self._K.stateGet()
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
 
         def stepped(solver: LinearSolver) -> ContactState:

@@ -67,6 +67,14 @@ _MOST_CHORDS = 50
 # by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
 _SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
+# Forces of meshes' own gaps, over all that press interfering bodies apart, that are much
+_NOISE = 0.1
+_OF_MESHES = (
+    "contact pair %d: gaps that meshes leave within facets, times stiffness, are %.2g of the forces "
+    "that press the bodies apart: pressures are off by as much and more. Use finer meshes, or "
+    "DeformableSurface(..., coincident=True) and the depth as interference"
+)
+
 _logger = logging.getLogger("pw_elements.contact")
 
 
@@ -442,9 +450,22 @@ class SmallnessCheck:
         strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
         self._passage.check(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
+        self._warn_of_noise(increment, now)
         if self._interface.comm.rank == 0:
             _warn(smallness, before.smallness, before.increment)
         return smallness
+
+    def _warn_of_noise(self, increment: Increment, now: Iterate) -> None:
+        """Logs it where forces by which meshes' own gaps are pressed out are much of all."""
+        interface, force = self._interface, now.contact.force[:, 0]
+        noise = increment.system.scale * interface.noise
+        for k in range(interface.pairs):
+            mine = (interface.pair == k) & (force > 0)
+            sums = np.array([np.sum(noise[mine] ** 2), np.sum(force[mine]), np.sum(mine)])
+            squares, pressed, count = interface.comm.allreduce(sums, MPI.SUM)
+            ratio = np.sqrt(squares * count) / pressed if pressed > 0 else 0.0
+            if interface.comm.rank == 0 and ratio > _NOISE:
+                _logger.warning(_OF_MESHES, k, ratio)
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""

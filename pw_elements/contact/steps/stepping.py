@@ -33,6 +33,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
+    HELD,
     OPEN,
     SLIP,
     STICK,
@@ -321,7 +322,7 @@ class Reporter:
 
 
 def _three(counts: npt.NDArray[np.intp]) -> tuple[int, int, int]:
-    return int(counts[OPEN]), int(counts[STICK]), int(counts[SLIP])
+    return int(counts[OPEN]), int(counts[STICK] + counts[HELD:].sum()), int(counts[SLIP])
 
 
 class Stepping:
@@ -360,7 +361,7 @@ class Stepping:
         self._most, self._callback = max_iterations, callback
         # others condense the body
         self._remedies = [one for one in remedies if one == "cutback" or not iterative]
-        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K).sibling)
+        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
         self._whole, self.space = space, self.interface.field.space
         self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
@@ -452,7 +453,9 @@ class Stepping:
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
         now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
-        return contact_state(increment, now, iterations, state, report, smallness)
+        left_free, lost = self._bound(increment.system.free)[1].left_free, increment.allowed(now)
+        slides = left_free.slides(now.contact, lost)
+        return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
     def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
         """Linear systems of iterations since before, and what they and condensing took."""
