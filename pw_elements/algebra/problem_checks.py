@@ -123,7 +123,7 @@ def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: 
     if own.states and other.states and own.states != other.states:
         theirs, ours = (" and ".join(sorted(known.states)) for known in (other, own))
         raise ValueError(f"{name} is one in {theirs}, {stiffness} in {ours}")
-    if own.weights is None or other.weights is None:
+    if own.form is None or own.weights is None or other.weights is None:
         return
     if (own.sibling is None) != (other.sibling is None):
         raise ValueError(

@@ -14,7 +14,6 @@ from ufl.algorithms import compute_form_data, extract_elements, extract_sub_elem
 
 from pw_elements.spaces.elements import twelve_cell_rule
 
-
 # Under this name metadata of a body's integrals have its state of stress
 STATE = "stress_state"
 

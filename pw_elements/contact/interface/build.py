@@ -112,6 +112,7 @@ def _points(
         body.outward[node],
         own,
         np.full_like(own, RIGID) if opposite is None else opposite,
+        np.zeros(len(node)),
     )
 
 

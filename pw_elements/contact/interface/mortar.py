@@ -290,9 +290,10 @@ def mortar_points(
         depth: (m,), nominal interference of sides that coincide; None of others.
 
     Raises:
-        ValueError: if the pair's surface has an edge, a node belongs to no facet whose nodes are all in the pair, the opposite part
-            has no facets, both parts share a node, no part of the pair's facets faces the
-            opposite part, friction at supports would be lost, or sides that are to coincide do not.
+        ValueError: if the pair's surface has an edge, a node belongs to no facet whose nodes are
+            all in the pair, the opposite part has no facets, both parts share a node, no part of
+            the pair's facets faces the opposite part, friction at supports would be lost, or
+            sides that are to coincide do not.
     """
     space, comm, master = body.space, body.space.mesh.comm, pair.surface
     assert isinstance(master, DeformableSurface)
@@ -376,8 +377,8 @@ def mortar_points(
         body.outward[node],
         own,
         np.full_like(own, DEFORMABLE),
-        other.nodes[by_position(at)],
         noise,
+        other.nodes[by_position(at)],
     )
     return points, InitialGap(body.x[node], gap, into)
 

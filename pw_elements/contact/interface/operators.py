@@ -73,9 +73,9 @@ class Points:
         node: (m,), global number of the node that the point is, or whose force it has.
         faced: (m,), global number of the node that it faces; `RIGID` or `DEFORMABLE` where it
             faces a surface.
+        noise: (m,), spread of the gap within the facets around a point, where it is pressed out.
         opposite: (k,), global numbers of the nodes of a deformable surface, of all processes, in
             the order of `by_position`.
-        noise: (m,), spread of the gap around a point that is cut off, of round mesh; none if empty.
     """
 
     position: Array
@@ -87,8 +87,8 @@ class Points:
     outward: Array
     node: Indices
     faced: Indices
+    noise: Array
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    noise: Array | None = None
 
 
 class NoContactStated(ValueError):
@@ -105,7 +105,7 @@ class Interface:
         position, equation, node, faced: as in `Points`.
         cone: of friction, at all of them.
         opposite: as in `Points`, per pair.
-        noise: (m,), as in `Points`, zero where there is none.
+        noise: (m,), as in `Points`.
         motion: G.
         force: H.
         field: the displacements among the unknowns.
@@ -136,11 +136,7 @@ class Interface:
         self.node = np.concatenate([part.node for part in points])
         self.faced = np.concatenate([part.faced for part in points])
         self.opposite = [part.opposite for part in points]
-        none = [
-            np.zeros(count) if p.noise is None else p.noise
-            for p, count in zip(points, counts, strict=True)
-        ]
-        self.noise = np.concatenate(none)
+        self.noise = np.concatenate([part.noise for part in points])
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
         self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), field)

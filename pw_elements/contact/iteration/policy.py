@@ -236,10 +236,9 @@ class LeftFree:
     def slides(self, contact: Contact, lost: float) -> bool:
         """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
         shear, at_rest = contact.force[:, 1:], contact.active_set()
-        size, limit = np.linalg.norm(shear, axis=1), contact.cone.limit(contact.pressing.clip(0))[0]
-        used = (
-            (at_rest.status != OPEN) & contact.cone.rough & (size >= limit - lost) & (size > lost)
-        )
+        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
+        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
+        used &= size >= limit - lost
         if not self.comm.allreduce(bool(used.any()), MPI.LOR):
             return False
         direction = shear / np.where(used, size, 1.0)[:, None]

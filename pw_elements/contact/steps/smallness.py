@@ -70,8 +70,8 @@ _SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 # Forces of meshes' own gaps, over all that press interfering bodies apart, that are much
 _NOISE = 0.1
 _OF_MESHES = (
-    "contact pair %d: gaps that meshes leave within facets, times stiffness, are %.2g of the forces "
-    "that press the bodies apart: pressures are off by as much and more. Use finer meshes, or "
+    "contact pair %d: gaps that meshes leave within facets, times stiffness, are %.2g of the "
+    "forces that press the bodies apart, and pressures are off by as much: use finer meshes, or "
     "DeformableSurface(..., coincident=True) and the depth as interference"
 )
 
