@@ -7,7 +7,7 @@ The active set and the displacements that an increment starts from are chosen he
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 
 from mpi4py import MPI
@@ -446,8 +446,11 @@ def initial_active_set(
     before: ContactState,
     guess: ContactState | None,
     free_motions: FreeMotions,
+    idle: Mask,
 ) -> ActiveSet:
     """A guess, else what the state before ended with, else the points that touch.
+
+    These also of pairs (pairs,) that are `idle`, whose surfaces are free and pushed by nothing.
 
     If it would not hold the body, every point that faces something sticks.
 
@@ -455,12 +458,15 @@ def initial_active_set(
         FreeBody: if not even that holds it.
     """
     if guess is not None:
-        first = _transferred(guess, place)
+        firsts = [_transferred(guess, place)]
     elif before.increment:
-        first = _resumed(before, place)
+        first, just = _resumed(before, place), idle[place.interface.pair]
+        landed = _touching(place)
+        smooth = np.where(landed.status == STICK, SLIP, landed.status).astype(np.int8)
+        firsts = [mixed(just, some, first) for some in (replace(landed, status=smooth), landed)]
     else:
-        first = _touching(place)
-    for candidate in (first, _closed(place, np.isfinite(place.gap))):
+        firsts = [_touching(place)]
+    for candidate in (*firsts, _closed(place, np.isfinite(place.gap))):
         motions = free_motions(candidate, place.frame)
         if not motions:
             return candidate

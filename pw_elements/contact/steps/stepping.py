@@ -117,6 +117,12 @@ class Target:
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.translations)))
 
     @property
+    def idle(self) -> npt.NDArray[np.bool_]:
+        """Whether each pair's surface (pairs,) is free and pushed by nothing: it just touches."""
+        free = np.isnan(self.translations)
+        return free.any(axis=1) & ~(free & (self.forces != 0)).any(axis=1)
+
+    @property
     def totals(self) -> Array:
         """Forces of the free translations."""
         return np.array([self.forces[at] for at in self.free])
@@ -408,7 +414,7 @@ class Stepping:
         """The state at a target, in one piece."""
         increment, place, policy = self._begun(state, target, guess)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
-        active = initial_active_set(place, state, guess, rigid.left_free)
+        active = initial_active_set(place, state, guess, rigid.left_free, target.idle)
         told = reporter.iterated if reporter and reporter.wanted else None
         try:
             now = newton(increment, active, place, policy(), self._most, told)
@@ -438,7 +444,8 @@ class Stepping:
         equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
         increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
         policy = partial(Policy.of, rigid.left_free, interface)
-        translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
+        begin = np.where(target.idle[:, None] & (guess is None), 0.0, (guess or state).translations)
+        translations = np.where(np.isnan(prescribed), begin, prescribed)
         system.start(lambda: initial_unknowns(state, guess, self._whole), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
