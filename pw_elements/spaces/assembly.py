@@ -21,19 +21,12 @@ T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 @dataclass(frozen=True)
 class Assembled:
-    """What a matrix (n, n) or vector (n,) was made of, so that what does not go together is told.
+    """What a matrix or vector was made of, so that what does not go together is told."""
 
-    Args:
-        form: compiled; None of what was made by hand.
-        sibling: the symmetric sibling that transformed it; None of what was assembled plainly.
-        states: of stress, of the bodies whose forms it is of; none of forms by hand.
-        lumped: whether it is a diagonal of nodal masses, which suit any weights.
-    """
-
-    form: fem.Form | None = None
-    sibling: Any = None
-    states: frozenset[str] = frozenset()
-    lumped: bool = False
+    form: fem.Form | None = None  # compiled; None of what was made by hand
+    sibling: Any = None  # that transformed it; None of what was assembled plainly
+    states: frozenset[str] = frozenset()  # of stress, of the bodies of the forms; if these tell
+    lumped: bool = False  # a diagonal of nodal masses, which suit any weights
 
     @classmethod
     def made_of(cls, form: fem.Form, stated: ufl.Form) -> "Assembled":
@@ -43,7 +36,6 @@ class Assembled:
 
     @classmethod
     def of(cls, thing: PETSc.Mat | PETSc.Vec) -> "Assembled":
-        """What is known of a matrix or vector: nothing if it was made by hand."""
         return thing.getAttr("assembled") or cls()
 
     def mark(self, thing: T) -> T:
@@ -58,7 +50,7 @@ class Assembled:
 
     @property
     def weights(self) -> Any:  # noqa: ANN401
-        """C++ space of the form's test functions, None if there are none or they do not count."""
+        """Space of the test functions, None if there are none or they do not count."""
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
@@ -126,7 +118,6 @@ def assemble_scalar(form: ufl.Form) -> float:
 
 
 def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
-    """A form of the right rank on one mesh, compiled."""
     arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     found = len(form.arguments())

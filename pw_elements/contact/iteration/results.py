@@ -25,7 +25,6 @@ def contact_state(
     converged: bool = True,
     slides: bool = False,
 ) -> ContactState:
-    """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
     own = orientations = system.tangent.solver.orientations
     if before.free == system.free:
@@ -131,7 +130,6 @@ def _pair(k: int, increment: Increment, now: Iterate, active: ActiveSet) -> Pair
 
 
 def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
-    """The scale of the history up to a solution, and the solution's residuals on it."""
     force = _largest(increment, np.linalg.norm(now.force, axis=1))
     shifts = increment.interface.shifts(now.translations)
     moved = np.concatenate([increment.system.moved(now.full), shifts])
