@@ -89,6 +89,7 @@ def coupled():
         zero,
         nodal.node,
         nodal.faced,
+        nodal.noise,
     )
     return (
         Interface([points], [CURVED], SubSpace.displacements(BLOCK.space)),
