@@ -18,6 +18,7 @@ from pw_elements.contact import (
     Plane,
     solve_contact,
 )
+from pw_elements.contact.rescue import Budget
 from pw_elements.contact.steps.stepping import Target, between, held_by, in_parts
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import quadrilaterals, triangles
@@ -125,7 +126,7 @@ def test_a_fit_in_parts_obeys_the_law_in_each_of_them():
             raise NotFound("too much")
         return problem._stepping._solved(state, target)
 
-    cut = in_parts(timid, problem.undeformed, start, end)
+    _, cut = in_parts(timid, problem.undeformed, start, end, Budget(np.inf))
     stated = Stated(ring.K, ring.space, [ring.nothing], ring.conditions, [pair])
     assert [share for share, _ in cut.substates] == [0.5]
     assert worst(residuals(*walked(stated, [cut]))) < 1e-9

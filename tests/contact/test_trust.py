@@ -17,13 +17,18 @@ from pw_elements.contact import (
     ContactPair,
     ContactProblem,
     DeformableSurface,
+    Motion,
+    NotFound,
+    Sphere,
     solve_contact,
 )
-from pw_elements.meshes import curved
+from pw_elements.contact.rescue import Budget
+from pw_elements.meshes import curved, triangles
 from pw_elements.spaces import Assembled, exterior_facets
 from tests.contact.cases import Block, at
 from tests.contact.shells import BETWEEN, INNER, NU, OUTER, _rolled
 from tests.contact.two_bodies import Stack, joined
+from tests.oracle.random_contact import problem
 
 # -- shrink fits -----------------------------------------------------------------------------------
 
@@ -145,3 +150,49 @@ def test_a_block_drawn_by_all_its_friction_is_not_unique(share, unique):
     block = Block(8)
     states = block.solve(0.3, share * 120.0, increments=1, smooth=0.0)
     assert states[-1].unique is unique
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_ball_without_force_just_touches(mu):
+    """From a start in which it does, not from what it touched before: no remedy is needed."""
+    mesh = triangles(MPI.COMM_SELF, (-2.0, 0.0), (2.0, 2.0), (9, 4))
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), "plane strain")
+    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    held = Reduction.dirichlet(space, [prescribe(space, i, at(1, 0.0)) for i in (0, 1)])
+    motions = [Motion((0, None), (0, force)) for force in (-300.0, -20.0, 0.0)]
+    pair = ContactPair(at(1, 2.0), Sphere((0.37, 7.0), 5.0), mu, motions)
+    states = solve_contact(K, [K.createVecLeft()] * 3, held, pair, space, remedies=())
+    assert states[-1].displacement.norm() < 1e-12 * states[0].displacement.norm()
+    assert states[-1].pairs[0].gap.min() == pytest.approx(0.0, abs=1e-12)
+    assert states[-1].residuals.largest() < 1e-9
+
+
+def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
+    """Each remedy is announced with its budget; half of the increment has been solved."""
+    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as refused:
+        problem(110).solve()
+    for remedy in ("without active sets", "in parts"):
+        assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
+    share, state = refused.value.reached
+    assert f"In parts {share} of it was reached" in str(refused.value)
+    assert share == 0.5
+    assert state.converged
+    assert state.residuals.largest() < 1e-9
+
+
+def test_a_remedy_costs_as_many_first_attempts_as_it_may(monkeypatch):
+    """But for what is begun before its budget is used up."""
+    budgets = {}
+    take = Budget.take
+
+    def noted(budget, systems):
+        budgets.setdefault(id(budget), [budget, budget.left, 0.0])[2] += systems
+        return take(budget, systems)
+
+    monkeypatch.setattr(Budget, "take", noted)
+    for multiple in (0.1, 3.0):
+        budgets.clear()
+        with pytest.raises(NotFound):
+            problem(93).solve(remedies={"condensed": multiple, "cutback": multiple})
+        assert all(taken <= 1.5 * most + 10 for _, most, taken in budgets.values())
+        assert {most for _, most, _ in budgets.values()} == {50 * multiple}

@@ -16,6 +16,7 @@ from dolfinx.mesh import (
 from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
+from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import SubSpace, exterior_facets
 
 
@@ -85,6 +86,9 @@ class Stack:
         self.x = self.displacements.tabulate_dof_coordinates()[:, : self.dim]
         of_upper = self.x[self.displacements.dofmap.list].mean(axis=1)[:, self.up] > 1.0
         facets = exterior_facets(mesh, lambda x: np.abs(x[self.up] - 1.0) < 0.1)
+        corners = self.x[facet_nodes(self.displacements, facets)]
+        extent = np.ptp(corners, axis=1)
+        facets = facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]  # but no side's
         cells = mesh.topology.connectivity(self.up, self.dim)
         above = np.array([of_upper[cells.links(f)[0]] for f in facets], dtype=bool)
         self.sides = {"upper": facets[above], "lower": facets[~above]}

@@ -212,7 +212,7 @@ class SmallnessCheck:
         self._sizes = np.full(len(interface.node), np.inf)
         np.minimum.at(self._sizes, self._point, size)
         rows = [interface.pair == k for k in range(interface.pairs)]
-        self._finest = [
+        self.finest = [
             self._comm.allreduce(self._sizes[mine].min(initial=np.inf), MPI.MIN) for mine in rows
         ]
         self._rigid = [
@@ -236,14 +236,36 @@ class SmallnessCheck:
         self._check_contact(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
         self._warn_of_noise(increment, now)
+        return self._told(smallness, before.smallness, f"increment {before.increment}")
+
+    def of_motion(self, state: ContactState, step: int, before: Smallness) -> Smallness:
+        """How small displacements in a frame of dynamics are; logs what no longer is, once.
+
+        Slip is that of nodes in contact from where they were first, where normals differ there.
+        """
+        strain, rotation = self._gradients.largest(state.displacement)
+        largest = 0.0
+        for k, (pair, surface) in enumerate(
+            zip(state.pairs, self._interface.surfaces, strict=True)
+        ):
+            moved = pair.displacement - pair.translation
+            closed = pair.status != OPEN
+            along = moved - np.sum(moved * pair.normal, axis=1)[:, None] * pair.normal
+            if closed.any():
+                turned = surface.normal((pair.position + moved)[closed]) - pair.normal[closed]
+                far = np.linalg.norm(along[closed], axis=1)[np.abs(turned).max(axis=1) > _NEAR]
+                largest = max(largest, float(far.max(initial=0.0) / self.finest[k]))
+        return self._told(Smallness(strain, rotation, largest), before, f"step {step}")
+
+    def _told(self, smallness: Smallness, before: Smallness, when: str) -> Smallness:
         left = [
             f"largest {name} {value:.3g} (above {limit:g})"
             for name, value in vars(smallness).items()
-            if value > (limit := getattr(_SMALL, name)) >= getattr(before.smallness, name)
+            if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
         ]
         if left and self._comm.rank == 0:
-            text = "increment %d leaves the range of small displacements: %s"
-            _logger.warning(text, before.increment, ", ".join(left))
+            text = "%s leaves the range of small displacements: %s"
+            _logger.warning(text, when, ", ".join(left))
         return smallness
 
     def _warn_of_noise(self, increment: Increment, now: Iterate) -> None:
@@ -280,7 +302,7 @@ class SmallnessCheck:
         """Looks along the straight ways of the surfaces to translations (pairs, dim)."""
         for k, rigid in enumerate(self._rigid):
             way = translations[k] - past.translations[k]
-            if rigid and np.linalg.norm(way) > _WAY_STEP * self._finest[k]:
+            if rigid and np.linalg.norm(way) > _WAY_STEP * self.finest[k]:
                 mine = self._interface.pair == k
                 wrong = np.zeros(len(mine), dtype=bool)
                 wrong[mine] = self._swallowed(k, past, way)
@@ -301,7 +323,7 @@ class SmallnessCheck:
     def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
         """Points (m,) of a pair that its surface swallows from the wrong side on its way."""
         interface, mine = self._interface, self._interface.pair == k
-        surface, size = interface.surfaces[k], self._finest[k]
+        surface, size = interface.surfaces[k], self.finest[k]
         x, before = interface.position[mine] - past.translations[k], past.displacement[mine]
         length = float(np.linalg.norm(way))
         step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)
