@@ -399,7 +399,7 @@ class Stepping:
                 if joined is not None:
                     iterations, report = self._spent(end.free, before)
                     joined = replace(joined, iterations=iterations, report=report)
-                if done < 1:
+                if done < 1 or joined is None:
                     if joined is not None:
                         failure.reached = done, joined
                         failure.args = (f"{failure}. In parts {done:.3g} of it was reached",)
