@@ -44,7 +44,7 @@ tightened = load((0, -bolts / (np.pi * (102**2 - 88**2))), BOLTS)
 inside = load(-pressure * ufl.FacetNormal(mesh), WET)
 thrust = load((0, pressure * 50**2 / (58**2 - 50**2)), END)  # of the pipe's closed end
 seal = fem.locate_dofs_topological(U, 1, facets.find(SEAL))
-pair = ContactPair(seal, DeformableSurface(facets.find(FACE), revolved=True), friction=0.2)
+pair = ContactPair(seal, DeformableSurface(facets.find(FACE)), friction=0.2)
 states = solve_contact(K, [tightened, tightened + inside + thrust], held, pair, U)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
-from pw_elements.algebra.problem_checks import check_problem, check_weights, refuse_negative
+from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.checks import collective, flag, number, processes, whole
 from pw_elements.progress import doing
@@ -78,6 +78,8 @@ _ASYMMETRY_OF_ROUND_OFF = 1e-10
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
 _POWER_STEPS = 1000
+# The same of the smallest one over the norm, and what of it is round-off over the largest
+_ROUGH, _INDEFINITE = 1e-3, 1e-9
 
 
 class NoModes(RuntimeError):
@@ -245,7 +247,6 @@ def buckling(
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
-    check_weights(_INITIAL_STRESS, K_sigma, _STIFFNESS, K)
     taken = _chosen(solver, reduction, symmetrised)
     every = partial(_buckles, unblocked(K), K_sigma, reduction, count, symmetrised)
     return with_fallback(taken, solver, reduction.supports, every)
@@ -453,7 +454,8 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
 
     Raises:
         TypeError, ValueError: for arguments that do not fit together or are not finite, a stiffness
-            that is not symmetric, or a mass that is not diagonal and positive.
+            that is not symmetric or has negative eigenvalues, or a mass that is not diagonal and
+            positive.
         NoModes: if the highest frequency is not found.
     """
     check_problem({"the stiffness": K, "the mass": M}, reductions=(reduction,))
@@ -474,7 +476,18 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     if eigensolver.getConverged() < 1:
         raise NoModes("the highest frequency, and with it the critical step, was not found")
     largest = eigensolver.getEigenvalue(0).real
+    # at the other end a rough value will do: Ritz' are never below the smallest one
+    eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.SMALLEST_REAL)
+    eigensolver.setTolerances(_ROUGH, _POWER_STEPS)
+    eigensolver.setConvergenceTest(SLEPc.EPS.Conv.NORM)
+    eigensolver.solve()
+    least = eigensolver.getEigenvalue(0).real if eigensolver.getConverged() else 0.0
     eigensolver.destroy()
+    if least < -_INDEFINITE * abs(largest):
+        raise ValueError(
+            f"the stiffness over the mass has the eigenvalue {least:.3g}, the largest being "
+            f"{largest:.3g}: a body's are not negative; look at the sign of its form"
+        )
     if not 0 < largest < np.inf:
         raise NoModes(f"the largest eigenvalue of mass and stiffness is {largest:.6g}")
     return float(2 / np.sqrt(largest))

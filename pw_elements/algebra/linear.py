@@ -141,7 +141,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     part = matrix.copy()
     part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     part.scale(0.5)
-    return Assembled(Assembled.of(matrix).form).mark(part)
+    return Assembled.of(matrix).mark(part)
 
 
 def factorise(

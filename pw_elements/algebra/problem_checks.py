@@ -50,8 +50,8 @@ def check_problem(
             things["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
         _check_sizes(things, space)
         _check_meshes(things, spaces)
-        for name, load in loads.items():
-            check_load(name, load, stiffness, K)
+        for name, thing in {**matrices, **loads}.items():
+            _check_likeness(name, thing, stiffness, K)
     for name, matrix in matrices.items():
         # sums of squares keep NaN, on whichever process it is; largest values may lose it
         if not np.isfinite(matrix.norm(PETSc.NormType.FROBENIUS)):
@@ -100,13 +100,18 @@ def check_load(name: str, load: PETSc.Vec, stiffness: str, K: PETSc.Mat) -> None
     """Raises unless a load is a vector (n,) made with the weight functions of K (n, n); local."""
     arguments.petsc_vector(name, load)
     arguments.same_sizes(name, load.getSizes(), stiffness, K.getSizes()[0])
-    check_weights(name, load, stiffness, K)
+    _check_likeness(name, load, stiffness, K)
 
 
-def check_weights(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PETSc.Mat) -> None:
-    """Raises ValueError unless a load or matrix has the mesh and weight functions of K; local."""
+def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PETSc.Mat) -> None:
+    """Raises ValueError unless mesh, weights and state of stress are those of K; local."""
     own, other = Assembled.of(K), Assembled.of(thing)
-    if own.form is None or other.form is None:
+    if None not in (own.mesh, other.mesh) and own.mesh is not other.mesh:
+        raise ValueError(f"{name} belongs to another mesh than {stiffness}")
+    if own.states and other.states and own.states != other.states:
+        theirs, ours = (" and ".join(sorted(known.states)) for known in (other, own))
+        raise ValueError(f"{name} is one in {theirs}, {stiffness} in {ours}")
+    if own.form is None or own.weights is None or other.weights is None:
         return
     if (own.sibling is None) != (other.sibling is None):
         raise ValueError(
@@ -114,8 +119,6 @@ def check_weights(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PE
             "coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
     (test, trial), theirs = own.form.function_spaces, other.weights
-    if theirs.mesh is not test.mesh:
-        raise ValueError(f"{name} belongs to another mesh than {stiffness}")
     if not _same_element(theirs, test):
         standard = _same_element(test, trial)
         raise ValueError(

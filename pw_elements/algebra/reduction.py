@@ -367,7 +367,7 @@ class Reduction:
         """
         self._check_system(K)
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
-        return Assembled(Assembled.of(K).form).mark(reduced)
+        return Assembled.of(K).mark(reduced)
 
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Reduces a load to L^T (f - K a_0).

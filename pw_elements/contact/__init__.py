@@ -22,7 +22,7 @@ A body that is thrown at a floor, by explicit dynamics:
     write("thrown.bp", history.frames, body, history.frame_times)
 """
 
-from pw_elements.contact.iteration import OPEN, SLIP, STICK
+from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
@@ -48,6 +48,7 @@ from pw_elements.contact.steps import (
 )
 
 __all__ = [
+    "HELD",
     "OPEN",
     "SLIP",
     "STICK",

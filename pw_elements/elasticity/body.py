@@ -10,7 +10,7 @@ Units are consistent ones of the user's choice (N, m, Pa, kg/m³ throughout, say
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Literal, TypeAlias
 
@@ -37,6 +37,7 @@ from pw_elements.checks import (
     whole,
 )
 from pw_elements.spaces import (
+    STATE,
     Assembled,
     Marker,
     Part,
@@ -377,7 +378,9 @@ class Body:
         if surface.ufl_domain() not in (None, self.spaces.mesh.ufl_domain()):
             raise ValueError("the measure is one of another mesh: make it on the body's")
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
-        return ufl.inner(self._vector("traction", traction), v) * self._depth() * surface
+        return (
+            ufl.inner(self._vector("traction", traction), v) * self._depth() * self._stated(surface)
+        )
 
     def body_load(self, force: Vector) -> ufl.Form:
         """Load of a body force vector (force per volume), Eq. (12).
@@ -452,7 +455,11 @@ class Body:
         degree = self.quadrature_degree
         if degree is None:
             degree = self._sufficient_degree(exact_degree, in_box)
-        return integrand * self._depth() * cell_measure(self.spaces.test, degree)
+        return integrand * self._depth() * self._stated(cell_measure(self.spaces.test, degree))
+
+    def _stated(self, measure: ufl.Measure) -> ufl.Measure:
+        """The measure, which says in what state of stress it is taken."""
+        return measure.reconstruct(metadata={**measure.metadata(), STATE: self.state.value})
 
     def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
@@ -637,7 +644,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
     lumped.assemble()
-    return Assembled(Assembled.of(M).form).mark(lumped)
+    return replace(Assembled.of(M), lumped=True).mark(lumped)
 
 
 def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:

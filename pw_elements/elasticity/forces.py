@@ -93,9 +93,9 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
     """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`."""
     arguments.space(space)
-    element = space.element.basix_element
-    sizes = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
-    if element.dim != sizes.get(element.cell_type.name):
+    element, whole = space.element.basix_element, space.ufl_element()
+    cell = space.mesh.topology.cell_name()
+    if whole != quadratic_element(cell, tuple(whole.reference_value_shape)):
         raise ValueError("the force transfer T exists for quadratic Lagrange spaces only")
     # what the middle of an interval keeps and gives: T = [1, b; 0, a], and so is its inverse
     keeps = (1 / _STAYS, -_GOES / _STAYS) if inverse else (_STAYS, _GOES)
@@ -271,6 +271,8 @@ class SurfaceNodes:
         """Makes the nodes from integrals of a space's weights, and of those of the halved cells."""
         position, own, node = _areas(space, where, weights)
         other, tributary, _ = _areas(halved, where, halved_weights)
+        if not tributary.min(initial=np.inf) > 0:
+            raise ValueError("the depth or thickness is not positive: a node there has no area")
         tree = cKDTree(other)
         facets = _facets(space, where, node)
         edges, rim_nodes = _edges(facets, space.mesh)

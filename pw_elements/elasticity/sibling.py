@@ -78,8 +78,8 @@ class Sibling:
         with collective(self.space.mesh.comm):
             arguments.matrix("the matrix", standard)
             self._check("the matrix", standard, standard.getSizes()[0])
-        form = Assembled.of(standard).form
-        return Assembled(form, self).mark(unblocked(standard).ptap(self.basis))
+        known = replace(Assembled.of(standard), sibling=self)
+        return known.mark(unblocked(standard).ptap(self.basis))
 
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).
@@ -93,7 +93,7 @@ class Sibling:
         self._check_vector("the load", standard)
         load = self.basis.createVecRight()
         self.basis.multTranspose(standard, load)
-        return Assembled(Assembled.of(standard).form, self).mark(load)
+        return replace(Assembled.of(standard), sibling=self).mark(load)
 
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Displacements u = T^T a, (n,).
@@ -156,7 +156,7 @@ class Sibling:
         """Raises ValueError for what is not the standard element's; local."""
         arguments.same_sizes(name, sizes, "the space", self.space)
         known = Assembled.of(thing)
-        if known.form is not None and known.weights.element != self.space._cpp_object.element:
+        if known.weights is not None and known.weights.element != self.space._cpp_object.element:
             raise ValueError(
                 f"{name} was made with other weight functions than the standard element's: the "
                 "sibling transforms what Spaces.galerkin gives"

@@ -34,7 +34,7 @@ from pw_elements.spaces.parts import (
     nodes_of,
     numbered,
 )
-from pw_elements.spaces.quadrature import cell_measure, with_cell_rules, with_degrees
+from pw_elements.spaces.quadrature import STATE, cell_measure, with_cell_rules, with_degrees
 from pw_elements.spaces.spaces import (
     NumberingError,
     Spaces,

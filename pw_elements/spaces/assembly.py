@@ -14,7 +14,7 @@ from dolfinx.fem.petsc import create_matrix
 
 from pw_elements.checks import arguments
 from pw_elements.progress import doing
-from pw_elements.spaces.quadrature import with_cell_rules
+from pw_elements.spaces.quadrature import STATE, with_cell_rules, without_states
 
 T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
@@ -25,6 +25,14 @@ class Assembled:
 
     form: fem.Form | None = None  # compiled; None of what was made by hand
     sibling: Any = None  # that transformed it; None of what was assembled plainly
+    states: frozenset[str] = frozenset()  # of stress, of the bodies of the forms; if these tell
+    lumped: bool = False  # a diagonal of nodal masses, which suit any weights
+
+    @classmethod
+    def made_of(cls, form: fem.Form, stated: ufl.Form) -> "Assembled":
+        """Of a compiled form and of what it was compiled from."""
+        states = {integral.metadata().get(STATE) for integral in stated.integrals()}
+        return cls(form, states=frozenset(states - {None}))
 
     @classmethod
     def of(cls, thing: PETSc.Mat | PETSc.Vec) -> "Assembled":
@@ -38,12 +46,12 @@ class Assembled:
     @property
     def mesh(self) -> Any:  # noqa: ANN401
         """C++ mesh of the form, None if it is not known."""
-        return None if self.form is None else self.weights.mesh
+        return None if self.form is None else self.form.function_spaces[0].mesh
 
     @property
     def weights(self) -> Any:  # noqa: ANN401
-        assert self.form is not None
-        return self.form.function_spaces[0]
+        """Space of the test functions, None if there are none or they do not count."""
+        return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
@@ -68,7 +76,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
     _assemble_matrix(matrix, compiled)
     matrix.assemble()
-    return Assembled(compiled).mark(matrix)
+    return Assembled.made_of(compiled, form).mark(matrix)
 
 
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
@@ -87,7 +95,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     compiled = compiled_form(form, 1, "a vector")
     vector = _assemble_vector(compiled)
     vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
-    return Assembled(compiled).mark(vector)
+    return Assembled.made_of(compiled, form).mark(vector)
 
 
 def assemble_scalar(form: ufl.Form) -> float:
@@ -132,7 +140,7 @@ def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
                 f"the form has several measures of {kind.replace('_', ' ')}s, of which DOLFINx "
                 "takes one: assemble a form of each and add the results"
             )
-    ruled = with_cell_rules(form)
+    ruled = with_cell_rules(without_states(form))
     try:
         with doing(mesh.comm, "compiling a form"):
             return fem.form(ruled)

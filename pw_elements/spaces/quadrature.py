@@ -14,6 +14,9 @@ from ufl.algorithms import compute_form_data, extract_elements, extract_sub_elem
 
 from pw_elements.spaces.elements import twelve_cell_rule
 
+# Under this name metadata of a body's integrals have its state of stress
+STATE = "stress_state"
+
 
 def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
     """Measure dx for integrals of test functions, also in DOLFINx's own assembly.
@@ -39,6 +42,16 @@ def with_cell_rules(form: ufl.Form) -> ufl.Form:
         return form
     return ufl.Form(
         [_with_rule(i) if lacks else i for i, lacks in zip(integrals, lacking, strict=True)]
+    )
+
+
+def without_states(form: ufl.Form) -> ufl.Form:
+    """The form without states of stress, which are no matter of its compilation."""
+    return ufl.Form(
+        [
+            i.reconstruct(metadata={k: v for k, v in i.metadata().items() if k != STATE})
+            for i in form.integrals()
+        ]
     )
 
 

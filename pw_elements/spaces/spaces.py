@@ -274,6 +274,11 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
 def _mixed(
     mesh: Mesh, displacement: basix.ufl._ElementBase, parts: MeshTags | None
 ) -> fem.FunctionSpace:
+    if parts is not None:
+        with collective(mesh.comm):
+            arguments.of_type("parts", parts, MeshTags, "dolfinx.mesh.meshtags makes them")
+            if parts.topology != mesh.topology._cpp_object:
+                raise ValueError("parts: the tags are those of another mesh")
     return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))
 
 

@@ -123,7 +123,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Pictures and checks": ("pw_elements", ("draw", "checks.DegenerateMesh")),
 }
-CONSTANTS = {"OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState tells
+CONSTANTS = {"HELD", "OPEN", "STICK", "SLIP"}  # of contact, which the page of PairState tells
 
 
 def public() -> list[str]:

@@ -110,7 +110,7 @@ class Shells(Elastic):
         )
         own, theirs = sides if slave == "inner" else sides[::-1]
         nodes = fem.locate_dofs_topological(self.space, self.dim - 1, own)
-        surface = DeformableSurface(theirs, kind == "revolved", coincident)
+        surface = DeformableSurface(theirs, coincident=coincident)
         self.pair, self.between = ContactPair(nodes, surface), on(BETWEEN)
         self.inside = self.pushed(PRESSURE, on(INNER))
         ends = [(i, at(i, 0.0)) for i in range(self.dim)]

@@ -240,6 +240,8 @@ REFUSED = {
     "no time": (lambda: {"duration": np.nan}, "finite number"),
     "frames": (lambda: {"frames": 1.5}, "whole number"),
     "paths": (lambda: {"paths": [None, None]}, "2 paths for 1 contact pairs"),
+    "no end": (lambda: {"duration": 1e9}, "more than max_steps = 1000000: some .* hours"),
+    "jump": (lambda: {"paths": lambda t: (0.0, 0.9 * (t > 0.5) - 1.0)}, "jump into the body"),
     "no path": (lambda: {"paths": [1.0]}, "has to be a function of time"),
     "path": (lambda: {"paths": [lambda _: (1.0,)]}, "path of contact pair 0"),
     "failing path": (lambda: {"paths": [lambda _: 1 / 0]}, "path of contact pair 0 failed"),
@@ -284,3 +286,27 @@ def test_bar_in_space_has_even_pressure_on_the_sibling_alone():
     assert "pressure_error_alone_max" in even
     assert "pressure_error_alone_max" not in uneven
     assert uneven["open_share"] > 0.05
+
+
+# -- what is watched -------------------------------------------------------------------------
+
+
+def test_frames_know_whether_displacements_are_small(caplog):
+    """A soft block is crushed on the floor, and the frame says how much."""
+    with caplog.at_level("WARNING", "pw_elements.contact"):
+        history = BLOCK.fly(0.4, (0.0, -3.0), frames=2)
+    assert max(state.smallness.strain for state in history.frames) > 0.05
+    assert "leaves the range of small displacements: largest strain" in caplog.text
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_stiffness_with_negative_eigenvalues_is_refused(sign):
+    """All of them, or some that the diagonal does not tell."""
+    K = BLOCK.K.copy()
+    if sign < 0:
+        K.scale(-1.0)
+    else:  # a spring between two nodes that pushes them apart
+        K.setValues([0, 40], [0, 40], 100 * np.array([[0.0, 1.0], [1.0, 0.0]]), addv=True)
+        K.assemble()
+    with pytest.raises(ValueError, match="not negative"):
+        critical_step(K, BLOCK.M, BLOCK.free)

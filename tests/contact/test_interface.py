@@ -66,7 +66,9 @@ def coupled():
     motion = (sp.kron(mean, np.eye(2)) @ own).tocsr()
     force = (2.0 * own + elsewhere.tocsr()).tocsr()
     zero, law = np.zeros_like(nodal.position), (nodal.cone, nodal.equation)
-    points = Points(nodal.position, *law, motion, force, zero, zero, nodal.node, nodal.faced)
+    points = Points(
+        nodal.position, *law, motion, force, zero, zero, nodal.node, nodal.faced, nodal.noise
+    )
     interface = Interface([points], [CURVED], SubSpace.displacements(BLOCK.space))
     return interface, motion.toarray(), force.toarray().T
 

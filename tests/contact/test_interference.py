@@ -9,6 +9,7 @@ import pytest
 
 from pw_elements import prescribe
 from pw_elements.contact import SLIP, ContactPair, NotFound, Plane
+from pw_elements.contact.rescue import Budget
 from pw_elements.contact.steps.stepping import Target, between, held_by, in_parts
 from pw_elements.meshes import quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -88,7 +89,7 @@ def test_a_fit_in_parts_obeys_the_law_in_each_of_them():
             raise NotFound("too much")
         return stepping._solved(state, target)
 
-    cut = in_parts(timid, problem.undeformed, start, end)
+    _, cut = in_parts(timid, problem.undeformed, start, end, Budget(np.inf))
     conditions = [prescribe(ring.space, 1, at(1, z)) for z in (0.0, HEIGHT)]
     stated = Stated(ring.K, ring.space, [ring.nothing], conditions, [ring.pair(0.2)])
     assert [share for share, _ in cut.substates] == [0.5]

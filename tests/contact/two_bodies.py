@@ -16,6 +16,7 @@ from dolfinx.mesh import (
 from pw_elements import Material, Spaces
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
+from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import exterior_facets
 from tests.contact.cases import Elastic, at
 
@@ -94,7 +95,12 @@ class Stack(Elastic):
         low, high = two_sides(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
         )
-        self.sides = {"upper": high, "lower": low}
+        self.sides = {"upper": self._flat(high), "lower": self._flat(low)}
+
+    def _flat(self, facets):
+        """Facets that lie rather than stand, for the sides' may be among them."""
+        extent = np.ptp(self.x[facet_nodes(self.displacements, facets)], axis=1)
+        return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
     def nodes(self, side):
         """Mask of the nodes of one body's part."""
@@ -110,7 +116,7 @@ class Stack(Elastic):
     def pair(self, slave="upper", friction=0.0, motions=()):
         """A mortar pair."""
         master = "lower" if slave == "upper" else "upper"
-        surface = DeformableSurface(self.sides[master], self.body.state.value == "axisymmetric")
+        surface = DeformableSurface(self.sides[master])
         return ContactPair(self.nodes(slave), surface, friction, motions)
 
     def moved_top(self, by, sides=()):

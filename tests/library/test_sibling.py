@@ -33,6 +33,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.interface import nodal_interface
 from pw_elements.elasticity import StressState
+from pw_elements.spaces import Assembled
 from study.matrices import dense
 from tests.contact.cases import at
 
@@ -176,7 +177,7 @@ def test_gaps_are_those_of_coefficients_where_all_neighbours_face_the_surface():
     upwards = np.array([[0.0, -1.0]])
     surface = SignedDistance(rolling, lambda x: np.repeat(upwards, len(x), axis=0))
     pair = ContactPair(at(1, 1.0), surface)
-    interface = nodal_interface([pair], U, sibling.dirichlet([]), sibling)
+    interface = nodal_interface([pair], U, sibling.dirichlet([]), Assembled(sibling=sibling))
     x = U.tabulate_dof_coordinates()
     given = surface.gap(x[:, :2])
     inverse = dense(sibling.inverse)[::2, ::2]

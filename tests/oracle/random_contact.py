@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from time import process_time
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -749,9 +750,12 @@ def outcome(seed: int) -> dict:
 
     stated = problem(seed)
     result: dict = {"seed": seed, "description": stated.sketch.description, "outcome": "solved"}
+    begun = process_time()
     try:
         states = stated.solve()
+        result["seconds"] = process_time() - begun
     except ContactFailed as error:
+        result["seconds"] = process_time() - begun
         states = list(error.states)
         result |= {"outcome": type(error).__name__, "message": str(error)}
         if isinstance(error, NoEquilibrium):
@@ -770,6 +774,7 @@ def outcome(seed: int) -> dict:
         result |= {"outcome": f"BUG {type(error).__name__}", "message": str(error)}
     found = residuals(*walked(stated, states))
     return result | {
+        "dim": stated.sketch.dim,
         "increments": len(stated.loads),
         "driven by force": stated.sketch.driven_by_force,
         "iterations": [state.iterations for state in states],

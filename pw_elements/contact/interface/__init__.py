@@ -14,4 +14,10 @@ from pw_elements.contact.interface.geometry import (
     sizes,
 )
 from pw_elements.contact.interface.mortar import Overlap, whole_areas
-from pw_elements.contact.interface.operators import RIGID, ROUND_OFF, Interface, NoContactStated
+from pw_elements.contact.interface.operators import (
+    DEFORMABLE,
+    RIGID,
+    ROUND_OFF,
+    Interface,
+    NoContactStated,
+)

@@ -1,7 +1,7 @@
 """Builders of interfaces: against rigid surfaces, between matching nodes, and of mortars."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from mpi4py import MPI
@@ -22,7 +22,7 @@ from pw_elements.contact.interface.geometry import gathered_trace
 from pw_elements.contact.interface.mortar import Overlap
 from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
-from pw_elements.elasticity import Sibling, by_position, facets_between
+from pw_elements.elasticity import StressState, by_position, facets_between
 from pw_elements.spaces import (
     Assembled,
     Part,
@@ -99,11 +99,12 @@ def nodal_interface(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     reduction: Reduction,
-    sibling: Sibling | None = None,
+    known: Assembled | None = None,
 ) -> Interface:
     """Contact points of pairs, and checks of what can be checked before any computation.
 
-    The unknowns are coefficients where a sibling is given, and gaps are theirs.
+    What is `known` of the stiffness tells whether areas are those of a circumference, and whether
+    the unknowns are a sibling's coefficients; gaps are theirs then.
 
     Raises:
         ValueError: for what states no contact problem.
@@ -130,15 +131,17 @@ def nodal_interface(
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         opposite = None
         if isinstance(pair.surface, DeformableSurface):
-            of_pair, shapes[k] = mortar_points(k, pair.surface, node, cone, body)
+            revolved = _revolved(k, pair.surface, known or Assembled(), dim)
+            depth = _depth(space.mesh.comm, k, pair, body.x[node])
+            of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
             points.append(of_pair)
             continue
         if isinstance(pair.surface, MatchingNodes):
             faced.append(body.owned(f"contact pair {k}, opposite side", pair.surface.nodes))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
         points.append(_points(body, node, cone, opposite))
-    interfering = [pair.interference for pair in pairs]
-    inverse = None if sibling is None else sibling.inverse
+    interfering = [pair.interference is not False for pair in pairs]
+    inverse = None if known is None or known.sibling is None else known.sibling.inverse
     interface = Interface(points, shapes, body.field, interfering, inverse)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
@@ -173,14 +176,47 @@ def _check_dimension(number: int, surface: Surface, dim: int) -> None:
 
 def _cone(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Cone:
     """What the law of friction says at positions (n, dim); local, for use under the guard."""
+    whose = f"the friction of contact pair {number}"
+    return Cone([pair.law], [_at_nodes(comm, whose, pair.law.at, x)])
+
+
+def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | None:
+    """The nominal interference (n,) at positions (n, dim); None where sides do not coincide."""
+    depth = pair.interference
+    if not getattr(pair.surface, "coincident", False):
+        return None
+    if not callable(depth):
+        return np.full(len(x), float(depth))
+    with collective(comm):
+        return _at_nodes(comm, f"the interference of contact pair {number}", depth, x)
+
+
+def _at_nodes(
+    comm: MPI.Comm, whose: str, function: Callable[[Array], Array | float], x: Array
+) -> Array:
+    """What a user's function says at positions (n, dim); local, for use under the guard."""
     points = np.zeros((3, len(x)))
     points[: x.shape[1]] = x.T
-    whose = f"the friction of contact pair {number}"
-    given = answer(comm, whose, pair.law.at, points) if len(x) else points[0]
+    given = answer(comm, whose, function, points) if len(x) else points[0]
     if is_number(given):  # the same everywhere
         given = np.full(len(x), given, dtype=float)
-    layout = "it takes points as columns (3, n) and gives (n,)"
-    return Cone([pair.law], [field(whose, given, (len(x),), layout)])
+    return field(whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)")
+
+
+def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
+    """Whether areas are those of a circumference, by what is known of the stiffness if it is."""
+    axisymmetric = StressState.AXISYMMETRIC.value in known.states
+    if dim == 2 and not known.states and master.revolved is None:
+        raise ValueError(
+            f"contact pair {number}: the stiffness does not tell whether it is axisymmetric, as "
+            "that of a Body does; give DeformableSurface(..., revolved=True or False)"
+        )
+    if known.states and master.revolved not in (None, axisymmetric):
+        raise ValueError(
+            f"contact pair {number}: its surface is said to be revolved={master.revolved}, but the "
+            f"stiffness is one in {' and '.join(sorted(known.states))}"
+        )
+    return bool(axisymmetric or master.revolved)
 
 
 def midpoints_around(space: fem.FunctionSpace) -> Array:
@@ -246,6 +282,7 @@ def _points(
         body.outward[node],
         own,
         np.full_like(own, RIGID) if opposite is None else opposite,
+        np.zeros(len(node)),
     )
 
 
@@ -309,9 +346,8 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
     They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
     """
     assembled = Assembled.of(K)
-    if assembled.form is None:
+    if (test := assembled.weights) is None:
         return
-    test = assembled.weights
     element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
     quarter = np.eye(1, space.mesh.topology.dim) / 4
     if assembled.sibling is not None or element.tabulate(0, quarter).min() < -0.1:
@@ -323,16 +359,20 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
 def mortar_points(
     number: int,
-    master: DeformableSurface,
+    pair: ContactPair,
     node: npt.NDArray[np.int32],
     cone: Cone,
     body: BodyNodes,
+    revolved: bool,
+    depth: Array | None,
 ) -> tuple[Points, InitialGap]:
     """Points at the owned nodes (m,) of a pair whose opposite is another part of the boundary.
 
-    Points that face nothing have an infinite gap.
+    Points that face nothing have an infinite gap. `depth` (m,) is the nominal interference of sides
+    that coincide, None of others; `revolved` tells whether areas are those of a circumference.
     """
-    space, comm = body.space, body.space.mesh.comm
+    space, comm, master = body.space, body.space.mesh.comm, pair.surface
+    assert isinstance(master, DeformableSurface)
     own = node + np.int64(space.dofmap.index_map.local_range[0])
     every = np.concatenate(comm.allgather(own))
     one = gathered_trace(space, facets_between(space, every))
@@ -343,9 +383,14 @@ def mortar_points(
         )
     body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
-    overlap = Overlap.of(one, other, own, master.revolved)
+    if len(places := one.edges()):
+        raise ValueError(
+            f"contact pair {number} has an edge at {listed(places)}, where its normal would belong "
+            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
+        )
+    overlap = Overlap.of(one, other, own, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        behind = Overlap.of(one, replace(other, outward=-other.outward), own, master.revolved)
+        behind = Overlap.of(one, replace(other, outward=-other.outward), own, revolved)
         raise ValueError(
             f"contact pair {number}: no part of its facets faces the opposite part, "
             + (
@@ -384,13 +429,19 @@ def mortar_points(
     into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
-    if master.coincident:
+    noise = np.zeros(m)
+    if depth is not None:
         edge = overlap.mean_edge(overlap.size, comm)
         body.refuse(
             node[faced & (np.abs(gap) > _COINCIDE * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",
         )
-        gap = np.where(faced, 0.0, np.inf)
+        gap = np.where(faced, -depth, np.inf)
+    elif pair.interference:
+        across = np.einsum("qi,qk->ikq", overlap.apart, overlap.apart)
+        square = np.array([[overlap.per_point(x, m) for x in row] for row in across])
+        square = np.einsum("mi,ikm,mk->m", into, square, into) * scale.diagonal()
+        noise = np.sqrt(np.where(faced, square - gap**2, 0.0).clip(0))
     axes = sp.eye_array(dim)
     at = other.positions_of_nodes()
     points = Points(
@@ -403,6 +454,7 @@ def mortar_points(
         body.outward[node],
         own,
         np.full_like(own, DEFORMABLE),
+        noise,
         other.nodes[by_position(at)],
     )
     return points, InitialGap(body.x[node], gap, into)

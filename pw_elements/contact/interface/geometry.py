@@ -11,6 +11,7 @@ are bilinear in places that are no polynomials of coordinates, unless they are p
 from dataclasses import dataclass
 from functools import cached_property
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -35,6 +36,14 @@ _EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
 _PLACES = np.array(
     [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
 )
+
+_FACETS = {
+    3: basix.CellType.interval,
+    6: basix.CellType.triangle,
+    len(_PLACES): basix.CellType.quadrilateral,
+}
+# Cosine between the normals of facets that meet, below which they have an edge between them
+_EDGE = float(np.cos(np.pi / 4)) - 1e-9
 
 # Overlaps of less than this part of the slave's sub-facet are none
 _NO_OVERLAP = 1e-12
@@ -107,6 +116,23 @@ class Trace:
         np.add.at(sums, of, (normal * sizes(corners)[:, None])[:, None, :])
         sums /= np.linalg.norm(sums, axis=1, keepdims=True)
         return sums[np.searchsorted(self.nodes, nodes)]
+
+    def edges(self) -> Array:
+        """Positions (n, dim) where facets meet whose own normals differ by more than 45 degrees."""
+        k, facet = self.node.shape[1], _FACETS[self.node.shape[1]]
+        element = basix.create_element(basix.ElementFamily.P, facet, 2)
+        slopes = element.tabulate(1, element.points)[1:, :, :, 0]
+        along = np.einsum("dqk,fkx->fqdx", slopes, self.x).reshape(-1, self.dim - 1, self.dim)
+        normal = across(np.concatenate([np.zeros_like(along[:, :1]), along], axis=1))
+        normal *= np.sign(np.sum(normal * np.repeat(self.outward, k, axis=0), axis=1))[:, None]
+        # where two facets meet at most: nodes in the plane, the middles of edges in space
+        meets = np.concatenate(element.entity_dofs[self.dim - 2]).astype(np.int64)
+        normal = normal.reshape(-1, k, self.dim)[:, meets].reshape(-1, self.dim)
+        node, x = self.node[:, meets].ravel(), self.x[:, meets].reshape(-1, self.dim)
+        order = np.argsort(node, kind="stable")
+        one, other = order[:-1], order[1:]
+        sharp = (node[one] == node[other]) & (np.sum(normal[one] * normal[other], axis=1) < _EDGE)
+        return np.asarray(x[one[sharp]])
 
     def positions_of_nodes(self) -> Array:
         """Positions (n, dim) of the nodes."""

@@ -1,6 +1,7 @@
 """The semismooth Newton iteration: law, kinematics, linear systems, active sets."""
 
 from pw_elements.contact.iteration.law import (
+    HELD,
     OPEN,
     SLIP,
     STICK,

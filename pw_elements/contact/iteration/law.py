@@ -42,6 +42,8 @@ from pw_elements.solvers import PreparedSolver
 Array = npt.NDArray[np.float64]
 
 OPEN, STICK, SLIP = 0, 1, 2
+# Of states alone: in rough contact with a deformable surface, and moved along it by supports
+HELD = 3
 
 # Of a solution: one on the way, one exact enough to be the last, or the last one once more
 Accuracy: TypeAlias = Literal["rough", "final", "more"]

@@ -257,6 +257,11 @@ class Increment:
         share = np.divide(wrong, allowed, out=np.zeros_like(wrong), where=wrong > 0)
         return float(comm.allreduce(share.max(initial=0.0), MPI.MAX))
 
+    def allowed(self, now: Iterate) -> float:
+        """Force by which the law may be violated."""
+        largest = self.system.comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
+        return float(TOLERANCE * largest + self.round_off(now))
+
     def round_off(self, now: Iterate) -> float:
         """Force that may be nothing but round-off."""
         return sum(self._lost(now))
@@ -264,7 +269,7 @@ class Increment:
     def _lost(self, now: Iterate) -> tuple[float, float]:
         """Forces that may be nothing but round-off: of displacements, and of coordinates."""
         lengths = (
-            _LOST * np.abs(now.displacement),
+            _LOST * self.system.moved(now.full),
             ROUND_OFF * np.abs(self.interface.position),
         )
         forces = [(self.system.scale[:, None] * part).max(initial=0.0) for part in lengths]

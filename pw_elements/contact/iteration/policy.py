@@ -7,7 +7,7 @@ The active set and the displacements that an increment starts from are chosen he
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 
 from mpi4py import MPI
@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.law import (
+    HELD,
     OPEN,
     SLIP,
     STICK,
@@ -203,12 +204,33 @@ class LeftFree:
 
     def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        free = self._free(active, frame)
+        return self.names(free) if len(free) else []
+
+    def slides(self, contact: Contact, lost: float) -> bool:
+        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
+        shear, at_rest = contact.force[:, 1:], contact.active_set()
+        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
+        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
+        used &= size >= limit - lost
+        if not self.comm.allreduce(bool(used.any()), MPI.LOR):
+            return False
+        direction = shear / np.where(used, size, 1.0)[:, None]
+        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
+        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
+        along = np.einsum("nab,na,nbm->nm", contact.frame[:, 1:], direction, self.relative) @ free.T
+        along = along[used & (at_rest.status == STICK)]
+        ends = self.comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
+        # a single motion has to go against all friction of what does not slip yet, or its reverse
+        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
+
+    def _free(self, active: ActiveSet, frame: Array) -> Array:
+        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
         m, dim, motions = self.relative.shape
         constraints = equations(active, np.ones(m))[1] @ frame
         rows = np.einsum("nab,nbm->nam", constraints, self.relative).reshape(m * dim, motions)
         held = np.pad(self.held, ((0, 0), (0, motions - self.held.shape[1])))
-        free = null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE_STIFFNESS)
-        return self.names(free) if len(free) else []
+        return null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE_STIFFNESS)
 
 
 def null_space(rows: Array, tolerance: float) -> Array:
@@ -371,20 +393,25 @@ def initial_active_set(
     before: ContactState,
     guess: ContactState | None,
     free_motions: FreeMotions,
+    idle: Mask,
 ) -> ActiveSet:
     """A guess, else what the state before ended with, else the points that touch.
 
-    If it would not hold the body, every point that faces something sticks; raises FreeBody if not
+    These also of pairs (pairs,) that are `idle`, whose surfaces are free and pushed by nothing. If
+    it would not hold the body, every point that faces something sticks; raises FreeBody if not
     even that does.
     """
     if guess is not None:
-        first = _transferred(guess, place)
+        firsts = [_transferred(guess, place)]
     elif before.increment:
-        first = _resumed(before, place)
+        first, just = _resumed(before, place), idle[place.interface.pair]
+        landed = _touching(place)
+        smooth = np.where(landed.status == STICK, SLIP, landed.status).astype(np.int8)
+        firsts = [mixed(just, some, first) for some in (replace(landed, status=smooth), landed)]
     else:
-        first = _touching(place)
-    every = sticking(np.isfinite(place.gap), place.interface.cone, first.direction.shape[1])
-    for candidate in (first, every):
+        firsts = [_touching(place)]
+    every = sticking(np.isfinite(place.gap), place.interface.cone, place.frame.shape[1] - 1)
+    for candidate in (*firsts, every):
         motions = free_motions(candidate, place.frame)
         if not motions:
             return candidate
@@ -443,9 +470,10 @@ def _touching(place: Kinematics) -> ActiveSet:
 
 def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
     local, pairs = place.interface.local, before.pairs
+    status = local([pair.status for pair in pairs])
     direction = local([pair.direction for pair in pairs])
     return ActiveSet.of(
-        local([pair.status for pair in pairs]),
+        np.where(status == HELD, STICK, status).astype(np.int8),
         np.einsum("nab,nb->na", place.frame[:, 1:], direction),
         local([pair.turning for pair in pairs]),
         place.interface.cone,
@@ -462,7 +490,8 @@ def _transferred(guess: ContactState, place: Kinematics) -> ActiveSet:
         mine = interface.pair == k
         if mine.any():
             nearest = cKDTree(pair.position).query(interface.position[mine])[1]
-            status[mine] = pair.status[nearest]
+            known = pair.status[nearest]
+            status[mine] = np.where(known == HELD, STICK, known)
             force[mine] = pair.force_tangential[nearest]
             pressing[mine] = pair.force_normal[nearest]
     rough = interface.cone.rough

@@ -6,8 +6,8 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.interface import ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import OPEN, SLIP, STICK
+from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
+from pw_elements.contact.iteration.law import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.iteration.newton import Increment, Iterate
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
@@ -23,6 +23,7 @@ def contact_state(
     report: SolverReport,
     smallness: Smallness,
     converged: bool = True,
+    slides: bool = False,
 ) -> ContactState:
     system = increment.system
     own = orientations = system.tangent.solver.orientations
@@ -31,9 +32,9 @@ def contact_state(
     scale, residuals = _measured(increment, now, before.scale)
     return ContactState(
         increment.interface.field.part(now.full),
-        _pairs(increment.interface, now),
+        _pairs(increment, now),
         iterations,
-        len(orientations) <= 1 if own else None,
+        False if slides else len(orientations) <= 1 if own else None,
         residuals,
         report,
         before.increment + 1,
@@ -75,9 +76,17 @@ def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
     )
 
 
-def _pairs(interface: Interface, now: Iterate) -> tuple[PairState, ...]:
-    contact, active = now.contact, now.contact.active_set()
-    normal, tangents = contact.frame[:, 0], contact.frame[:, 1:]
+def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
+    interface, past, contact = increment.interface, increment.past, now.contact
+    active, normal, tangents = contact.active_set(), contact.frame[:, 0], contact.frame[:, 1:]
+    held = (interface.faced == DEFORMABLE) & interface.cone.rough & ~tangents.any(axis=(1, 2))
+    status = np.where(held & (active.status != OPEN), HELD, active.status).astype(np.int8)
+    moved = now.displacement - past.displacement
+    moved = moved - (now.translations - past.translations)[interface.pair]
+    along = moved - np.sum(moved * normal, axis=1)[:, None] * normal
+
+    slip = np.einsum("nab,na->nb", tangents, contact.slip)
+    slip = np.where((status == HELD)[:, None], along, slip) * (status != OPEN)[:, None]
 
     def vectors(values: Array) -> Array:
         return np.einsum("nab,na->nb", tangents, values)
@@ -90,9 +99,9 @@ def _pairs(interface: Interface, now: Iterate) -> tuple[PairState, ...]:
         force_normal=contact.force[:, 0],
         force_tangential=vectors(contact.force[:, 1:]),
         gap=contact.gap,
-        slip=np.where((active.status == OPEN)[:, None], 0.0, vectors(contact.slip)),
+        slip=slip,
         friction=interface.cone.coefficient(contact.force[:, 0]),
-        status=active.status,
+        status=status,
         displacement=now.displacement,
         direction=vectors(active.direction),
         turning=active.turning,
@@ -125,7 +134,8 @@ def pair_states(
 
 def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
     force = _largest(increment, np.linalg.norm(now.force, axis=1))
-    moved = np.concatenate([now.displacement, increment.interface.shifts(now.translations)])
+    shifts = increment.interface.shifts(now.translations)
+    moved = np.concatenate([increment.system.moved(now.full), shifts])
     length = _largest(increment, np.linalg.norm(moved, axis=1))
     scale = before
     if force > increment.round_off(now):

@@ -238,6 +238,10 @@ class ContactSystem:
         self.solved = 0
         reduced = reduction.supported if is_matrix_free(solver) else reduction.matrix
         self.stiffness = reduced(K)
+        self._magnitudes = interface.motion.copy()
+        rows = interface.motion.getValuesCSR()
+        self._magnitudes.setValuesCSR(*rows[:2], np.abs(rows[2]))
+        self._magnitudes.assemble()
         (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
         self._own = np.where(stated, interface.equation - first, -1)
         outside = stated & ((self._own < 0) | (self._own >= last - first))
@@ -306,6 +310,12 @@ class ContactSystem:
     def motions(self, displacement: PETSc.Vec) -> Array:
         """G a, (m, dim), of a full displacement vector (n,)."""
         return np.array((self.interface.motion * displacement).array_r.reshape(self._own.shape))
+
+    def moved(self, displacement: PETSc.Vec) -> Array:
+        """|G| |a|, (m, dim): how far a point and what it faces have moved together."""
+        size = displacement.copy()
+        size.abs()
+        return np.array((self._magnitudes * size).array_r.reshape(self._own.shape))
 
     def totals(self, forces: Array) -> Array:
         """Sums of forces (m, dim) at the points of all processes, one per free translation."""

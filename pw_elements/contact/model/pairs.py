@@ -118,7 +118,8 @@ class DeformableSurface:
     Args:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or
             local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-        revolved: whether areas are those of the circumference, as in axisymmetry.
+        revolved: whether areas are those of the circumference, as in axisymmetry. A stiffness
+            that a `Body` states knows it; of others in the plane it has to be given.
         coincident: whether both sides are one surface before any motion, as a tube's and its
             liner's. The small distances between meshes of a curved surface then do not
             count as gaps.
@@ -128,12 +129,13 @@ class DeformableSurface:
     """
 
     where: Part
-    revolved: bool = False
+    revolved: bool | None = None
     coincident: bool = False
 
     def __post_init__(self) -> None:
         _check_part("the facets", self.where, "DeformableSurface(where)", "tags.find(value)")
-        flag("revolved", self.revolved)
+        if self.revolved is not None:
+            flag("revolved", self.revolved)
         flag("coincident", self.coincident)
 
 
@@ -153,19 +155,22 @@ class ContactPair:
         motions: one per increment of `solve_contact`; without them the surface rests. A
             single one need not be in a list.
         interference: whether the surface may cut the body before any motion, as in a shrink fit;
-            the first increment then pushes the nodes out of it.
+            the first increment then pushes the nodes out of it. Of a `DeformableSurface` that is
+            `coincident` it is the nominal depth: a number, or a function of positions as columns
+            (3, n) that returns it for each node, (n,). Gaps of meshes on curved faces do not
+            count then, which may be larger than the depth.
 
     Raises:
         TypeError: for arguments of the wrong type, such as exchanged ones.
-        ValueError: for a friction that is negative or not a number, or an interference of sides
-            that coincide.
+        ValueError: for a friction that is negative or not a number, or an interference that is
+            not one of its sides.
     """
 
     nodes: Part
     surface: Surface | MatchingNodes | DeformableSurface
     friction: float | Callable[[Array], Array] | Friction = 0.0
     motions: Motion | Sequence[Motion] = ()
-    interference: bool = False
+    interference: bool | float | Callable[[Array], Array] = False
 
     def __post_init__(self) -> None:
         _check_nodes(self.nodes, "ContactPair(nodes, surface)")
@@ -181,8 +186,14 @@ class ContactPair:
                 f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
                 "function of positions, or a law of friction"
             )
-        if self.interference and getattr(self.surface, "coincident", False):
-            raise ValueError("sides that coincide do not cut each other: give interference or that")
+        coincide = getattr(self.surface, "coincident", False)
+        if (self.interference is True) if coincide else not isinstance(self.interference, bool):
+            raise ValueError(
+                "the interference is a depth where sides are coincident, whose own gaps do not "
+                "count, and True or False elsewhere"
+            )
+        if not callable(self.interference):
+            number("the interference", float(self.interference))
         motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
         for motion in motions:
             of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")

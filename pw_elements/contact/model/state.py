@@ -30,7 +30,8 @@ class PairState:
         slip: (m, dim), tangential displacement relative to the surface in this increment;
             zero for open nodes.
         friction: (m,), Coulomb's mu; of another law its limit over the normal force.
-        status: (m,), OPEN, STICK or SLIP.
+        status: (m,), OPEN, STICK or SLIP; or HELD, of nodes in rough contact with a deformable
+            surface that supports move along it: friction does not say how.
         translation: (dim,) of the surface from its initial place.
         force: (dim,), total force of the surface on the body; in axisymmetry sums round the
             axis, so that the radial one is no resultant.
@@ -78,7 +79,8 @@ class Residuals:
     """How well each condition is satisfied: the largest violation over all nodes.
 
     Forces over the largest nodal contact force of the history so far, lengths over the largest
-    displacement of a contact node or its surface in its states with contact (`Scale`) and now.
+    displacement of a contact node or its surface, of two bodies that of both together, in its
+    states with contact (`Scale`) and now.
     Where these are nothing but round-off, lengths are over the largest coordinate of a contact
     node, and forces over the stiffness of one times the length.
 
@@ -88,7 +90,7 @@ class Residuals:
         tension: -r_n where it is positive.
         complementarity: smaller of r_n and g.
         cone: |r_t| - mu r_n where it is positive.
-        stick: slip of nodes whose friction is not used up.
+        stick: slip of nodes that stick.
         direction: |v| r_t + mu r_n v of slipping nodes.
         balance: total force against the one prescribed for free translations.
     """
@@ -149,7 +151,8 @@ class ContactState:
         unique: False if determinants of tangents have different signs: of all that the problem
             has factorised so far, and of those on the way to a state that was loaded. The friction
             is then so large that several states can be in equilibrium with the same loads, and
-            another start or smaller increments may lead to another one. None if the linear
+            another start or smaller increments may lead to another one. False, too, if friction is
+            used up so that a body may slide on and on. None if the linear
             solver computes no determinants.
         residuals: of all conditions.
         report: what solved the linear systems of this increment.

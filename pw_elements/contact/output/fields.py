@@ -59,7 +59,7 @@ class ContactFields:
         force: vector, "contact_force": of the surface on the body at each node.
         gap: scalar; NaN off the contact surface and at nodes that nothing faces.
         slip: vector, of this increment.
-        status: scalar, OPEN (0), STICK (1) or SLIP (2); OPEN off the surface.
+        status: scalar, OPEN (0), STICK (1), SLIP (2) or HELD (3); OPEN off the surface.
         pressure: scalar, compression positive: the normal nodal force over the integral of the
             node's own test function (measure 2); NaN where a node has no weight.
         tributary_pressure: scalar, the same over the node's tributary area (measure 3).

@@ -35,7 +35,7 @@ Array = npt.NDArray[np.float64]
 # Part of a node's area that has to face the other side for quotients by it. Where the pressure is
 # linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
 TRUSTED = 0.1
-STATUSES = 3
+STATUSES = 4
 
 Indices = npt.NDArray[np.int64]
 
@@ -54,7 +54,7 @@ class OppositeResults:
     gap: Array  # (n,), means times `facing`
     slip: Array  # (n, dim), likewise, of the nodes on the pair's own side
     friction: Array  # (n,), likewise
-    statuses: Array  # (n, 3), what of `facing` is open, sticks and slips
+    statuses: Array  # (n, 4), what of `facing` is open, sticks, slips and is held
     pressed: Array  # (n,), normal forces, compression positive
     pulled: Array  # (n, dim), tangential ones, on the nodes
     area: Array  # (n,), that make pressures of forces; zero without a body

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse import csgraph
 
 from pw_elements.checks import arguments, vector
-from pw_elements.contact.iteration import OPEN, SLIP, STICK
+from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState, PairState, Surface
 from pw_elements.contact.output.fields import check_state
 from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
@@ -195,8 +195,9 @@ def _face(axes: Axes, side: _Side) -> None:
     shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")
     axes.figure.colorbar(shown, ax=axes, label="pressure")
     legend = []
-    for status, text, style in ((OPEN, "edge of contact", "--"), (STICK, "edge of stick", "-")):
-        inside = (side.status == status).astype(float)
+    edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
+    for statuses, text, style in edges:
+        inside = np.isin(side.status, statuses).astype(float)
         if 0 < inside.sum() < len(inside):
             axes.tricontour(face, inside, [0.5], colors="0.2", linestyles=style)
             legend.append(Line2D([], [], color="0.2", ls=style, label=text))

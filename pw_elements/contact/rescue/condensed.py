@@ -87,6 +87,24 @@ _NEWTON_STEPS = 30
 _DAMPED_STEPS = 100
 # Unknowns of the complementarity problem: its table takes 16 bytes times their square
 _MOST_UNKNOWNS = 3000
+# What takes as long as a linear system, over which part of it: a solution with factors, Newton's
+# step on a dense system and what grows with its size's cube, a trial of a line search, and Lemke's
+# pivots, which take their number's cube
+_SUBSTITUTED = 0.05
+_DENSE_STEP, _DENSE, _SEARCHED = 0.15, 1e-9, 0.02
+_PIVOTED = 5e-8
+
+
+@dataclass
+class Budget:
+    """What a remedy may still do, in linear systems and what takes about as long."""
+
+    left: float
+
+    def take(self, systems: float) -> bool:
+        """Whether there was anything left before so many are taken."""
+        self.left -= systems
+        return self.left + systems > 0
 
 
 class Condensation:
@@ -255,11 +273,13 @@ class CondensedIncrement:
         wrong = np.abs(self.residual(z)).max(initial=0.0)
         return float(wrong / largest) if wrong > 0 else 0.0
 
-    def newton(self, z: Array, most: int, damped: bool) -> Array | None:
+    def newton(self, z: Array, most: int, damped: bool, budget: Budget) -> Array | None:
         """Semismooth Newton from z, damped by a line search on the residual; None if it fails."""
         for _ in range(most):
             if self.solved_by(z):
                 return z
+            if not budget.take(_DENSE_STEP + _DENSE * len(z) ** 3):
+                return None
             step = self.step(self.contact(z).active_set(), z)
             if not np.isfinite(step).all():
                 return None
@@ -268,7 +288,7 @@ class CondensedIncrement:
                 np.linalg.norm(self.residual(z + part * step)) <= (1 - _DECREASE * part) * wrong
             ):
                 part /= 2
-                if part < _SHORTEST:
+                if part < _SHORTEST or not budget.take(_SEARCHED):
                     return None
             z = z + part * step
         return None
@@ -403,9 +423,10 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
     return [polygon(tangents[n] if rough[n] else np.zeros_like(tangents[n])) for n in faced]
 
 
-def tractable(interface: Interface) -> bool:
+def complementary(interface: Interface) -> int:
+    """Number of unknowns of the complementarity problem, at most."""
     points, dim = sum(interface.comm.allgather(len(interface.pair))), interface.position.shape[1]
-    return points * (2 + (2 if dim == 2 else SIDES)) <= _MOST_UNKNOWNS
+    return points * (2 + (2 if dim == 2 else SIDES))
 
 
 def without_active_sets(
@@ -414,29 +435,35 @@ def without_active_sets(
     place: Kinematics,
     policy: Callable[[], Policy],
     most: int,
+    budget: Budget,
 ) -> Iterate | None:
     """The solution of an increment, or None; NotUnique of a loose body or singular tangents."""
-    comm = increment.interface.comm
-    if not tractable(increment.interface):
+    comm, size = increment.interface.comm, complementary(increment.interface)
+    pivots = _PIVOTED * float(size) ** 3
+    if size > _MOST_UNKNOWNS or pivots > budget.left:
         _log(comm, "too many contact points to do without active sets")
         return None
+    _log(comm, f"without active sets, for what {budget.left:.0f} linear systems take at most")
     try:
         condensation = condensed()
     except SingularSystem:
         return None
+    budget.take(_SUBSTITUTED * len(condensation.stiffness))
     first = problem = CondensedIncrement(increment, condensation, place)
     near = first.start
     one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
         for _ in range(_SPRING_ROUNDS):
+            if not budget.take(pivots):
+                break
             with collective(comm):
-                found = _search(problem, spring, near) if comm.rank == 0 else None
-            z, exact = comm.bcast(found)
+                found = _search(problem, spring, near, budget) if comm.rank == 0 else None
+            z, exact, budget.left = comm.bcast(found)
             if z is None:
                 break
             if exact is not None:
                 way = f"springs of {spring:.0e}"
-                solution = confirmed(problem, increment, exact, place, policy, most, way)
+                solution = confirmed(problem, increment, exact, place, policy, most, way, budget)
                 if isinstance(solution, Iterate):
                     return solution
                 one_of_many = solution or one_of_many
@@ -457,9 +484,11 @@ def confirmed(
     policy: Callable[[], Policy],
     most: int,
     way: str,
+    budget: Budget,
 ) -> Iterate | NotUnique | None:
     """Starts the ordinary iteration from z: a solution, one of many, or nothing."""
-    comm = increment.interface.comm
+    comm, before = increment.interface.comm, increment.system.solved
+    most = int(max(1, min(most, budget.left)))
     try:
         solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
     except ContactFailed as failed:
@@ -470,6 +499,8 @@ def confirmed(
         if there is None:
             return None
         solution = there
+    finally:
+        budget.take(increment.system.solved - before)
     _log(comm, f"solved without active sets, from {way}")
     return solution
 
@@ -494,14 +525,14 @@ def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> It
 
 
 def _search(
-    problem: CondensedIncrement, spring: float, near: Array
-) -> tuple[Array | None, Array | None]:
-    """The z with springs, and without, as far as they are found."""
+    problem: CondensedIncrement, spring: float, near: Array, budget: Budget
+) -> tuple[Array | None, Array | None, float]:
+    """The z with springs, and without, as far as they are found, and what is left to do."""
     z = sprung(problem, spring, near)
-    if z is None:
-        return None, None
-    exact = problem.newton(z, _NEWTON_STEPS, damped=False)
-    return z, problem.newton(z, _DAMPED_STEPS, damped=True) if exact is None else exact
+    exact = None if z is None else problem.newton(z, _NEWTON_STEPS, False, budget)
+    if z is not None and exact is None:
+        exact = problem.newton(z, _DAMPED_STEPS, True, budget)
+    return z, exact, budget.left
 
 
 def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> ActiveSet:

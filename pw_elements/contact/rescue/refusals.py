@@ -51,7 +51,7 @@ from pw_elements.contact.model import (
     dual_clearance,
     dual_rows,
 )
-from pw_elements.contact.rescue.condensed import Condensation, without_active_sets
+from pw_elements.contact.rescue.condensed import Budget, Condensation, without_active_sets
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.solvers import NotConverged, SolverReport
 
@@ -226,6 +226,7 @@ def rescue(
     place: Kinematics,
     rigid: RigidMotions,
     condensed: Callable[[], Condensation] | None,
+    budget: Budget,
     policy: Callable[[], Policy],
     most: int,
     before: ContactState,
@@ -244,7 +245,7 @@ def rescue(
     found = None
     if condensed is not None and not isinstance(failure, NotUnique):
         try:
-            found = without_active_sets(increment, condensed, place, policy, most)
+            found = without_active_sets(increment, condensed, place, policy, most, budget)
         except NotUnique as unique:
             failure = unique
     if found is None:

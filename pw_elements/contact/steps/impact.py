@@ -34,8 +34,9 @@ from pw_elements.algebra import (
 from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undeformed
-from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals
+from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
+from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
 from pw_elements.spaces import Assembled
@@ -48,6 +49,8 @@ Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
 # Part of the critical step that is taken unless another step is given
 _COURANT = 0.9
+# Seconds a step for each entry of the stiffness, some
+_SECONDS = 3e-9
 # Of masses that are equal, and of a whole number of steps
 _EQUAL = 1e-9
 # Largest penetration at the start that passes for round-off, over the extent of the contact nodes
@@ -203,6 +206,7 @@ def solve_impact(
     displacement: PETSc.Vec | None = None,
     step: float | None = None,
     frames: int = 0,
+    max_steps: int = 1_000_000,
 ) -> ImpactHistory:
     """Motion of a body that may hit rigid surfaces, by central differences.
 
@@ -230,12 +234,15 @@ def solve_impact(
             in a list.
         displacement: (n,), at the start; by default the supports' own.
         step: of time; by default 0.9 of the critical one.
-        frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`.
+        frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`. Where
+            one, or the last state, leaves the range of small displacements, that is logged.
+        max_steps: the most that may be made.
 
     Raises:
         TypeError, ValueError: for arguments that do not make such a problem; an unsymmetric
-            stiffness, a mass that is not diagonal, positive and isotropic, or a step that is not
-            stable.
+            stiffness or one with negative eigenvalues, a mass that is not diagonal, positive and
+            isotropic, a step that is not stable or in which a surface moves farther than a facet
+            reaches, or too many steps.
         DegenerateMesh: for cells that are flat or inverted.
         FloatingPointError: if the motion is not finite.
     """
@@ -252,30 +259,41 @@ def solve_impact(
         if step is not None:
             positive("step", step)
         whole("frames", frames, 0)
-    agree(comm, {"the duration": duration, "the step": step, "the frames": frames})
+        whole("max_steps", max_steps, 1)
+    numbers = {"the duration": duration, "the step": step, "the frames": frames}
+    agree(comm, numbers | {"max_steps": max_steps})
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
     if step is None:
         step = _COURANT * critical
     if step > critical:
         raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
+    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
+    if steps > max_steps:
+        raise ValueError(
+            f"duration = {duration:.6g} takes {steps:.3g} steps of {step:.3g}, more than max_steps "
+            f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
+        )
     sibling: Sibling | None = Assembled.of(K).sibling
-    interface = nodal_interface(stated, space, reduction, sibling)
+    interface = nodal_interface(stated, space, reduction, Assembled.of(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
     v.setArray(np.where(free, velocity.array_r, 0.0))
     if displacement is not None:
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
     march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
-    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
+    watch, smallness = SmallnessCheck(interface, space), Smallness()
+    march.reach = watch.finest
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with doing(comm, f"{steps} steps of time"):
         for n in range(1, steps + 1):
             contact = march.advance()
-            if n in kept:
+            if n in kept or n == steps:
                 moved = u.copy() if sibling is None else sibling.displacement(u)
-                states.append(march.frame(moved, contact))
+                state = march.frame(moved, contact)
+                smallness = watch.of_motion(state, n, smallness)
+                states += [replace(state, smallness=smallness)] * (n in kept)
     forces, places = np.array(march.forces), np.array(march.places)
     return ImpactHistory(
         step=step,
@@ -337,6 +355,7 @@ class _March:
             "farther away (the sibling's coefficients reach a curved surface a little earlier)",
         )
         self._keep(np.zeros(3))
+        self.reach = [np.inf] * len(paths)  # farthest that each surface may move in a step
 
     def advance(self) -> NodalContact:
         """Advances everything by one step."""
@@ -346,6 +365,13 @@ class _March:
         velocity = self._v.array_r + dt * self._inverse * (load - self._inner.array_r)
         self.places.append(self._translations(time + dt))
         shift = self.places[-1] - self.places[-2]
+        for k, way in enumerate(np.linalg.norm(shift, axis=1)):
+            if way > self.reach[k]:
+                raise ValueError(
+                    f"the surface of contact pair {k} moves by {way:.3g} in the step from the time "
+                    f"{time:.6g} on, farther than a facet reaches ({self.reach[k]:.3g}): it would "
+                    "jump into the body; take smaller steps, or a slower surface"
+                )
         if shift.any():
             self._surfaces = self._seen()
         gap, normal = self._surfaces

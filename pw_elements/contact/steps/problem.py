@@ -1,6 +1,6 @@
 """A contact problem as the user states it, checked, and solved increment after increment."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
-from pw_elements.checks import agree, arguments, check_mesh, collective, whole
+from pw_elements.checks import agree, arguments, check_mesh, collective, positive, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
 from pw_elements.contact.model import (
@@ -24,6 +24,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.output import read_state, write_state
 from pw_elements.contact.steps.stepping import (
+    MULTIPLE,
     REMEDIES,
     Callback,
     Remedy,
@@ -34,6 +35,8 @@ from pw_elements.progress import bar, doing
 from pw_elements.solvers import LinearSolver, Solver, auto_solver, collect_garbage, with_fallback
 from pw_elements.spaces import is_hybrid
 
+# by name, or by name and how many times the first attempt's cost they may take
+Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
 _STIFFNESS = "the stiffness"
@@ -116,19 +119,22 @@ def checked_paths(
     return each
 
 
-def checked_remedies(remedies: Collection[Remedy], space: fem.FunctionSpace) -> tuple[Remedy, ...]:
-    """The remedies of a problem.
+def checked_remedies(remedies: Remedies, space: fem.FunctionSpace) -> dict[Remedy, float]:
+    """The remedies of a problem, and what each may take, over the first attempt.
 
     Raises:
-        ValueError: for one that there is not, or what differs between processes.
+        ValueError: for one that there is not, a multiple that is not positive, or what differs
+            between processes.
     """
     with collective(space.mesh.comm):
-        each = tuple(remedies) if isinstance(remedies, Collection) else (remedies,)
-        if isinstance(remedies, str) or any(one not in REMEDIES for one in each):
+        named = isinstance(remedies, Collection) and not isinstance(remedies, str)
+        if not named or any(one not in REMEDIES for one in remedies):
             raise ValueError(
                 f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
             )
-    agree(space.mesh.comm, {"the remedies": each})
+        some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
+        each = {k: positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
+    agree(space.mesh.comm, {"the remedies": list(each.items())})
     return each
 
 
@@ -305,7 +311,8 @@ class ContactProblem:
             that has one; an exception that it raises ends the computation.
         remedies: what is tried where the iteration fails: "condensed" iterates without
             active sets, on the contact points alone; "cutback" halves the increment, which with
-            friction is another path (see `ContactState.substates`).
+            friction is another path (see `ContactState.substates`). Each may take three times as
+            long as the first attempt; {"condensed": 3, "cutback": 10}, say, gives it more.
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem.
@@ -321,7 +328,7 @@ class ContactProblem:
         solver: Solver = None,
         max_iterations: int = 50,
         callback: Callback | None = None,
-        remedies: Collection[Remedy] = REMEDIES,
+        remedies: Remedies = REMEDIES,
     ) -> None:
         self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_mesh(space.mesh)
@@ -331,7 +338,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping = self._by(auto_solver(solver, reduction.supports))
+        self._stepping, self._seen = self._by(auto_solver(solver, self._supports)), K.stateGet()
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     def step(
@@ -366,6 +373,9 @@ class ContactProblem:
             NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
+        if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
+            self.release()
+            self._stepping, self._seen = self._by(self._stepping.solver), self._K.stateGet()
         moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
 
         def stepped(solver: LinearSolver) -> ContactState:
@@ -421,7 +431,7 @@ def solve_contact(
     max_iterations: int = 50,
     solver: Solver = None,
     callback: Callback | None = None,
-    remedies: Collection[Remedy] = REMEDIES,
+    remedies: Remedies = REMEDIES,
 ) -> list[ContactState]:
     """Displacements and contact forces at the end of each increment.
 

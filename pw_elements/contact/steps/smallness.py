@@ -64,6 +64,14 @@ _MOST_CHORDS = 50
 # by w and makes strains of w^2/2. Half of the way to the next node, a node has another partner.
 _SMALL = Smallness(strain=0.05, rotation=0.05, slip=0.5)
 
+# Forces of meshes' own gaps, over all that press interfering bodies apart, that are much
+_NOISE = 0.1
+_OF_MESHES = (
+    "contact pair %d: gaps that meshes leave within facets, times stiffness, are %.2g of the "
+    "forces that press the bodies apart, and pressures are off by as much: use finer meshes, or "
+    "DeformableSurface(..., coincident=True) and the depth as interference"
+)
+
 _logger = logging.getLogger("pw_elements.contact")
 
 
@@ -204,7 +212,7 @@ class SmallnessCheck:
         self._sizes = np.full(len(interface.node), np.inf)
         np.minimum.at(self._sizes, self._point, size)
         rows = [interface.pair == k for k in range(interface.pairs)]
-        self._finest = [
+        self.finest = [
             self._comm.allreduce(self._sizes[mine].min(initial=np.inf), MPI.MIN) for mine in rows
         ]
         self._rigid = [
@@ -227,15 +235,50 @@ class SmallnessCheck:
         strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
         self._check_contact(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
+        self._warn_of_noise(increment, now)
+        return self._told(smallness, before.smallness, f"increment {before.increment}")
+
+    def of_motion(self, state: ContactState, step: int, before: Smallness) -> Smallness:
+        """How small displacements in a frame of dynamics are; logs what no longer is, once.
+
+        Slip is that of nodes in contact from where they were first, where normals differ there.
+        """
+        strain, rotation = self._gradients.largest(state.displacement)
+        largest = 0.0
+        for k, (pair, surface) in enumerate(
+            zip(state.pairs, self._interface.surfaces, strict=True)
+        ):
+            moved = pair.displacement - pair.translation
+            closed = pair.status != OPEN
+            along = moved - np.sum(moved * pair.normal, axis=1)[:, None] * pair.normal
+            if closed.any():
+                turned = surface.normal((pair.position + moved)[closed]) - pair.normal[closed]
+                far = np.linalg.norm(along[closed], axis=1)[np.abs(turned).max(axis=1) > _NEAR]
+                largest = max(largest, float(far.max(initial=0.0) / self.finest[k]))
+        return self._told(Smallness(strain, rotation, largest), before, f"step {step}")
+
+    def _told(self, smallness: Smallness, before: Smallness, when: str) -> Smallness:
         left = [
             f"largest {name} {value:.3g} (above {limit:g})"
             for name, value in vars(smallness).items()
-            if value > (limit := getattr(_SMALL, name)) >= getattr(before.smallness, name)
+            if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
         ]
         if left and self._comm.rank == 0:
-            text = "increment %d leaves the range of small displacements: %s"
-            _logger.warning(text, before.increment, ", ".join(left))
+            text = "%s leaves the range of small displacements: %s"
+            _logger.warning(text, when, ", ".join(left))
         return smallness
+
+    def _warn_of_noise(self, increment: Increment, now: Iterate) -> None:
+        """Logs it where forces by which meshes' own gaps are pressed out are much of all."""
+        interface, force = self._interface, now.contact.force[:, 0]
+        noise = increment.system.scale * interface.noise
+        for k in range(interface.pairs):
+            mine = (interface.pair == k) & (force > 0)
+            sums = np.array([np.sum(noise[mine] ** 2), np.sum(force[mine]), np.sum(mine)])
+            squares, pressed, count = self._comm.allreduce(sums, MPI.SUM)
+            ratio = np.sqrt(squares * count) / pressed if pressed > 0 else 0.0
+            if self._comm.rank == 0 and ratio > _NOISE:
+                _logger.warning(_OF_MESHES, k, ratio)
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""
@@ -259,7 +302,7 @@ class SmallnessCheck:
         """Looks along the straight ways of the surfaces to translations (pairs, dim)."""
         for k, rigid in enumerate(self._rigid):
             way = translations[k] - past.translations[k]
-            if rigid and np.linalg.norm(way) > _WAY_STEP * self._finest[k]:
+            if rigid and np.linalg.norm(way) > _WAY_STEP * self.finest[k]:
                 mine = self._interface.pair == k
                 wrong = np.zeros(len(mine), dtype=bool)
                 wrong[mine] = self._swallowed(k, past, way)
@@ -280,7 +323,7 @@ class SmallnessCheck:
     def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
         """Points (m,) of a pair that its surface swallows from the wrong side on its way."""
         interface, mine = self._interface, self._interface.pair == k
-        surface, size = interface.surfaces[k], self._finest[k]
+        surface, size = interface.surfaces[k], self.finest[k]
         x, before = interface.position[mine] - past.translations[k], past.displacement[mine]
         length = float(np.linalg.norm(way))
         step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)

@@ -16,7 +16,7 @@ another state than the whole one would, had it been found, and says so by `Conta
 """
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from time import perf_counter
@@ -33,6 +33,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
+    HELD,
     OPEN,
     SLIP,
     STICK,
@@ -57,7 +58,7 @@ from pw_elements.contact.model import (
     Motion,
     NotFound,
 )
-from pw_elements.contact.rescue import Condensation, RigidMotions, rescue
+from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, rescue
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, hush
 from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
@@ -72,9 +73,13 @@ _SMALLEST = 1 / 16
 # What counts as no gap, over the extent of the contact nodes
 _TOUCHING = 1e-9
 
-# What is tried where the iteration fails: one without active sets, and smaller increments
+# What is tried where the iteration fails: one without active sets, and smaller increments; and
+# what either may take, over the first attempt, which counts as so many linear systems at least
+# where these are of no more unknowns
 Remedy: TypeAlias = Literal["condensed", "cutback"]
 REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
+MULTIPLE = 3.0
+_USUAL, _FEW = 50, 2000
 
 # Linear systems, and what they took
 Spent: TypeAlias = tuple[int, SolverReport]
@@ -114,6 +119,12 @@ class Target:
     def free(self) -> Free:
         """(pair, component) of each free translation."""
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.translations)))
+
+    @property
+    def idle(self) -> npt.NDArray[np.bool_]:
+        """Whether each pair's surface (pairs,) is free and pushed by nothing: it just touches."""
+        free = np.isnan(self.translations)
+        return free.any(axis=1) & ~(free & (self.forces != 0)).any(axis=1)
 
     @property
     def totals(self) -> Array:
@@ -173,33 +184,33 @@ def in_parts(
     state: ContactState,
     start: Target,
     end: Target,
-) -> ContactState | None:
-    """The state at the end of a step that fails as a whole, or None if its parts fail, too.
+    budget: Budget,
+) -> tuple[float, ContactState | None]:
+    """The share of a step that is solved where it fails as a whole, and the state there.
 
     Args:
         step: from a state to a target.
         state: at the start.
         start: what it is in equilibrium with.
         end: what is asked for.
+        budget: which `step` uses up; no further step is begun without any.
     """
     parts: list[tuple[float, ContactState]] = []
     done, size, now = 0.0, 0.5, state
-    while done < 1:
+    told = log.info if state.displacement.comm.rank == 0 else log.debug
+    told("in parts, for what %.0f linear systems take at most", budget.left)
+    while done < 1 and size >= _SMALLEST and budget.left > 0:
         share = min(1.0, done + size)
         try:
             now = replace(step(now, between(start, end, share)), increment=state.increment + 1)
         except (ContactFailed, NoContactStated) as failed:
-            if now.displacement.comm.rank == 0:
-                log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
+            told("not from %.4g to %.4g of the increment: %s", done, share, failed)
             size /= 2
-            if size < _SMALLEST:
-                return None
             continue
         done = share
         parts.append((share, now))
-    if now.displacement.comm.rank == 0:
-        log.info("the increment has been solved in %d parts", len(parts))
-    return _joined([part for _, part in parts], tuple(parts[:-1]))
+    told("%.4g of the increment has been solved in %d parts", done, len(parts))
+    return done, _joined([part for _, part in parts], tuple(parts[:-1])) if parts else None
 
 
 def _joined(
@@ -321,7 +332,7 @@ class Reporter:
 
 
 def _three(counts: npt.NDArray[np.intp]) -> tuple[int, int, int]:
-    return int(counts[OPEN]), int(counts[STICK]), int(counts[SLIP])
+    return int(counts[OPEN]), int(counts[STICK] + counts[HELD:].sum()), int(counts[SLIP])
 
 
 class Stepping:
@@ -334,7 +345,8 @@ class Stepping:
         space: trial space.
         max_iterations: linear systems of one iteration.
         callback: the user's function, if there is one.
-        remedies: what is tried where the iteration fails, as far as the solver lets it.
+        remedies: what is tried where the iteration fails, as far as the solver lets it, and what
+            each may take over the first attempt.
         solver: of the linear systems.
 
     Attributes:
@@ -350,7 +362,7 @@ class Stepping:
         space: fem.FunctionSpace,
         max_iterations: int,
         callback: Callback | None,
-        remedies: Collection[Remedy],
+        remedies: Mapping[Remedy, float],
         solver: LinearSolver,
     ) -> None:
         self.solver = solver
@@ -359,8 +371,9 @@ class Stepping:
         self._reduction = (reduction.masked() if iterative else reduction).equilibrated(K)
         self._most, self._callback = max_iterations, callback
         # others condense the body
-        self._remedies = [one for one in remedies if one == "cutback" or not iterative]
-        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K).sibling)
+        self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
+        self._first = 0  # linear systems of an increment's first attempt
+        self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
         self._whole, self.space = space, self.interface.field.space
         self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
@@ -381,21 +394,33 @@ class Stepping:
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
-            except NotFound:
-                joined = self._cut(state, end, reporter)
-                if joined is None:
+            except NotFound as failure:
+                done, joined = self._cut(state, end, reporter)
+                if joined is not None:
+                    iterations, report = self._spent(end.free, before)
+                    joined = replace(joined, iterations=iterations, report=report)
+                if done < 1 or joined is None:
+                    if joined is not None:
+                        failure.reached = done, joined
+                        failure.args = (f"{failure}. In parts {done:.3g} of it was reached",)
                     raise
-                iterations, report = self._spent(end.free, before)
-                found = replace(joined, iterations=iterations, report=report)
+                found = joined
         reporter.ended(found, perf_counter() - begun)
         return found
 
-    def _cut(self, state: ContactState, end: Target, reporter: Reporter) -> ContactState | None:
-        """The state at a target, in parts; None if it is not found that way."""
+    def _cut(
+        self, state: ContactState, end: Target, reporter: Reporter
+    ) -> tuple[float, ContactState | None]:
+        """The share of the way to a target that is found in parts, and the state there."""
         if "cutback" not in self._remedies or homogeneous(state):
-            return None
-        start = held_by(state, self._K, self.interface)
-        return in_parts(lambda s, t: self._solved(s, t, None, reporter), state, start, end)
+            return 0.0, None
+        start, budget = held_by(state, self._K, self.interface), self._budget("cutback")
+        step = partial(self._solved, guess=None, reporter=reporter, budget=budget)
+        return in_parts(step, state, start, end, budget)
+
+    def _budget(self, remedy: Remedy) -> Budget:
+        usual = _USUAL * min(1.0, _FEW / self._K.getSize()[0]) ** 1.5
+        return Budget(self._remedies.get(remedy, 0.0) * max(self._first, usual))
 
     def _solved(
         self,
@@ -403,26 +428,37 @@ class Stepping:
         target: Target,
         guess: ContactState | None = None,
         reporter: Reporter | None = None,
+        budget: Budget | None = None,
     ) -> ContactState:
-        """The state at a target, in one piece."""
+        """The state at a target, in one piece; of a part, within a budget."""
         increment, place, policy = self._begun(state, target, guess)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
-        active = initial_active_set(place, state, guess, rigid.left_free)
+        active = initial_active_set(place, state, guess, rigid.left_free, target.idle)
         told = reporter.iterated if reporter and reporter.wanted else None
+        most = self._most if budget is None else int(max(1, min(self._most, budget.left)))
         try:
-            now = newton(increment, active, place, policy(), self._most, told)
+            now = newton(increment, active, place, policy(), most, told)
         except (ContactFailed, NotConverged) as failure:
+            solved = increment.system.solved - before[0]
+            if budget is None:
+                self._first = solved
+            else:
+                budget.take(solved)
             now = rescue(
                 failure,
                 increment,
                 place,
                 rigid,
                 (lambda: self._condensed) if "condensed" in self._remedies else None,
+                budget or self._budget("condensed"),
                 policy,
                 self._most,
                 state,
                 lambda: self._spent(target.free, before),
             )
+        else:
+            if budget is not None:
+                budget.take(increment.system.solved - before[0])
         if reporter:
             reporter.violation = increment.violation(now)
         return self._ended(increment, now, state, before)
@@ -437,7 +473,8 @@ class Stepping:
         equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
         increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
         policy = partial(Policy.of, rigid.left_free, interface)
-        translations = np.where(np.isnan(prescribed), (guess or state).translations, prescribed)
+        begin = np.where(target.idle[:, None] & (guess is None), 0.0, (guess or state).translations)
+        translations = np.where(np.isnan(prescribed), begin, prescribed)
         system.start(lambda: initial_unknowns(state, guess, self._whole), translations)
         interface.check_supports(translations)
         self._watch.before(increment)
@@ -452,7 +489,9 @@ class Stepping:
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
         now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
-        return contact_state(increment, now, iterations, state, report, smallness)
+        left_free, lost = self._bound(increment.system.free)[1].left_free, increment.allowed(now)
+        slides = left_free.slides(now.contact, lost)
+        return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
     def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
         """Linear systems of iterations since before, and what they and condensing took."""

@@ -1,0 +1,86 @@
+"""A loose block on another one, up to a million times as stiff or soft, pressed and pushed."""
+
+import numpy as np
+import pytest
+
+from pw_elements import Reduction, prescribe
+from pw_elements.contact import ContactProblem, NoEquilibrium, NotFound, NotUnique
+from pw_elements.contact.rescue.condensed import CondensedIncrement
+from pw_elements.contact.steps.stepping import Target
+from tests.contact.cases import at
+from tests.contact.two_bodies import Stack
+from tests.oracle.search import Increment, search
+
+SEEDS = 60
+
+
+class Blocks:
+    """A problem by seed: meshes that do not match, friction, forces on top in one or two steps."""
+
+    def __init__(self, seed):
+        random = np.random.default_rng(seed)
+        ratio = 10 ** (random.uniform(2, 6) * random.choice([-1, 1]))
+        self.stiffer = max(ratio, 1 / ratio)
+        divisions = tuple(int(n) for n in random.integers(2, 6, 2))
+        cell, slave = (
+            random.choice(["triangle", "quadrilateral"]),
+            random.choice(["upper", "lower"]),
+        )
+        stack = Stack(
+            divisions, cell, upper=(random.uniform(0, 0.2), random.uniform(0.7, 1)), ratio=ratio
+        )
+        mu, press = random.uniform(0.1, 0.7), 1e-3 * min(1.0, ratio)
+        push = random.uniform(-0.95, 0.95) * mu * press
+        self.loads = [stack.load((0.0, -press)), stack.load((push, -press))][random.integers(2) :]
+        held = [prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)]
+        supports = Reduction.dirichlet(stack.space, held)
+        self.problem = ContactProblem(stack.K, supports, stack.pair(slave, mu), stack.space)
+
+    def solve(self):
+        """States, the one that a refusal follows last, and the load that is refused, if any."""
+        states = [self.problem.undeformed]
+        for load in self.loads:
+            try:
+                states.append(self.problem.step(states[-1], load))
+            except NoEquilibrium:
+                return states, None
+            except (NotFound, NotUnique):
+                return states, load
+        return states, None
+
+    def is_solved_by_search(self, state, load):
+        """Whether a search of all statuses finds a state, on the body condensed to its points."""
+        stepping = self.problem._stepping
+        increment, place, _ = stepping._begun(state, Target.of(load, (), stepping.interface))
+        seen = CondensedIncrement(increment, stepping._condensed, place)
+        parts = [
+            np.column_stack([of.slope[:, k], of.value[:, k]])
+            for of, k in ((seen.force, 0), (seen.force, 1), (seen.slip, 0))
+        ]
+        gap = np.column_stack([seen.gap.slope, seen.gap.value])
+        none = np.zeros((0, gap.shape[1]))
+        stated = Increment(
+            parts[0],
+            parts[1],
+            gap,
+            parts[2],
+            none,
+            seen.cone.steepest,
+            seen.faced,
+            seen.scale.mean(),
+        )
+        return search(stated).z is not None
+
+
+@pytest.mark.random
+def test_loose_blocks_are_refused_with_cause_only():
+    """Residuals are those of round-off, which is the stiffer body's."""
+    refused = []
+    for seed in range(SEEDS):
+        blocks = Blocks(seed)
+        states, load = blocks.solve()
+        residual = max(state.residuals.largest() for state in states)
+        assert residual < 1e-8 + 1e-13 * blocks.stiffer, seed
+        if load is not None and blocks.is_solved_by_search(states[-1], load):
+            refused.append(seed)
+    assert refused == []
