@@ -8,7 +8,7 @@ it: negative inside the rigid.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,20 @@ class Surface(Protocol):
         ...
 
 
+@runtime_checkable
+class RigidBody(Surface, Protocol):
+    """A surface that deformed bodies may touch: it knows the closest point, and its curvature."""
+
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """What points x (n, dim) have of their closest points on the surface.
+
+        Returns:
+            Distance (n,), negative inside, normal (n, dim), and its derivative by x (n, dim, dim);
+            NaN where there is no closest point.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Plane:
     """Plane, in 2-D a line, through a point.
@@ -81,6 +95,10 @@ class Plane:
     def normal(self, x: Points) -> Points:
         """The unit direction (n, dim), at any points x (n, dim)."""
         return np.tile(unit(self.direction), (len(x), 1))
+
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """As `RigidBody` says: the normal has no derivative."""
+        return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -157,6 +175,12 @@ class Sphere:
     def normal(self, x: Points) -> Points:
         """Unit vectors (n, dim) away from the centre, at points x (n, dim)."""
         return normalised(x - np.asarray(self.centre))
+
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """As `RigidBody` says: the derivative is (I - n n^T) over the distance from the centre."""
+        gap, normal = self.gap(x), self.normal(x)
+        across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
+        return gap, normal, across / (gap + self.radius)[:, None, None]
 
 
 @dataclass(frozen=True)

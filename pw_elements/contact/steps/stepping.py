@@ -199,10 +199,10 @@ def in_parts(
         parts.append((share, now))
     if now.displacement.comm.rank == 0:
         log.info("the increment has been solved in %d parts", len(parts))
-    return _joined([part for _, part in parts], tuple(parts[:-1]))
+    return joined([part for _, part in parts], tuple(parts[:-1]))
 
 
-def _joined(
+def joined(
     parts: Sequence[ContactState], substates: tuple[tuple[float, ContactState], ...]
 ) -> ContactState:
     """The last part, with the slip of all."""
