@@ -17,6 +17,13 @@ from pw_elements.checks import field, number, positive, vector
 
 Points = npt.NDArray[np.float64]
 
+# Steps of Newton's method to closest points, which ends with one below a part of the largest
+# coordinate, and of what differences for gradients leave of it
+_PROJECTIONS = 30
+_PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
+# Step of second differences over that of first ones
+_COARSER = 100
+
 
 def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
     """The unit vector (dim,) along a direction.
@@ -260,6 +267,45 @@ class SignedDistance:
         normal[faced] = normalised(self._slope(x[faced]))
         return normal
 
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """As `RigidBody` says, by Newton's method on p + l grad f(p) = x, f(p) = 0.
+
+        The Hessian is made of differences of the gradient; without a gradient function it has half
+        of the digits.
+        """
+        n, dim = x.shape
+        one, p, active = np.eye(dim), x.copy(), np.arange(n)
+        slope = self._slope(x)
+        length = self._values(x) / np.sum(slope**2, axis=1)
+        bend = np.full((n, dim, dim), np.nan)
+        found = np.zeros(n, dtype=bool)
+        small = _PROJECTED_BY_DIFFERENCES if self.gradient is None else _PROJECTED
+        small *= np.abs(x).max(initial=0.0)
+        for _ in range(_PROJECTIONS):
+            at, level = p[active], length[active]
+            slope, bent = self._slope(at), self._bend(at)
+            system = np.zeros((len(at), dim + 1, dim + 1))
+            system[:, :dim, :dim] = one + level[:, None, None] * bent
+            system[:, :dim, dim] = system[:, dim, :dim] = slope
+            wrong = x[active] - at - level[:, None] * slope
+            right = np.concatenate([wrong, -self._values(at)[:, None]], axis=1)
+            step = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+            p[active] += step[:, :dim]
+            length[active] += step[:, dim]
+            bend[active] = bent
+            still = np.abs(step[:, :dim]).max(axis=1) <= small
+            found[active[still]] = True
+            active = active[~still]
+            if not len(active):
+                break
+        slope = self._slope(p)
+        size = np.linalg.norm(slope, axis=1)
+        normal, gap = slope / size[:, None], length * size
+        across = one - normal[:, :, None] * normal[:, None, :]
+        shape = across @ bend @ across / size[:, None, None]
+        normal[~found] = gap[~found] = np.nan
+        return gap, normal, np.linalg.solve(one + gap[:, None, None] * shape, shape)
+
     def _values(self, x: Points) -> npt.NDArray[np.float64]:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return field("the function of a signed distance", self.function(x), (len(x),), layout)
@@ -273,3 +319,10 @@ class SignedDistance:
         steps = self.step * np.eye(x.shape[1])
         differences = [self._values(x + h) - self._values(x - h) for h in steps]
         return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
+
+    def _bend(self, x: Points) -> npt.NDArray[np.float64]:
+        """Second derivatives (n, dim, dim) of the function."""
+        step = self.step * (1 if self.gradient is not None else _COARSER)
+        steps = step * np.eye(x.shape[1])
+        bend = np.array([self._slope(x + h) - self._slope(x - h) for h in steps]) / (2 * step)
+        return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
