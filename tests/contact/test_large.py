@@ -1,9 +1,30 @@
 """Contact at large strains: closest points, derivatives, known answers, restart, refusals."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+from mpi4py import MPI
+
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
 
-from pw_elements.contact import Plane, SignedDistance, Sphere
+from pw_elements import Reduction, Spaces, assemble_matrix, prescribe
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    FlatPunch,
+    Motion,
+    NotFound,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+    solve_contact,
+)
+from pw_elements.contact.iteration import CellGuard, DeformedKinematics, Reference
+from pw_elements.meshes import triangles
 
 
 def _ellipse(x):
@@ -48,3 +69,244 @@ def test_closest_points_and_their_derivatives(name):
         ahead, behind = surface.closest(x + h), surface.closest(x - h)
         assert np.abs((ahead[0] - behind[0]) / (2 * step) - normal[:, axis]).max() < close
         assert np.abs((ahead[1] - behind[1]) / (2 * step) - bend[:, :, axis]).max() < close
+
+
+def _at_points(surface, x, dim):
+    """Points (m, dim) as an interface of one surface."""
+    return SimpleNamespace(
+        position=x,
+        pair=np.zeros(len(x), dtype=int),
+        surfaces=[surface],
+        equation=np.zeros((len(x), dim), dtype=int),
+        gathered=lambda values: values,
+    )
+
+
+@pytest.mark.parametrize("name", ["plane", "circle", "sphere", "ellipse"])
+def test_kinematics_are_consistent(name):
+    """Gap, slip and force components change as their derivatives say, wherever a point is."""
+    surface, rng = SURFACES[name], np.random.default_rng(7)
+    dim, m = (3 if name == "sphere" else 2), 20
+    x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
+    start = Reference(rng.normal(size=(m, dim)) * 0.3, np.zeros((m, dim)), np.zeros((1, dim)))
+    view = DeformedKinematics(_at_points(surface, x, dim), start)
+    a, U, r = (
+        rng.normal(size=(m, dim)) * 0.3,
+        rng.normal(size=(1, dim)) * 0.1,
+        rng.normal(size=(m, dim)),
+    )
+    here = view(U, a, r)
+    h = 1e-5
+    for direction in np.eye(dim):
+        way = np.tile(direction, (m, 1))
+        ahead, behind = view(U, a + h * way, r), view(U, a - h * way, r)
+
+        def change(values, ahead=ahead, behind=behind):
+            return (values(ahead) - values(behind)) / (2 * h)
+
+        def slips(place):  # in space a frame may spin
+            return np.einsum("nta,nt->na", place.frame[:, 1:], place.slip)
+
+        def parts(place):
+            pressed = place.forces(r, U)[:, 0]
+            return np.column_stack([pressed, np.linalg.norm(place.forces(r, U)[:, 1:], axis=1)])
+
+        slope = np.einsum("nab,nb->na", here.moved, way)
+        assert np.abs(change(lambda p: p.gap) - slope[:, 0]).max() < 1e-7
+        found = np.einsum("nta,na->nt", here.frame[:, 1:], change(slips))
+        assert np.abs(found - slope[:, 1:]).max() < 1e-6
+        turned = np.einsum("nab,nb->na", here.turned, way)
+        sheared = here.forces(r, U)[:, 1:]
+        along = np.sum(sheared * turned[:, 1:], axis=1) / np.linalg.norm(sheared, axis=1)
+        assert np.abs(change(parts) - np.column_stack([turned[:, 0], along])).max() < 1e-6
+
+
+def test_slip_is_the_arc():
+    """On circles and spheres slip is the great circle's arc, in any number of dimensions."""
+    for dim in (2, 3):
+        angle = np.array([0.05, 0.4, 1.2])
+        end = np.zeros((3, dim))
+        end[:, 0], end[:, -1] = 2 * np.sin(angle), 2 * np.cos(angle)
+        start = np.zeros((3, dim))
+        start[:, -1] = 2.3  # above the surface
+        ball = Sphere((0.0,) * dim, 2.0)
+        at_rest = Reference(np.zeros((3, dim)), np.zeros((3, dim)), np.zeros((1, dim)))
+        view = DeformedKinematics(_at_points(ball, start, dim), at_rest)
+        place = view(np.zeros((1, dim)), end - start, np.zeros((3, dim)))
+        assert np.abs(np.linalg.norm(place.slip, axis=1) - 2 * angle).max() < 1e-12
+        assert list(place.jumped) == [False, False, False]
+        far = view(np.zeros((1, dim)), -start * 2, np.zeros((3, dim)))
+        assert far.jumped.all()
+
+
+def neo_hookean(F):
+    inverse = ufl.inv(F).T
+    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
+
+
+def saint_venant(F):
+    E = (F.T * F - ufl.Identity(2)) / 2
+    return F * (2 * E + 1.5 * ufl.tr(E) * ufl.Identity(2))
+
+
+class Rubber:
+    """A block 2 x 1 on a held base, and a circle of radius 0.6 that touches its upper side."""
+
+    def __init__(self, n=4, stress=neo_hookean, comm=MPI.COMM_SELF, friction=0.3, **options):
+        mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (2 * n, n))
+        pair = Spaces.petrov_galerkin(mesh)
+        self.space, self.u = pair.trial, fem.Function(pair.trial)
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 4})
+        F = ufl.Identity(2) + ufl.grad(self.u)
+        self.residual = ufl.inner(stress(F), ufl.grad(ufl.TestFunction(pair.test))) * dx
+        self.base = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
+        self.held = [
+            prescribe(self.space, k, lambda x: np.isclose(x[1], -1.0), value)
+            for k, value in enumerate(self.base)
+        ]
+        self.pair = ContactPair(above, Sphere((0.0, 0.6), 0.6), friction=friction)
+        self.problem = ContactProblem.of_residual(
+            self.residual, self.u, self.held, self.pair, **options
+        )
+
+    def states(self, motions):
+        """After each of the translations of the circle."""
+        states = [self.problem.undeformed]
+        for motion in motions:
+            states.append(self.problem.step(states[-1], motions=Motion(motion)))
+        return states[1:]
+
+
+def above(x):
+    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < 0.9)
+
+
+WAY = [(0.0, -0.15), (0.05, -0.3), (0.3, -0.3)]
+
+
+def test_small_displacements_are_those_of_the_linear_problem():
+    """Forces with friction tend to the linear problem's, whose code for surfaces is another."""
+    errors = []
+    for size in (1e-3, 1e-4):
+        rubber = Rubber()
+        motions = [(0.0, -size), (size, -size)]
+        large = rubber.states(motions)[-1].pairs[0]
+        rubber.u.x.array[:] = 0.0
+        K = assemble_matrix(
+            ufl.derivative(rubber.residual, rubber.u, ufl.TrialFunction(rubber.space))
+        )
+        supports = Reduction.dirichlet(rubber.space, rubber.held)
+        nothing = K.createVecLeft()
+        steps = replace(rubber.pair, motions=[Motion(m) for m in motions])
+        small = solve_contact(K, [nothing] * 2, supports, steps, rubber.space)[-1].pairs[0]
+        away = np.abs(large.force_vector - small.force_vector).max()
+        errors.append(away / np.abs(small.force_vector).max())
+    assert errors[1] < 1e-3
+    assert errors[1] < 0.2 * errors[0]
+
+
+def test_a_base_that_moves_is_a_tool_that_moves():
+    """Supports follow a function of the share: only the relative motion makes forces."""
+    tools = Rubber().states(WAY)[-1]
+    rubber = Rubber()
+    state, before = rubber.problem.undeformed, (0.0, 0.0)
+    for end in WAY:
+
+        def load(share, start=before, end=end):
+            for base, a, b in zip(rubber.base, start, end, strict=True):
+                base.value = -((1 - share) * a + share * b)
+
+        state, before = rubber.problem.step(state, load), end
+    (mine,), (theirs,) = state.pairs, tools.pairs
+    assert np.abs(mine.force_vector - theirs.force_vector).max() < 1e-9
+    assert np.abs(mine.slip - theirs.slip).max() < 1e-9
+
+
+def test_forces_are_prescribed_and_balanced():
+    """A circle pressed and drawn by its total force goes where it went for that force."""
+    rubber = Rubber()
+    *_, driven = rubber.states(WAY)
+    pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion(WAY[0]))
+    pressed = rubber.problem.step(pressed, motions=Motion(WAY[1]))
+    force = driven.pairs[0].force
+    free = Motion((WAY[2][0], None), force=(0.0, force[1]))
+    found = rubber.problem.step(pressed, motions=free)
+    assert abs(found.pairs[0].translation[1] - WAY[2][1]) < 1e-7
+    assert np.abs(found.pairs[0].force - force).max() < 1e-6
+    assert found.residuals.largest() < 1e-8
+
+
+@pytest.mark.parametrize("stress", [neo_hookean, saint_venant])
+def test_no_cell_is_turned(stress):
+    """Whatever the stress is, which may stay finite there, no accepted state has turned cells."""
+    rubber = Rubber(2, stress=stress)
+    guard, states = CellGuard(rubber.u, rubber.residual), [rubber.problem.undeformed]
+
+    def press():
+        for k in range(1, 8):
+            motion = Motion((0.0, -0.15 * k))
+            states.append(rubber.problem.step(states[-1], motions=motion))
+            assert guard.smallest() > 0
+
+    with pytest.raises(NotFound, match="halved further") as raised:
+        press()
+    assert len(states) > 1
+    reached = raised.value.state
+    assert reached.converged
+    assert reached.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]
+    assert np.array_equal(rubber.u.x.array, reached.unknowns.array_r)
+    assert guard.smallest() > 0
+
+
+def test_history_belongs_to_the_state():
+    """A function that remembers is restored where a step starts anew, and updated at its end."""
+    mesh = Rubber().space.mesh
+    hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+
+    def update():
+        hardness.x.array[:] += 1.0
+
+    rubber = Rubber(history=[hardness], update=update)
+    first, second = rubber.states(WAY[:2])
+    assert [s.history[0].min() for s in (rubber.problem.undeformed, first, second)] == [0, 1, 2]
+    rubber.problem.step(first, motions=Motion(WAY[1]))
+    assert hardness.x.array.max() == 2.0
+
+
+REFUSED = {
+    "parabola": ({"surface": Parabola((0.0, 0.0), 0.6)}, "Sphere"),
+    "flat punch": ({"surface": FlatPunch((0.0, 0.0), (0.0, -1.0), 0.3)}, "rounded"),
+    "interference": ({"interference": True}, "interference"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_small_displacements_only_have_is_refused(name):
+    """The message names what to use."""
+    change, words = REFUSED[name]
+    rubber = Rubber()
+    pair = replace(rubber.pair, **change)
+    with pytest.raises(ValueError, match=words):
+        ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+
+
+def test_wrong_arguments_are_refused():
+    """A vector is no load of a residual, and a step from a guess makes no sense there."""
+    rubber = Rubber()
+    start = rubber.problem.undeformed
+    with pytest.raises(TypeError, match="function of the share"):
+        rubber.problem.step(start, start.displacement)
+    with pytest.raises(ValueError, match="no guess"):
+        rubber.problem.step(start, guess=start)
+    with pytest.raises(TypeError, match="update"):
+        Rubber(update=3)
+
+
+def test_surfaces_without_closest_points_are_told():
+    """A point at the centre of curvature has none, and the error says where it was at first."""
+    rubber = Rubber()
+    far = SignedDistance(lambda x: x[:, 1] ** 2 + 1.0 + 0 * x[:, 0], lambda x: 2 * x * [0, 1])
+    pair = replace(rubber.pair, surface=far)
+    problem = ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+    with pytest.raises(NotFound, match="no closest point"):
+        problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
