@@ -139,7 +139,7 @@ def _compared(rubber: Rubber, run: Run, F: Array) -> Result:
         "force_error": np.abs(pair.force_vector - expected).max() / size,
         "displacement_error": np.abs(rubber.displacement - even).max(),
         "area_error": np.abs(true / nominal - stretch).max(),
-        "base_defect": run.base_defect(),
+        "base_defect": run.base_defect([*range(rubber.dim)]),
         "sticking": np.mean(pair.status == STICK),
         "closed": np.mean(pair.status != OPEN),
         "pressure": -traction[-1],

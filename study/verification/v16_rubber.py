@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 # Lengths over the tool's radius, stresses over the shear modulus; plane strain in the plane.
 # Half width and height of a block, and the half width with elements of one size
 HALF_WIDTH, HEIGHT, FINE, GROWTH = 3.0, 2.0, 1.5, 1.5
-SPACE_WIDTH, SPACE_HEIGHT, SPACE_FINE, SPACE_GROWTH = 2.0, 1.5, 0.9, 1.8
+SPACE_WIDTH, SPACE_HEIGHT, SPACE_FINE, SPACE_GROWTH = 1.8, 1.4, 0.85, 1.8
 LAYER = 0.25  # below the surface, with elements of that size, too
 RATIO, HYBRID_RATIO = 0.3, 0.4999  # Poisson's
 DEGREE = {2: 4, 3: 2}  # of quadrature
@@ -130,14 +130,14 @@ class Run:
                 total += float((old.force + new.force) @ way / 2)
         return total
 
-    def base_defect(self) -> float:
+    def base_defect(self, components: Sequence[int] = (0, 1)) -> float:
         """Largest sum of the forces of tools and base, over the last force of the tools."""
         sums = [
             sum(pair.force for pair in state.pairs) + below
             for state, below in zip(self.states, self.base, strict=True)
         ]
         last = sum(pair.force for pair in self.states[-1].pairs)
-        return float(np.abs(sums).max() / np.linalg.norm(last))
+        return float(np.abs(np.array(sums)[:, components]).max() / np.linalg.norm(last))
 
 
 def follow(

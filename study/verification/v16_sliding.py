@@ -34,6 +34,7 @@ TITLE = "Large strains and large sliding: rubber below a cylinder"
 FRICTION, DOWN, ASIDE = 0.3, 0.5, 0.6
 EDGE = 3  # nodes at each end of the contact that do not count
 ZONE = 0.9  # of the half width, in which nodes may touch
+ROUND_OFF = 1e-6  # corners of the standard tetrahedron carry nothing
 BASE = {2: HEIGHT, 3: SPACE_HEIGHT}
 
 
@@ -112,20 +113,23 @@ def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result
     states, last = run.states[1:], run.states[-1].pairs[0]
     x = last.position
     away = np.linalg.norm(x[:, :2] - last.translation[:2], axis=1)
-    radius = away[last.status != OPEN].max()
-    symmetric = [1] if ironed else [0, 1]
-    counted = (away < radius / 2) & (x[:, symmetric] > 1e-9).all(axis=1)
+    near = away < away[last.status != OPEN].max() / 2
+    mirrors = [1] if ironed else [0, 1]
+    if not ironed:  # mirrored diagonals meet there: four or eight triangles, elsewhere six
+        near &= away > 1e-9
+    # the other half's force on a node in a plane of symmetry is the same
+    force = last.force_normal * np.prod(np.where(np.abs(x[:, mirrors]) < 1e-9, 2.0, 1.0), axis=1)
     corner = rubber.corner[last.node]
     scalars = _counts(states) | {
-        "mid_over_corner": last.force_normal[counted & ~corner].mean()
-        / last.force_normal[counted & corner].mean(),
-        "corners": np.sum(counted & corner),
+        "mid_over_corner": _quotient(force[near & ~corner].mean(), force[near & corner].mean()),
+        "corner_over_mid": force[near & corner].mean() / force[near & ~corner].mean(),
+        "corners": np.sum(near & corner),
         "N": -last.force[2],
         "T": last.force[0],
         "T_over_N": -last.force[0] / last.force[2],
-        "base_defect": run.base_defect(),
+        "base_defect": run.base_defect([0, 2] if ironed else [2]),
     }
-    curves = {"x": x, "force_n": last.force_normal, "corner": corner.astype(float)}
+    curves = {"x": x, "force_n": force, "corner": corner.astype(float)}
     return _result(scalars, curves, rubber)
 
 
@@ -179,6 +183,11 @@ def _along(state: ContactState, corner: npt.NDArray[np.bool_]) -> float:
     return float(np.median(2 * force[middle] / (force[middle - 1] + force[middle + 1])))
 
 
+def _quotient(force: float, over: float) -> float:
+    """Of forces; where the second one is round-off, what cannot be told from more."""
+    return float(force / max(abs(over), ROUND_OFF * abs(force)))
+
+
 def _friction(state: ContactState) -> float:
     """Work that friction takes in an increment, in its parts, by forces at their ends."""
     ends = [part.pairs[0] for _, part in state.substates]
@@ -207,8 +216,8 @@ CASES = [
     *(_cylinder(element, 8, 2, 2) for element in ("pw-T6", "galerkin-T6", "pw-hybrid-T6")),
     *(_cylinder(element, 16, 10, 24) for element in ("pw-T6", "galerkin-T6")),
     _cylinder("pw-T6", 16, 20, 48, "-68"),
-    *(_steps("pw-T6", n, n) for n in (1, 2, 4, 8, 16)),
-    *(_steps("pw-hybrid-T6", n, n) for n in (2, 4, 8, 16)),
+    *(_steps("pw-T6", n, n) for n in (1, 2, 4, 8)),
+    *(_steps("pw-hybrid-T6", n, n) for n in (2, 4, 8)),
 ]
 CASES += [
     Case("V16", f"energy-{element}-{n}", energy, {"element": element, "elements": n, "pressed": 20})
@@ -219,7 +228,7 @@ CASES += [
     Case("V16", f"sphere-{element}-6", sphere, {"element": element, "elements": 6, "pressed": 4})
     for element in ("pw-T10", "galerkin-T10")
 ]
-_IRONED = {"element": "pw-T10", "elements": 4, "pressed": 2, "ironed": 3}
+_IRONED = {"element": "pw-T10", "elements": 4, "pressed": 2, "ironed": 2}
 CASES.append(Case("V16", "ironing-pw-T10-4", sphere, _IRONED))
 CASES += [
     Case("V16", f"{name}-{element}", run, {"element": element})

@@ -104,6 +104,11 @@ QUICK = [
     "V15/seal-pw-hybrid-T6-8",
     "V15/enclosed-pw-hybrid-H27-0.4999-4",
     "V15/cube-pw-hybrid-H27-0.4999-12",
+    "V16/cylinder-pw-T6-8",
+    "V16/energy-galerkin-T6-4",
+    "V16/sphere-galerkin-T10-6",
+    "V16/shear-pw-T10",
+    "V16/hertz-pw-T6-4",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
@@ -124,6 +129,7 @@ SYSTEMS = {
     "V13": NONE,
     "V14": NONE,
     "V15": NONE,
+    "V16": NONE,
 }
 # What names say, whatever the section; the first pattern counts
 NAMED = {

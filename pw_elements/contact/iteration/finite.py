@@ -262,11 +262,11 @@ class FiniteEquilibrium:
         body.take(start)
         if guard.smallest() <= 0:
             raise NotFound(f"cells at {listed(guard.places())} are turned inside out at the start")
-        self._linearise()
+        self._arrive()
 
     def take(self, reduced: PETSc.Vec) -> float:
         """Goes to a solution of the linear equations, or so far that no cell is turned."""
-        step = self._linear.expanded(reduced)
+        step = self._linear().expanded(reduced)
         step.axpy(-1.0, self._at)
         share = 1.0
         for _ in range(_HALVINGS):
@@ -280,7 +280,7 @@ class FiniteEquilibrium:
             places = self._guard.places()
             raise NotFound(f"cells at {listed(places)} would be turned inside out")
         self._at, self._reached = there, share == 1
-        self._linearise()
+        self._arrive()
         return share
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
@@ -297,22 +297,28 @@ class FiniteEquilibrium:
 
     @property
     def load(self) -> PETSc.Vec:
-        """F of the linear equations, reduced."""
-        return self._linear.load
+        """Right-hand side f of the linear equations, reduced; the system gets their matrix."""
+        return self._linear().load
 
-    def _linearise(self) -> None:
-        """Takes residual and tangent where the body is."""
-        K, reduction = self._body.matrix, self._reduction
-        forces = self._body.forces()
-        self._size = self._field.part(forces).norm(PETSc.NormType.INFINITY)
-        self._residual = reduction.left.createVecRight()
-        reduction.left.multTranspose(forces, self._residual)
-        self._body.assemble()
-        self._system.renew(K)
-        load = K.createVecLeft()
-        K.mult(self._at, load)
-        load.axpy(-1.0, forces)
-        reduced = reduction.load(K, load)
-        self._linear = LinearEquilibrium(
-            self._system.stiffness, reduced, reduction.right, reduction.offset
-        )
+    def _arrive(self) -> None:
+        """Takes the residual where the body is."""
+        self._forces = self._body.forces()
+        self._size = self._field.part(self._forces).norm(PETSc.NormType.INFINITY)
+        self._residual = self._reduction.left.createVecRight()
+        self._reduction.left.multTranspose(self._forces, self._residual)
+        self._linearised: LinearEquilibrium | None = None
+
+    def _linear(self) -> LinearEquilibrium:
+        """The linear equations there; no tangent is made where the iteration ends."""
+        if self._linearised is None:
+            K, reduction = self._body.matrix, self._reduction
+            self._body.assemble()
+            self._system.renew(K)
+            load = K.createVecLeft()
+            K.mult(self._at, load)
+            load.axpy(-1.0, self._forces)
+            reduced = reduction.load(K, load)
+            self._linearised = LinearEquilibrium(
+                self._system.stiffness, reduced, reduction.right, reduction.offset
+            )
+        return self._linearised

@@ -42,6 +42,12 @@ def excess_ratio(results: Results, fine: Pair, coarse: Pair, name: str) -> float
     return of_fine / of_coarse
 
 
+def change_ratio(results: Results, cases: Sequence[str], name: str) -> float:
+    """Size of the change of a stored number from the second to the third case over the first's."""
+    first, second, third = (results.scalar(case, name) for case in cases)
+    return abs((third - second) / (second - first))
+
+
 def ratio_of(results: Results, key: str, name: str, other: str) -> float:
     """A stored number of a case over another one of the same case."""
     return results.scalar(key, name) / results.scalar(key, other)
