@@ -71,6 +71,7 @@ from study.judge.measures.general import (
     least,
     lowest_order,
     ratio,
+    change_ratio,
     ratio_of,
     relative_difference,
     scalar,

@@ -1,5 +1,6 @@
 """Measures that suit any section: stored numbers, their extremes and ratios, curves."""
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
