@@ -218,7 +218,6 @@ def curved(mesh: Mesh, image: Map) -> Mesh:
 
 
 def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
-    """Images (n, dim) of points (n, 3)."""
     dim = mesh.geometry.dim
     with collective(mesh.comm):
         given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
@@ -254,7 +253,6 @@ def _check(
 
 
 def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401
-    """Opens a file in a session of its own; on process 0."""
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     if gmsh.isInitialized():

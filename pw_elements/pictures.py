@@ -54,17 +54,11 @@ _SHADE = 0.55
 
 
 class _Faces(NamedTuple):
-    """Faces to be seen, of all processes: k nodes each, in the order of Basix.
+    """Faces to be seen, of all processes: k nodes each, in the order of Basix."""
 
-    Args:
-        x: (f, k, dim), deformed.
-        values: (f, k), zero where none are drawn.
-        behind: (f, dim), the middle of the cell that each belongs to.
-    """
-
-    x: Array
-    values: Array
-    behind: Array
+    x: Array  # (f, k, dim), deformed
+    values: Array  # (f, k), zero where none are drawn
+    behind: Array  # (f, dim), the middle of the cell that each belongs to
 
 
 def draw(

@@ -72,7 +72,6 @@ def hush() -> None:
 
 
 def _settled() -> bool:
-    """Whether the log tells what goes on, or the user wants it otherwise or not at all."""
     speaks = logger.isEnabledFor(logging.INFO) and logger.hasHandlers()
     return speaks or bool(logger.handlers) or logger.level > logging.INFO
 

@@ -194,7 +194,7 @@ def verdict(mutant: Mutant, folder: Path) -> dict[str, object]:
     module.write_text(text, encoding="utf-8")
     chosen = folder / "chosen"  # a file, for names may be more than a command line holds
     chosen.write_text("\n".join(tests), encoding="utf-8")
-    options = ["-x", "-n", "0", "-p", "no:cacheprovider", "-p", "no:randomly", f"@{chosen}"]
+    options = ["-x", "-n", "0", "-rfE", "-p", "no:cacheprovider", f"@{chosen}"]
     began = os.times()
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *options],
@@ -214,7 +214,7 @@ def verdict(mutant: Mutant, folder: Path) -> dict[str, object]:
         "verdict": words,
         "tests": len(tests),
         "seconds": round(sum(ended[2:4]) - sum(began[2:4]), 1),
-        "by": next((x for x in done.stdout.splitlines() if x.startswith("FAILED")), ""),
+        "by": next((x for x in done.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))), ""),
     }
 
 
@@ -238,7 +238,8 @@ def judge(out: Path | None) -> None:
     mutants = [Mutant(**row) for row in json.loads(DRAWN.read_text())["mutants"]]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "tree"
-        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns("results", ".git", ".cache"))
+        made = {"results", ".git", ".cache"}  # in the project's own folder alone
+        shutil.copytree(ROOT, folder, ignore=lambda at, _: made if Path(at) == ROOT else set())
         results = []
         for number, mutant in enumerate(mutants, start=1):
             results.append(verdict(mutant, folder))

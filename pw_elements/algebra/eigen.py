@@ -333,14 +333,8 @@ def _largest(
     """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
 
     The two d of a complex pair are the real and the imaginary part of one. A `loose` pair is
-    regular though rigid motions be free.
-
-    Raises:
-        ValueError: if the solver of a symmetric pair cannot tell whether B is positive definite.
-        SingularSystem: if B is singular.
-        NotConverged: if an iterative solver fails.
-        NoModes: if not all values converged, or B, which is to be symmetric, is not positive
-            definite; `indefinite` says what that means.
+    regular though rigid motions be free; `indefinite` says what a symmetric B without definiteness
+    means.
     """
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
@@ -487,7 +481,6 @@ def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
 
 
 def refuse_unsymmetric(K: PETSc.Mat) -> None:
-    """Raises ValueError for a stiffness that differs from its transpose."""
     difference = K.transpose(PETSc.Mat())
     difference.axpy(-1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     share = difference.norm(PETSc.NormType.FROBENIUS) / K.norm(PETSc.NormType.FROBENIUS)
@@ -501,11 +494,7 @@ def refuse_unsymmetric(K: PETSc.Mat) -> None:
 
 
 def diagonal_mass(M: PETSc.Mat) -> PETSc.Vec:
-    """Masses (n,) of a diagonal matrix.
-
-    Raises:
-        ValueError: if it is not diagonal, or they are not positive.
-    """
+    """Masses (n,) of a matrix, which is refused unless it is diagonal and positive."""
     mass = M.getDiagonal()
     first, last = M.getOwnershipRange()
     indptr, column, value = M.getValuesCSR()

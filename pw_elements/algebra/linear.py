@@ -110,13 +110,7 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
 def free_pressure(
     matrix: PETSc.Mat, reduction: Reduction, beside: npt.NDArray[np.integer] | None = None
 ) -> bool:
-    """Whether a constant pressure of a hybrid space acts on no displacement.
-
-    Args:
-        matrix: the stiffness under the reduction.
-        reduction: of hybrid or other spaces.
-        beside: this process' own local numbers of reduced equations that do not count.
-    """
+    """Whether a constant pressure acts on no displacement; own equations `beside` do not count."""
     if reduction.space is None or not is_hybrid(reduction.space):
         return False
     pressure = SubSpace.pressure(reduction.space)
@@ -156,17 +150,7 @@ def factorise(
     solver: LinearSolver | None = None,
     reduction: Reduction | None = None,
 ) -> PreparedSolver:
-    """A solver that is ready for a regular matrix (n, n): MUMPS' factors unless another is given.
-
-    Args:
-        matrix: to be factorised.
-        symmetric: whether LDL^T will do.
-        solver: another one.
-        reduction: by which the matrix was made, that of hybrid spaces say, for better words.
-
-    Raises:
-        SingularSystem: if a known solution does not come back, or a pivot is zero.
-    """
+    """A solver ready for a regular matrix; the reduction that made it gives better words."""
     prepared = (solver or Direct()).prepare(matrix, symmetric)
     try:
         with explained(matrix, reduction), _told(prepared, matrix):
@@ -181,12 +165,7 @@ def factorise(
 def explained(
     matrix: PETSc.Mat | None = None, reduction: Reduction | None = None
 ) -> Iterator[None]:
-    """Adds to a `SingularSystem` of a block what is the likely cause.
-
-    Args:
-        matrix: of the system, if it is assembled.
-        reduction: by which it was made.
-    """
+    """Adds to a `SingularSystem` of a block what is the likely cause."""
     try:
         yield
     except FreePressure:
@@ -201,7 +180,6 @@ def explained(
 
 
 def _told(prepared: PreparedSolver, matrix: PETSc.Mat) -> AbstractContextManager[object]:
-    """Says on a terminal what is solved by what."""
     what = f"{prepared.report.method} of {matrix.getSize()[0]} unknowns"
     return doing(matrix.comm.tompi4py(), what)
 

@@ -93,13 +93,7 @@ class Increment:
 
 
 class System:
-    """Residual and tangent at an unknown function, assembled in place.
-
-    Args:
-        u: the unknown.
-        residual: compiled, of rank 1.
-        tangent: its derivative, compiled.
-    """
+    """Residual and tangent, compiled forms, at an unknown function, assembled in place."""
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual, self._tangent = u, residual, tangent
@@ -108,12 +102,10 @@ class System:
         self._forces = petsc.assemble_vector(residual)
 
     def take(self, x: PETSc.Vec) -> None:
-        """Sets u to a vector (n,)."""
         self.u.x.array[: x.getLocalSize()] = x.array_r
         self.u.x.scatter_forward()
 
     def forces(self) -> PETSc.Vec:
-        """A new vector (n,) of the residual."""
         forces = self._forces.duplicate()
         with forces.localForm() as local:
             local.set(0.0)
@@ -129,18 +121,9 @@ class System:
 
 
 class Newton:
-    """One solution of a system under conditions.
+    """One solution of a system, whose u is the start and holds the solution in the end.
 
-    Args:
-        system: whose u is the start, and holds the solution in the end.
-        fixed: own local numbers (k,) of the prescribed degrees of freedom.
-        prescribed: vector (n,) with their values.
-        linear: one step does.
-        solver: of linear systems.
-
-    Attributes:
-        residuals: norms, so far.
-        corrections: so far, see `Increment`.
+    The prescribed unknowns, own local numbers (k,), are `fixed`; their values are in a vector (n,).
     """
 
     def __init__(
@@ -174,11 +157,7 @@ class Newton:
         self._prepared = solver.prepare(system.matrix)
 
     def solve(self) -> None:
-        """Solves the system under the conditions.
-
-        Raises:
-            NotConverged, SingularSystem: if that fails; u is worth nothing then.
-        """
+        """Solves, or raises NotConverged or SingularSystem; u is worth nothing then."""
         snes = PETSc.SNES().create(self._prescribed.comm)
         snes.setFunction(self._equations, self._prescribed.duplicate())
         snes.setJacobian(self._linearised, self._system.matrix)
@@ -199,7 +178,6 @@ class Newton:
             self._prepared.release()
 
     def _take(self, x: PETSc.Vec) -> None:
-        """Sets u to what the scaled unknowns stand for."""
         if self._scale is not None:
             scaled, x = x, x.duplicate()
             x.pointwiseMult(scaled, self._scale)
@@ -244,7 +222,6 @@ class Newton:
         return None
 
     def _judge(self, snes: PETSc.SNES) -> None:
-        """Raises NotConverged unless there is a solution."""
         reason = snes.getConvergedReason()
         words = _REASONS.get(reason, f"SNES stopped with the reason {reason}")
         if self._linear:
@@ -273,7 +250,6 @@ def _largest(x: PETSc.Vec) -> float:
 
 
 def told(comm: MPI.Comm | PETSc.Comm, level: int, words: str, *values: object) -> None:
-    """Logs on process 0 alone."""
     if comm.rank == 0:
         log.log(level, words, *values)
 
@@ -455,11 +431,7 @@ class PetrovGalerkinProblem:
         self._held |= {constant: np.array(constant.value) for constant in _constants(load)}
 
     def _newton(self, share: float) -> None:
-        """Solves for u under the load as it is.
-
-        Raises:
-            NotConverged, SingularSystem: if that fails; u is worth nothing then.
-        """
+        """Solves for u under the load as it is; where that fails, u is worth nothing."""
         free, values = prescribed(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
         newton = Newton(self.system, fixed, values, self._is_linear, self._solver)

@@ -28,19 +28,8 @@ def check_problem(
 ) -> None:
     """Checks that matrices (n, n), vectors (n,), reduction, space and solver belong together.
 
-    Args:
-        matrices: by their names in messages; the first one is the stiffness.
-        vectors: by their names.
-        loads: vectors which have to be made with the weight functions of the first matrix.
-        reductions: supports, one `Reduction` or none.
-        space: trial space; None where it is not given.
-        solver: of linear systems; None for the default.
-
-    Raises:
-        TypeError: on all processes, for a thing of the wrong type.
-        ValueError: on all processes, for a matrix that is not square, not assembled or not
-            finite, sizes, meshes or spaces that do not go together, a load of other weight
-            functions, or vectors that are not finite.
+    The first matrix is the stiffness; with its weight functions loads have to be made. Things of
+    the wrong type are TypeErrors, all else ValueErrors, on all processes.
     """
     loads = loads or {}
     every = {**(vectors or {}), **loads}
@@ -95,7 +84,6 @@ def _check_sizes(
 def _check_meshes(
     things: Mapping[str, PETSc.Mat | PETSc.Vec], spaces: Mapping[str, fem.FunctionSpace | None]
 ) -> None:
-    """Raises ValueError if the meshes of two things are known and differ."""
     known: dict[str, object] = {name: Assembled.of(thing).mesh for name, thing in things.items()}
     known |= {name: space.mesh._cpp_object for name, space in spaces.items() if space is not None}
     known = {name: mesh for name, mesh in known.items() if mesh is not None}
@@ -149,7 +137,6 @@ def _same_element(one: Any, other: Any) -> bool:  # noqa: ANN401
 
 
 def check_reduction(reduction: object) -> None:
-    """Raises TypeError unless it is a `Reduction`; local."""
     parts = ("left", "right", "offset", "space")
     if isinstance(reduction, type) or not all(hasattr(reduction, part) for part in parts):
         conditions = isinstance(reduction, fem.DirichletBC | list | tuple)
@@ -161,7 +148,6 @@ def check_reduction(reduction: object) -> None:
 
 
 def check_solver(solver: object) -> None:
-    """Raises TypeError unless it is a `LinearSolver`, "auto" or None; local."""
     if solver is None or solver == "auto":
         return
     if isinstance(solver, type) or not callable(getattr(solver, "prepare", None)):
@@ -178,10 +164,7 @@ def is_finite(vector: PETSc.Vec) -> bool:
 
 
 def refuse_negative(name: str, matrix: PETSc.Mat, space: fem.FunctionSpace | None = None) -> None:
-    """Raises ValueError if the sum of a matrix's diagonal, that of its eigenvalues, is negative.
-
-    Displacements alone count where the space has a pressure, too.
-    """
+    """Refuses a diagonal, and so eigenvalues, of negative sum; displacements alone count."""
     diagonal = matrix.getDiagonal()
     if space is not None:
         diagonal = SubSpace.displacements(space).part(diagonal)

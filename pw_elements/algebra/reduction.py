@@ -50,13 +50,7 @@ _ZERO_ENTRY = 1e-13
 def prescribed(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
 ) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
-    """Which owned degrees of freedom are free, and the prescribed values (zero where free).
-
-    Raises:
-        TypeError: for anything but a space and conditions.
-        ValueError: if a prescribed value is not finite, two of them contradict each other, or a
-            condition is another space's.
-    """
+    """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
     arguments.space(space)
     each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
@@ -114,44 +108,8 @@ def check_any(chosen: npt.NDArray[np.bool_], space: fem.FunctionSpace, otherwise
         raise ValueError(otherwise)
 
 
-def condensed(
-    K: PETSc.Mat,
-    space: fem.FunctionSpace,
-    nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
-    conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
-) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Vec, PETSc.Mat]:
-    """L, R, a_0 and Q of `Reduction.condensation`, which says what it takes and raises."""
-    check_problem({"the stiffness": K}, space=space)
-    if is_hybrid(space):
-        raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
-    K = unblocked(K)
-    free, offset = prescribed(space, conditions)
-    block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
-    comm = space.mesh.comm
-    inner = np.zeros(len(free), dtype=bool)
-    with collective(comm):
-        known = index_map.size_local + index_map.num_ghosts
-        chosen = numbered(comm, "the nodes to be condensed", nodes, known)
-        inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
-        if np.any(inner & ~free):
-            raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
-    check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
-    Q = _inner_flexibility(K, inner, block)
-    kept = selection(free & ~inner, offset)
-    right, left = kept.copy(), kept.copy()
-    different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
-    right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
-    left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
-    return left, right, offset, Q
-
-
 def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -> PETSc.Mat:
-    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros.
-
-    Raises:
-        ValueError: if K couples inner nodes.
-        SingularSystem: if a block is singular.
-    """
+    """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
     comm: MPI.Comm = K.comm.tompi4py()
     chosen = selection(inner, K.createVecLeft())
     K_ii = chosen.transposeMatMult(K.matMult(chosen))
@@ -279,8 +237,28 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
-        left, right, offset, inner = condensed(K, space, nodes, conditions)
-        return cls(left, right, offset, inner, space)
+        check_problem({"the stiffness": K}, space=space)
+        if is_hybrid(space):
+            raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
+        K = unblocked(K)
+        free, offset = prescribed(space, conditions)
+        block, index_map = space.dofmap.index_map_bs, space.dofmap.index_map
+        comm = space.mesh.comm
+        inner = np.zeros(len(free), dtype=bool)
+        with collective(comm):
+            known = index_map.size_local + index_map.num_ghosts
+            chosen = numbered(comm, "the nodes to be condensed", nodes, known)
+            inner.reshape(-1, block)[chosen[chosen < index_map.size_local]] = True
+            if np.any(inner & ~free):
+                raise ValueError("a Dirichlet condition holds on a node that is to be condensed")
+        check_any(free & ~inner, space, "there is nothing but inner and prescribed nodes")
+        Q = _inner_flexibility(K, inner, block)
+        kept = selection(free & ~inner, offset)
+        right, left = kept.copy(), kept.copy()
+        different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        right.axpy(-1.0, Q.matMult(K.matMult(kept)), different)
+        left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
+        return cls(left, right, offset, Q, space)
 
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Makes the reduction for a load f (n,) that acts on inner nodes, too.

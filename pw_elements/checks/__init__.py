@@ -15,4 +15,4 @@ from pw_elements.checks.arguments import (
     whole,
 )
 from pw_elements.checks.guard import agree, answer, collective
-from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed
+from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed, pieces_of

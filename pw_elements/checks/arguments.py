@@ -33,44 +33,24 @@ def is_number(value: Any) -> bool:  # noqa: ANN401
 
 
 def number(name: str, value: Any) -> float:  # noqa: ANN401
-    """A number that is finite.
-
-    Raises:
-        ValueError: for anything else.
-    """
     if not (is_number(value) and np.isfinite(value)):
         raise ValueError(f"{name} = {value!r}: has to be a finite number")
     return float(value)
 
 
 def positive(name: str, value: Any) -> float:  # noqa: ANN401
-    """A finite number above zero.
-
-    Raises:
-        ValueError: for anything else.
-    """
     if not number(name, value) > 0:
         raise ValueError(f"{name} = {value!r}: has to be positive")
     return float(value)
 
 
 def whole(name: str, value: Any, least: int) -> int:  # noqa: ANN401
-    """A whole number of an integer type, `least` at least.
-
-    Raises:
-        ValueError: for anything else.
-    """
     if not (is_number(value) and np.asarray(value).dtype.kind in "iu" and value >= least):
         raise ValueError(f"{name} = {value!r}: has to be a whole number, {least} at least")
     return int(value)
 
 
 def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa: ANN401
-    """Finite numbers (length,), or as many as there are.
-
-    Raises:
-        ValueError: for anything else.
-    """
     try:
         each = list(values)
     except TypeError:
@@ -83,17 +63,7 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
 
 
 def field(whose: str, values: Any, shape: tuple[int, ...], layout: str) -> Array:  # noqa: ANN401
-    """Checks the values that a user's function gives at points; NaN and infinity pass.
-
-    Args:
-        whose: the function, by name.
-        values: what it gave.
-        shape: what it has to have, the number of points first.
-        layout: of its points and of what it gives, in words.
-
-    Raises:
-        ValueError: for another shape, or what are no real numbers.
-    """
+    """Values that a user's function gives at points; NaN and infinity pass."""
     given = np.asarray(values)
     if given.shape != shape or given.dtype.kind not in "iuf":
         raise ValueError(
@@ -109,22 +79,18 @@ def of_type(name: str, value: object, kind: type | tuple[type, ...], remedy: str
 
 
 def communicator(value: object) -> None:
-    """Raises TypeError unless it is mpi4py's."""
     of_type("comm", value, MPI.Comm, "it has to be a communicator, such as MPI.COMM_WORLD")
 
 
 def mesh(value: object) -> None:
-    """Raises TypeError unless it is a mesh."""
     of_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
 
 
 def space(value: object, name: str = "the space") -> None:
-    """Raises TypeError unless it is a function space."""
     of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
 
 
 def flag(name: str, value: object) -> None:
-    """Raises TypeError unless it is True or False."""
     of_type(name, value, (bool, np.bool_), "it has to be True or False")
 
 
@@ -149,7 +115,6 @@ def matrix(name: str, value: object) -> None:
 
 
 def petsc_vector(name: str, value: object) -> None:
-    """Raises unless it is a vector that is set up; local."""
     of_type(name, value, PETSc.Vec, "assemble_vector(form) makes a PETSc vector")
     assert isinstance(value, PETSc.Vec)
     if value.handle == 0 or value.getType() is None:
@@ -166,16 +131,7 @@ def coefficient(
     """A number as a float, or a scalar UFL expression, in range as far as its values are known.
 
     Known are numbers, the value of a `fem.Constant`, and nodal values of a Lagrange `fem.Function`.
-
-    Args:
-        name: in messages.
-        value: of any type.
-        holds: which of some values (m,) are in range.
-        what: the range in words, "has to be positive" say.
-        comm: of the processes on which it is to be refused at once; a function's are known.
-
-    Raises:
-        ValueError: for anything else.
+    It is refused on all processes of `comm` at once; a function's are known.
     """
     with collective(processes(comm, value)):
         if not isinstance(value, Expr):
@@ -190,7 +146,6 @@ def coefficient(
 
 
 def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
-    """Values of a coefficient as far as they are known, on this process."""
     if isinstance(value, fem.Function):
         lagrange = value.function_space.element.basix_element.family is ElementFamily.P
         return value.x.array if lagrange else np.empty(0)
@@ -200,7 +155,6 @@ def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
 
 
 def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.float64]:
-    """Finite numbers (size,), or a UFL expression of this shape."""
     if not isinstance(value, Expr):
         return vector(name, value, size)
     if value.ufl_shape != (size,):

@@ -31,9 +31,6 @@ def collective(comm: MPI.Comm) -> Iterator[None]:
 
     The error of the lowest process that has one is raised; its traceback is there, too. Blocks are
     local (they do not communicate) and are not nested.
-
-    Args:
-        comm: all of whose processes reach the block.
     """
     own: Exception | None = None
     try:
@@ -62,11 +59,7 @@ def _sent(error: Exception | None) -> Exception | None:
 def answer(
     comm: MPI.Comm, whose: str, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
-    """Calls a user's function; local, for use under the guard.
-
-    Raises:
-        ValueError: in place of whatever the function raises, which is its cause.
-    """
+    """Calls a user's function, whose errors become a ValueError; local, for use under the guard."""
     try:
         return function(*args, **kwargs)
     except Exception as error:
@@ -76,18 +69,7 @@ def answer(
 
 
 def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
-    """Checks that all processes were given the same arguments.
-
-    Numbers, strings, arrays, and sequences and the library's dataclasses of these are compared to
-    the last bit; of anything else (functions, vectors, a user's surface) only the type.
-
-    Args:
-        comm: of the processes.
-        arguments: by name, the names the same on all processes.
-
-    Raises:
-        ValueError: on all processes, with the name of one that differs.
-    """
+    """Checks that all processes were given the same arguments, to the last bit; others by type."""
     if comm.size == 1:
         return
     told = comm.allgather([_digest(value) for value in arguments.values()])
@@ -101,7 +83,6 @@ def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
 
 
 def _digest(value: object) -> bytes:
-    """16 bytes for a plain value."""
     if type(value).__module__.startswith("pw_elements.") and is_dataclass(value):
         content = b"".join(map(_digest, [type(value).__qualname__, *vars(value).values()]))
     elif isinstance(value, str):

@@ -16,7 +16,6 @@ the shape that was meant.
 """
 
 import logging
-from collections import defaultdict
 from weakref import WeakKeyDictionary
 from zlib import crc32
 
@@ -27,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import geometry, la
+from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
@@ -52,11 +52,7 @@ _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
 
 
 class DegenerateMesh(ValueError):
-    """Cells that are flat or inverted, or cells and boundaries that do not make a body.
-
-    These are folds, duplicate or overlapping cells, facets with more than two cells, and hanging
-    nodes.
-    """
+    """Cells that are flat or inverted, or cells and boundaries that do not make a body."""
 
 
 def listed(points: Array, most: int = 6) -> str:
@@ -69,13 +65,7 @@ def listed(points: Array, most: int = 6) -> str:
 
 
 def check_mesh(mesh: Mesh) -> None:
-    """Looks for cells and boundaries that do not make a body, as explained above.
-
-    A mesh that passed is not looked at again until its nodes move.
-
-    Raises:
-        DegenerateMesh: on all processes, with the midpoints of such cells or facets.
-    """
+    """Refuses cells and boundaries that do not make a body; again only when nodes have moved."""
     now = crc32(np.ascontiguousarray(mesh.geometry.x))
     if not mesh.comm.allreduce(_checked.get(mesh) != now, MPI.LOR):
         return
@@ -94,15 +84,9 @@ def check_mesh(mesh: Mesh) -> None:
 
 
 class _Cells:
-    """Cells of this process (without ghosts) and the area vectors of their facets.
+    """Cells of this process (without ghosts), and what is around them.
 
-    Attributes:
-        vertices: (cells, corners), local numbers of geometry nodes.
-        middle: (cells, dim).
-        facets: (facets of a cell, cells), local numbers.
-        area: (dim, facets of a cell, cells), outward, at facets' midpoints; a triangle's is twice
-            as long as it is large.
-        exterior: (facets of a cell, cells), whether no other cell has the facet.
+    Area vectors (dim, sides, cells) point outwards; a triangle's is twice as long as it is large.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -116,7 +100,6 @@ class _Cells:
         self.middle = self._x[:, corner].mean(axis=1).T
 
     def check(self) -> None:
-        """Raises DegenerateMesh for flat, inverted, folded and duplicate cells."""
         kind, dim, cells = self.element.cell_type, self.dim, len(self.middle)
         corners = basix.geometry(kind)
         sides = np.array([corners[c].mean(axis=0) for c in basix.topology(kind)[dim - 1]])
@@ -188,29 +171,9 @@ class _Cells:
             places = np.concatenate(comm.allgather(self.middle[wrong]))
             raise DegenerateMesh(f"cells around {listed(np.unique(places, axis=0))} {what}")
 
-    def pieces(self) -> Indices:
-        """A number (cells,) of the connected piece that each cell belongs to."""
-        index_map, comm = self.mesh.geometry.index_map(), self.mesh.comm
-        nodes = index_map.size_local + index_map.num_ghosts
-        cell = np.repeat(np.arange(len(self.vertices)), self.vertices.shape[1]) + nodes
-        found = _components(nodes + len(self.vertices), self.vertices.ravel(), cell)
-        found += sum(comm.allgather(int(found.max(initial=-1)) + 1)[: comm.rank])
-        owner = la.vector(index_map, 1)
-        owner.array[:] = found[:nodes]
-        owner.scatter_forward()
-        links = np.unique(np.stack([found[:nodes], owner.array.astype(np.int64)]), axis=1)
-        own, other = np.concatenate(comm.allgather(links), axis=1)
-        return _components(int(max(own.max(), other.max())) + 1, own, other)[found[nodes:]]
-
 
 class _Surface:
-    """All exterior facets (m of k corners), on every process.
-
-    Attributes:
-        corner: (m, k, dim), positions.
-        vertex: (m, k), global numbers.
-        area: (m, dim), outward.
-    """
+    """All exterior facets (m of k corners), on every process; areas (m, dim) point outwards."""
 
     def __init__(self, cells: _Cells) -> None:
         self._cells, mesh = cells, cells.mesh
@@ -232,7 +195,7 @@ class _Surface:
         return np.concatenate(self._cells.mesh.comm.allgather(values))
 
     def check_hanging(self) -> None:
-        """Raises DegenerateMesh if smaller facets lie on a larger one and share its vertices.
+        """Refuses smaller facets that lie on a larger one and share its vertices.
 
         Non-matching bodies in contact have no common vertices. Curved facets are not looked at.
         """
@@ -244,20 +207,17 @@ class _Surface:
         suspects = np.unique(facet[inside & ~corner])
         if not len(suspects):
             return
-        at = defaultdict(set)  # facets at each vertex
-        for f, vertices in enumerate(self.vertex.tolist()):
-            for v in vertices:
-                at[v].add(f)
-        torn = []
-        for f in suspects:
-            on = set(vertex[near[inside & (facet == f)]].tolist())
-            own = set(self.vertex[f].tolist())
-            around = set().union(*(at[v] for v in on)) - {f}
-            beside = [g for g in around if on.issuperset(self.vertex[g].tolist())]
-            shared = set(self.vertex[beside].ravel().tolist())
-            if own < shared:
-                torn.append(f)
-        if torn:
+        ones = np.ones(self.vertex.size, dtype=np.int32)
+        at = np.searchsorted(vertex, self.vertex.ravel())
+        facets = np.arange(0, self.vertex.size + 1, self.vertex.shape[1])
+        corners = sp.csr_matrix((ones, at, facets))  # of each facet
+        where = facet[inside], near[inside]
+        on = sp.csr_matrix((ones[:1].repeat(len(near[inside])), where), corners.shape)[suspects]
+        beside = (on @ corners.T == self.vertex.shape[1]).tolil()  # all of whose corners lie on it
+        beside[np.arange(len(suspects)), suspects] = False
+        shared = (beside.astype(np.int32) @ corners).multiply(corners[suspects]) > 0
+        torn = suspects[np.diff(shared.tocsr().indptr) == self.vertex.shape[1]]
+        if len(torn):
             raise DegenerateMesh(
                 f"facets around {listed(self._middle[torn])} have hanging nodes: smaller facets of "
                 "their neighbours lie on them, and the mesh is torn apart there"
@@ -317,13 +277,14 @@ class _Surface:
             raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
 
     def log_contacts(self) -> None:
-        """Logs facets that coincide, of two bodies that touch or a crack."""
         pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
         if not len(pairs):
             return
-        piece = self._gathered(self._cells.pieces()[self._cell])[pairs]
+        cells, mesh = self._cells, self._cells.mesh
+        number, _ = pieces_of(mesh.comm, mesh.geometry.index_map(), cells.vertices)
+        piece = self._gathered(number[cells.vertices[self._cell, 0]])[pairs]
         crack = piece[:, 0] == piece[:, 1]
-        if self._cells.mesh.comm.rank == 0:
+        if mesh.comm.rank == 0:
             for which, level, what in (
                 (crack, logging.WARNING, "a crack in one piece of the mesh"),
                 (~crack, logging.INFO, "two pieces of the mesh that touch"),
@@ -334,7 +295,6 @@ class _Surface:
 
 
 def _cofactors(jacobian: Array) -> Array:
-    """Cofactors (dim, dim, ...) of matrices (dim, dim, ...)."""
     dim = len(jacobian)
     if dim == 1:
         return np.ones_like(jacobian)
@@ -345,8 +305,23 @@ def _cofactors(jacobian: Array) -> Array:
     return np.array([np.cross(*rows, axis=0) for rows in ((b, c), (c, a), (a, b))])
 
 
+def pieces_of(comm: MPI.Comm, index_map: IndexMap, cells: npt.NDArray) -> tuple[Indices, int]:
+    """Number of the connected piece that each node (ghosts too) of cells (n, k) belongs to."""
+    nodes = index_map.size_local + index_map.num_ghosts
+    others = cells[:, 1:]  # a cell's first node links them
+    part = _components(nodes, np.repeat(cells[:, 0], others.shape[1]), others.ravel())
+    part += sum(comm.allgather(int(part.max(initial=-1)) + 1)[: comm.rank])
+    # parts of two processes are one piece if they share a node: the owner's number tells which
+    owner = la.vector(index_map, 1)
+    owner.array[:] = part
+    owner.scatter_forward()
+    links = np.unique(np.stack([part, owner.array.astype(np.int64)]), axis=1)
+    own, other = np.concatenate(comm.allgather(links), axis=1)
+    piece = _components(int(max(own.max(), other.max())) + 1, own, other)
+    return piece[part], int(piece.max()) + 1
+
+
 def _components(count: int, a: Indices, b: Indices) -> Indices:
-    """Numbers (count,) of the connected components of a graph with edges from a to b."""
     graph = sp.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
     return sp.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
 

@@ -300,14 +300,7 @@ class Body:
             TypeError: for anything but such an expression.
         """
         arguments.of_type("displacement", u, Expr, "as_function(U, a) makes a function of a vector")
-        u, _ = self._split(u)
-        plane = ufl.sym(ufl.grad(u))
-        if self.state is not StressState.AXISYMMETRIC:
-            return plane
-        hoop = u[0] / self._radius()
-        return ufl.as_tensor(
-            [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, hoop]]
-        )
+        return ufl.sym(self._gradient(u))
 
     def stress(self, u: Expr) -> Expr:
         """Stress tensor, Eq. (6) and Eq. (22), of the strain tensor's shape.
@@ -455,13 +448,7 @@ class Body:
         return self._integral(integrand, exact_degree - 1, in_box)
 
     def _integral(self, integrand: Expr, exact_degree: int, in_box: int = 5) -> ufl.Form:
-        """Integrates a form over the body's volume.
-
-        Args:
-            integrand: with test functions.
-            exact_degree: the integrand's on a straight simplex.
-            in_box: its degree in each direction of a parallelepiped, if that is odd.
-        """
+        """Integrates a form whose degree on a straight simplex, and in a box if odd, is known."""
         degree = self.quadrature_degree
         if degree is None:
             degree = self._sufficient_degree(exact_degree, in_box)
@@ -654,7 +641,6 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
 
 
 def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:
-    """Local node numbers (ghosts too) at which the marker holds."""
     comm = space.mesh.comm
     with collective(comm):
         holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)
@@ -682,5 +668,4 @@ def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
 
 
 def _set(instance: object, name: str, value: object) -> None:
-    """Sets a field of a frozen dataclass while it is made."""
     object.__setattr__(instance, name, value)

@@ -91,15 +91,7 @@ def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
 
 
 def transposed_transfer(space: fem.FunctionSpace, inverse: bool = False) -> PETSc.Mat:
-    """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`.
-
-    Args:
-        space: quadratic Lagrange trial space, of any cell.
-        inverse: T^-T in place of T^T.
-
-    Raises:
-        ValueError: as that.
-    """
+    """T^T, (n, n), or T^-T, which has the same pattern: see `force_transfer`."""
     arguments.space(space)
     element = space.element.basix_element
     sizes = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
@@ -379,9 +371,6 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
 
     Round-off of mid-side positions depends on the partition; the order does not. Nodes that
     coincide are in the order of a second position `beside`, if it is given.
-
-    Raises:
-        ValueError: if positions are not rows (m, dim) of numbers, or not as many beside.
     """
     for given in (position,) if beside is None else (position, beside):
         rows = np.asarray(given)
@@ -419,12 +408,7 @@ def facets_in_cells(
 
 
 def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-    """Local numbers of the exterior facets of owned cells that have all their nodes among these.
-
-    Args:
-        space: whose nodes they are.
-        nodes: (m,), global numbers, the same on every process.
-    """
+    """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)
     among = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
@@ -437,10 +421,7 @@ def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> np
 def _areas(
     space: fem.FunctionSpace, where: Part, weights: Weights
 ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Positions (m, dim) of the nodes of a surface, integrals (m,) of their functions, numbers.
-
-    Of vectors it is the last component that is integrated.
-    """
+    """Positions (m, dim) of a surface's nodes, integrals (m,) of their last components, numbers."""
     mesh = space.mesh
     dim, block = mesh.geometry.dim, space.dofmap.index_map_bs
     area = assemble_vector(weights(boundary_measure(mesh, where)))
@@ -466,11 +447,7 @@ def _facets(space: fem.FunctionSpace, where: Part, node: npt.NDArray[np.int64]) 
 
 
 def _edges(facets: Indices, mesh: Mesh) -> tuple[Indices, Indices]:
-    """Edges (e, 3) of a surface, mid-side node first, and its rim's nodes.
-
-    The rim consists of the ends of facets (vertices in 2-D, edges in 3-D) that no other facet
-    of the surface shares.
-    """
+    """Edges (e, 3), mid-side node first, and nodes of the rim: ends that no two facets share."""
     dim = mesh.topology.dim
     sub = basix.topology(basix.cell.subentity_types(mesh.basix_cell())[dim - 1][0])
     corners = len(sub[0])

@@ -20,6 +20,7 @@ from pw_elements.solvers.iterative import (
     auto_solver,
     free_motion,
     with_fallback,
+    with_levels,
 )
 from pw_elements.solvers.matrices import (
     Followers,

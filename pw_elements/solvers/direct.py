@@ -154,7 +154,14 @@ class LinearSolver(Protocol):
 class MatrixFree(Protocol):
     """A `LinearSolver` that takes the free stiffness and supports, and needs no reduced matrix.
 
-    Right-hand sides and solutions are zero where displacements are prescribed.
+    Right-hand sides and solutions are zero where displacements are prescribed. In contact, whose
+    matrix is another one in each iteration, nothing but the Krylov method is the solver's own: what
+    it prepares has a method
+
+        iterate(product, precondition, right, size)
+
+    in place of `solve_changed`. Both functions map arrays of this process' unknowns; it returns an
+    x with |right - product(x)| <= size, or raises NotConverged. The preconditioner is multigrid.
     """
 
     matrix_free: ClassVar[bool]  # true
@@ -253,7 +260,6 @@ class Factors:
 
     @property
     def report(self) -> SolverReport:
-        """What has been done so far."""
         return SolverReport(self._method, self._factorisations, self._iterations)
 
     @property
@@ -269,11 +275,7 @@ class Factors:
         return int(self._preconditioner.getFactorMatrix().getInertia()[0])
 
     def set_up(self) -> None:
-        """Factorises the matrix as it is now, and makes sure that the factors serve.
-
-        Raises:
-            SingularSystem: if a pivot is zero or a known solution does not come back.
-        """
+        """Factorises the matrix as it is now; raises SingularSystem if the factors do not serve."""
         self.ksp.setType(self._kind)
         self._preconditioner.setReusePreconditioner(False)
         self._worthwhile = -1.0
@@ -295,21 +297,13 @@ class Factors:
             self._orientations.add(int(np.sign(factor.getMumpsRinfog(12))))
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
-        """Solution (n,) with new factors.
-
-        Raises:
-            SingularSystem: if a pivot is zero or a known solution does not come back.
-        """
         self.set_up()
         solution = right.duplicate()
         self.ksp.solve(right, solution)
         return solution
 
     def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
-        """Solution by GMRES with the last factors, `rows` rows having changed since.
-
-        None if new factors would cost less, or it takes more iterations than it should.
-        """
+        """Solution by GMRES with the last factors; None if new ones cost less or it is slow."""
         if rows > self._worthwhile:
             return None
         self.ksp.setType("gmres")
@@ -322,7 +316,6 @@ class Factors:
         return solution if self.ksp.getConvergedReason() > 0 else None
 
     def release(self) -> None:
-        """Frees the factors, on all processes."""
         self.ksp.destroy()
 
     def _check(self) -> None:

@@ -37,6 +37,7 @@ from pw_elements.solvers.direct import (
     FreePressure,
     LinearSolver,
     NotConverged,
+    PreparedSolver,
     SingularSystem,
     SolverReport,
     set_options,
@@ -62,6 +63,10 @@ _MASS = {
     "tetrahedron": (0.5, 2.5, 6),
     "hexahedron": (0.125, 3.375, 12),
 }
+
+# x whose residual is no longer than a size; by a product, a preconditioner, a right-hand side
+_Map: TypeAlias = Callable[[Array], Array]
+_Iterate: TypeAlias = Callable[[_Map, _Map, Array, float], Array]
 
 Solver: TypeAlias = LinearSolver | Literal["auto"] | None
 
@@ -97,21 +102,11 @@ _SPARE_MEMORY = 2.0
 
 
 class SaddlePoint:
-    """The levels for one matrix of hybrid spaces, in the place of a `Multigrid`.
+    """The levels for one matrix (n, n) of hybrid spaces, in the place of a `Multigrid`.
 
-    Pressures are scaled to lengths, as by `equilibration`.
-
-    Args:
-        K: (n, n), all rows and columns free.
-        supports: of its space.
-
-    Attributes:
-        operator: Pi s K s Pi + (1 - Pi), with the scale s.
-        scaled: s K s.
-        displacements: among the unknowns.
-        elastic: A in blocks, and its supports.
-        levels: of A.
-        inner: preconditioner of A by them, or one that has more to do.
+    Pressures are scaled to lengths, as by `equilibration`: `scaled` is s K s, the operator Pi s K s
+    Pi + (1 - Pi). The stiffness of displacements A, in blocks, is `elastic` with its supports,
+    `levels` are its multigrid, and `inner` preconditions by them, or by one that has more to do.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -154,25 +149,17 @@ class SaddlePoint:
         preconditioner.setPythonContext(self)
 
     def release(self) -> None:
-        """Frees what Python objects are in, on all processes."""
         destroy(self.inner, self.operator, self.scaled)
         self.levels.release()
 
     def ready(self) -> None:
-        """Makes the multigrid's coarse level.
-
-        Raises:
-            SingularSystem: if a constant pressure acts on no displacement, nor on a volume.
-        """
+        """Makes the multigrid's coarse level, unless a constant pressure is free."""
         if self.free_pressure(self.operator):
             raise FreePressure
         self.levels.ready()
 
     def free_pressure(self, operator: PETSc.Mat) -> bool:
-        """Whether a constant pressure does nothing under an operator (n, n), or a larger one.
-
-        Its other unknowns come last.
-        """
+        """Whether a constant pressure does nothing under an operator (n, n), or a larger one."""
         constant, effect = operator.createVecs()
         pressures = self._p.spread(self._free)
         constant.array[: len(pressures)] = pressures
@@ -181,7 +168,6 @@ class SaddlePoint:
         return bool(effect.norm(largest) <= NOTHING * self.elastic[0].norm(largest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         values = x.array_r
         self._given.setArray(values[self.displacements.owned.ravel()])
         self.inner.apply(self._given, self._found)
@@ -294,22 +280,22 @@ class Iterative:
 
 
 class Krylov:
-    """Iterative solutions with one matrix under supports.
+    """Iterative solutions with one free matrix under supports, of all n unknowns.
 
-    Args:
-        matrix: (n, n), all rows and columns free.
-        supports: of its space.
-        how: tolerance and options.
-
-    Attributes:
-        ksp: PETSc's solver; its matrix is Pi K Pi + (1 - Pi) of all n unknowns.
-        multigrid: its preconditioner.
-        operator: that matrix.
-        elastic: the stiffness of displacements, free, and their supports.
+    The stiffness of displacements, free, and their supports are `elastic`.
     """
 
-    def __init__(self, matrix: PETSc.Mat, supports: Supports, how: Iterative) -> None:
-        self._how, self._matrix = how, matrix
+    orientations: ClassVar[frozenset[int]] = frozenset()  # determinants and pivots are not known
+    negative_pivots: ClassVar[None] = None
+
+    def __init__(
+        self,
+        matrix: PETSc.Mat,
+        supports: Supports,
+        how: Iterative,
+        foreign: _Iterate | None = None,
+    ) -> None:
+        self._how, self._matrix, self._foreign = how, matrix, foreign
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self.multigrid: Multigrid | SaddlePoint
         if hybrid := is_hybrid(supports.space):
@@ -334,13 +320,16 @@ class Krylov:
         return ksp
 
     def release(self) -> None:
-        """Frees solver and levels, on all processes: see `matrices.destroy`."""
         destroy(self.ksp, self.operator)
         self.multigrid.release()
 
     def _method_for(self, operator: PETSc.Mat) -> PETSc.KSP:
         ksp = PETSc.KSP().create(operator.comm)
         ksp.setOperators(operator)
+        if self._foreign is not None:
+            ksp.setType("python")
+            ksp.setPythonContext(_Foreign(self._foreign))
+            return ksp
         ksp.setType("gmres")
         ksp.setGMRESRestart(_KEPT_VECTORS)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
@@ -354,36 +343,16 @@ class Krylov:
 
     @property
     def report(self) -> SolverReport:
-        """What has been done so far."""
         return SolverReport(self._method, 0, sum(self._counted))
 
-    @property
-    def orientations(self) -> frozenset[int]:
-        """None: determinants are not known."""
-        return frozenset()
-
-    @property
-    def negative_pivots(self) -> None:
-        """None: GMRES knows no pivots."""
-        return
-
     def set_up(self) -> None:
-        """Refuses a body that supports do not hold.
-
-        Raises:
-            SingularSystem: if a rigid motion is free.
-        """
+        """Refuses a body that supports do not hold."""
         if free_motion(*self.elastic):
             raise SingularSystem("the system matrix is singular")
         self.multigrid.ready()
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
-        """Solution (n,); the right-hand side is zero where values are prescribed.
-
-        Raises:
-            SingularSystem: if a rigid motion is free.
-            NotConverged: if the residual does not become small.
-        """
+        """Solution (n,); the right-hand side is zero where values are prescribed."""
         self.set_up()
         solution, step = right.duplicate(), right.duplicate()
         rest, size = right.copy(), right.norm()
@@ -406,7 +375,6 @@ class Krylov:
         return float(_DRIFT * _EPSILON * stiffness * size)
 
     def not_converged(self, left: float) -> NotConverged:
-        """What is to be raised where the relative residual `left` remains."""
         dofs = self._matrix.getSize()[0]
         return NotConverged(
             f"{self.report.method} left the relative residual {left:.1e} after "
@@ -418,6 +386,46 @@ class Krylov:
     def solve_changed(self, right: PETSc.Vec, rows: int) -> None:  # noqa: ARG002
         """Nothing: there are no old factors."""
         return
+
+
+class _Foreign:
+    """Another's Krylov method, for a `PETSc.KSP` in Python."""
+
+    def __init__(self, iterate: _Iterate) -> None:
+        self._iterate = iterate
+
+    def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        def of(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> Callable[[Array], Array]:
+            x, y = right.duplicate(), right.duplicate()
+
+            def image(values: Array) -> Array:
+                x.setArray(values)
+                apply(x, y)
+                return np.array(y.array_r)
+
+            return image
+
+        product, precondition = of(ksp.getOperators()[0].mult), of(ksp.getPC().apply)
+        size = ksp.getTolerances()[1]
+        solution.setArray(self._iterate(product, precondition, np.array(right.array_r), size))
+        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
+
+
+def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:
+    """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver.
+
+    Raises:
+        TypeError: if it has no such method.
+    """
+    if isinstance(solver, Krylov):
+        return solver
+    iterate = getattr(solver, "iterate", None)
+    if not callable(iterate):
+        raise TypeError(
+            f"contact needs of a matrix-free solver what {type(solver).__name__} has not: a method "
+            "iterate(product, precondition, right, size), which returns an x"
+        )
+    return Krylov(matrix, supports, Iterative(), iterate)
 
 
 def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
@@ -498,17 +506,7 @@ def _free_here() -> float:
 def auto_solver(
     solver: Solver, supports: Supports | None, needs_factors: str = "", modes: bool = False
 ) -> LinearSolver:
-    """The solver that is meant: factors in the plane and of small bodies by "auto", or None.
-
-    Args:
-        solver: as the user gives it.
-        supports: of the problem; None where its reduction is more than supports.
-        needs_factors: why only factors will do, if so.
-        modes: whether eigenvalues are looked for.
-
-    Raises:
-        ValueError: for another word.
-    """
+    """The solver that is meant; `needs_factors` says why only factors will do."""
     if solver is not None and not isinstance(solver, str):
         return solver
     if solver not in (None, "auto"):
@@ -536,54 +534,27 @@ def with_fallback(
     supports: Supports | None,
     compute: Callable[[LinearSolver], T],
 ) -> T:
-    """What a computation gives with the `auto_solver`, or with `factors_instead`.
-
-    Args:
-        taken: that solver.
-        solver: as the user gives it.
-        supports: of the problem.
-        compute: of a solver.
-
-    Raises:
-        NotConverged: as `factors_instead` says.
-    """
+    """Computes with `taken`; if "auto" took it and it gives up, with factors, given the memory."""
     try:
         return compute(taken)
     except NotConverged as failure:
-        instead = factors_instead(solver, supports, failure)
-    return compute(instead)  # whatever the first attempt took has been freed
-
-
-def factors_instead(solver: Solver, supports: Supports | None, failure: NotConverged) -> Direct:
-    """Factors, where Krylov's method has given up that "auto" had taken.
-
-    Args:
-        solver: as the user gives it.
-        supports: of the problem.
-        failure: of the method.
-
-    Raises:
-        NotConverged: the failure, if the user named the method, or if there is not twice
-            the memory that factors are expected to take.
-    """
-    if supports is None or solver not in (None, "auto"):
-        raise failure
-    comm = supports.space.mesh.comm
-    taken, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
-    if not _SPARE_MEMORY * taken <= left:
-        raise NotConverged(
-            f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
-        ) from failure
+        if supports is None or solver not in (None, "auto"):
+            raise
+        comm = supports.space.mesh.comm
+        needed, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
+        if not _SPARE_MEMORY * needed <= left:
+            raise NotConverged(
+                f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
+            ) from failure
     if comm.rank == 0:
         log.info(
             "auto: Iterative gave up, Direct goes on; factors take some %.2g of %.2g GB",
-            taken / 1e9,
+            needed / 1e9,
             left / 1e9,
         )
-    return Direct()
+    return compute(Direct())  # whatever the first attempt took has been freed
 
 
 def _unknowns(supports: Supports) -> int:
-    """Number of unknowns, prescribed ones among them."""
     dofmap = supports.space.dofmap
     return int(dofmap.index_map.size_global * dofmap.index_map_bs)

@@ -17,10 +17,9 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
-from scipy import sparse as sp
-from scipy.sparse.csgraph import connected_components
+from dolfinx import fem
 
+from pw_elements.checks import pieces_of
 from pw_elements.spaces import Assembled
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +33,6 @@ _MOST_PARTS = 32
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
-    """Whether a matrix is stored in blocks of nodes."""
     return "baij" in matrix.getType()
 
 
@@ -77,10 +75,7 @@ def galerkin_product(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
 def add(
     total: PETSc.Mat, factor: float, some: PETSc.Mat, last: bool = True, within: bool = False
 ) -> None:
-    """Adds a multiple of a matrix, which is destroyed then if that was its last use.
-
-    Where its entries are `within` those of the sum, the latter keeps its pattern: that is faster.
-    """
+    """Adds a multiple of a matrix, destroyed at its `last` use; if `within`, the pattern stays."""
     structure = PETSc.Mat.Structure
     pattern = structure.SUBSET_NONZERO_PATTERN if within else structure.DIFFERENT_NONZERO_PATTERN
     total.axpy(factor, some, pattern)
@@ -117,10 +112,7 @@ def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> P
 
 
 def selection(free: npt.NDArray[np.bool_], rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
-    """Columns of the identity that belong to those of the owned rows that are free.
-
-    Those of the others are left out, or else zero.
-    """
+    """Columns of the identity of the owned rows that are free; others are left out, or zero."""
     comm = rows.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
     first = comm.scan(count) - count
@@ -136,7 +128,6 @@ def selection(free: npt.NDArray[np.bool_], rows: PETSc.Vec, renumbered: bool = T
 def python_matrix(
     sizes: tuple[tuple[int, int], ...], context: object, comm: PETSc.Comm
 ) -> PETSc.Mat:
-    """Matrix whose products a Python object makes."""
     matrix = PETSc.Mat().createPython(sizes, context, comm=comm)
     matrix.setUp()
     return matrix
@@ -150,48 +141,19 @@ def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
 
 
 def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
-    """K a - f."""
     r = f.duplicate()
     K.mult(a, r)
     r.axpy(-1.0, f)
     return r
 
 
-def connected_pieces(space: fem.FunctionSpace) -> tuple[npt.NDArray[np.int64], int]:
+def connected_pieces(space: fem.FunctionSpace) -> tuple[Indices, int]:
     """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
-    comm, cells = space.mesh.comm, space.dofmap.list
-    index_map = space.dofmap.index_map
-    local = index_map.size_local + index_map.num_ghosts
-    others = cells[:, 1:]  # a cell's first node links them
-    edges = (np.repeat(cells[:, 0], others.shape[1]), others.ravel())
-    graph = sp.csr_matrix((np.ones(others.size, dtype=np.int8), edges), (local, local))
-    count, part = connected_components(graph, directed=False)
-    first = sum(comm.allgather(count)[: comm.rank])
-    # parts of two processes are one piece if they share a node: the owner's number tells which
-    number = la.vector(index_map, 1)
-    number.array[:] = part + first
-    number.scatter_forward()
-    ghosts = np.arange(index_map.size_local, local)
-    ends = np.stack([part[ghosts] + first, number.array[ghosts].astype(np.int64)])
-    total = comm.allreduce(count, MPI.SUM)
-    links = np.unique(np.concatenate(comm.allgather(ends), axis=1), axis=1)
-    graph = sp.csr_matrix((np.ones(links.shape[1]), links), (total, total))
-    pieces, piece = connected_components(graph, directed=False)
-    return piece[part + first].astype(np.int64), int(pieces)
+    return pieces_of(space.mesh.comm, space.dofmap.index_map, space.dofmap.list)
 
 
 class Followers:
-    """W and its transpose, for some nodes (k) of this process.
-
-    Args:
-        opposite: O, (points block, n), rows of other nodes' weights.
-        nodes: (k,), local.
-        block: unknowns of a node.
-        rows: (k,), local numbers of their rows of O, in blocks; all in turn unless given.
-
-    Attributes:
-        opposite, nodes: as given.
-    """
+    """W and its transpose, for some local nodes (k); `rows` (k,) of O are theirs, else all."""
 
     def __init__(
         self, opposite: PETSc.Mat, nodes: Indices, block: int, rows: Indices | None = None
@@ -202,7 +164,6 @@ class Followers:
         self._held: Array = np.zeros((len(nodes), block, block))
 
     def hold(self, held: Array) -> None:
-        """Takes over projectors (k, block, block) onto what is held."""
         self._held = held
 
     def follow(self, x: PETSc.Vec) -> None:
@@ -261,12 +222,7 @@ def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
 
 @dataclass(frozen=True)
 class Supports:
-    """Which degrees of freedom of a space are free, the others being prescribed.
-
-    Args:
-        space: of the trial functions.
-        free: (owned dofs,).
-    """
+    """Which degrees of freedom (owned dofs,) of a space are free, the others being prescribed."""
 
     space: fem.FunctionSpace
     free: npt.NDArray[np.bool_]
@@ -282,10 +238,7 @@ class Projection:
         self.hold(none.astype(np.int64), none.reshape(0, block, block), none)
 
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
-        """Holds at local nodes (m,) what the projectors (m, block, block) leave of a vector.
-
-        They get the stiffness `weight` (m,), prescribed unknowns 1.
-        """
+        """Holds directions at local nodes (m,) by projectors, with stiffness (m,); others by 1."""
         self._nodes, self._held, self._weight = nodes, held, weight[:, None]
         self._of_free = held * self._free[nodes][:, None, :]
 
@@ -305,10 +258,7 @@ class Projection:
             to[self._nodes] += self._weight * back
 
     def blocks(self, others: Sequence[int] | Indices = ()) -> tuple[Indices, Array, Array]:
-        """Nodes with anything held, projectors (k, block, block) onto what is free, and the rest.
-
-        The latter is weighted; `others` are nodes that are wanted, too.
-        """
+        """Nodes with anything held, and `others`; projectors onto what is free; weighted rest."""
         held = np.union1d(np.flatnonzero(~self._free.all(axis=1)), self._nodes)
         some = np.union1d(held, np.asarray(others, dtype=np.int64))
         blocks = np.eye(self._block) * self._free[some][:, None, :]
@@ -319,7 +269,6 @@ class Projection:
         return some, blocks, rest
 
     def all_blocks(self) -> Array:
-        """The projectors (nodes, block, block) onto what is free."""
         return self.blocks_at(np.arange(len(self._free)))
 
     def blocks_at(self, some: Indices) -> Array:
@@ -344,12 +293,10 @@ class Masked:
         self.ties: Followers | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         self._K.mult(self._kept(x), y)
         self._finish(x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x under the transposed matrix."""
         self._K.multTranspose(self._kept(x), y)
         self._finish(x, y)
 

@@ -6,8 +6,6 @@ what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (
 with other nodes, see `Followers`.
 """
 
-from dataclasses import dataclass
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -114,18 +112,11 @@ def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
 
 
 class LinearLevel:
-    """Linear functions, and what they make of K under what is held on both levels.
+    """Linear functions, and what they make of K, free, under what is held on both levels.
 
-    The matrix is P^T Pi K Pi P between the vertices' projections, with multiples of one where
-    these hold. It is made once; then only the part near nodes that are held at times is exchanged.
-
-    Args:
-        K: (n, n), all rows and columns free.
-        supports: of its space.
-        fine: what is held at all nodes.
-
-    Attributes:
-        interpolation: from vertices to nodes, without what is held on either side.
+    The matrix is P^T Pi K Pi P between the vertices' projections, with multiples of one where these
+    hold. It is made once; then only the part near nodes that are held at times is exchanged. The
+    interpolation from vertices to nodes is without what is held on either side.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports, fine: Projection) -> None:
@@ -146,15 +137,13 @@ class LinearLevel:
         self._exchanged: PETSc.Mat | None = None  # the part of it that is
 
     def tie(self, ties: Followers) -> None:
-        """Has what is held of nodes follow others from now on, see `Multigrid.tie`."""
         vertex, at = self._vertices_of(ties.nodes)
         self._ties = ties
         self._moved.ties = Followers(ties.opposite.matMult(self._P), vertex, self._block, at)
 
     def watch(self, nodes: Indices) -> None:
-        """Says which local nodes are held at times."""
         if self._near is None:
-            self._near = _Near.of(self._K, self._P, self._space, nodes)
+            self._near = _Near(self._K, self._P, self._space, nodes)
             self._matrix = None
 
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
@@ -253,7 +242,6 @@ class _Interpolation:
         self.ties: Followers | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Values y at all nodes from x at vertices."""
         x.copy(self._on_coarse)
         self._coarse.take_out(self._on_coarse.array)
         if self.ties:
@@ -262,12 +250,10 @@ class _Interpolation:
         self._fine.take_out(y.array)
 
     def multAdd(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec, z: PETSc.Vec) -> None:
-        """The same, added to y."""
         self.mult(_, x, self._on_fine)
         z.array[:] = y.array_r + self._on_fine.array_r
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Forces y at vertices from x at all nodes."""
         x.copy(self._on_fine)
         self._fine.take_out(self._on_fine.array)
         self._P.multTranspose(self._on_fine, y)
@@ -276,23 +262,13 @@ class _Interpolation:
         self._coarse.take_out(y.array)
 
 
-@dataclass(frozen=True)
 class _Near:
     """The part of K at nodes whose interpolation may be held, and at those that they couple to.
 
-    Args:
-        nodes: (k,), local, ascending.
-        K: (k block, k block).
-        P: rows of the interpolation.
+    Nodes (k,) are local and ascending; P has their rows of the interpolation.
     """
 
-    nodes: Indices
-    K: PETSc.Mat
-    P: PETSc.Mat
-
-    @classmethod
-    def of(cls, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> "_Near":
-        """Around the local nodes that are held at times."""
+    def __init__(self, K: PETSc.Mat, P: PETSc.Mat, space: fem.FunctionSpace, held: Indices) -> None:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         owned = index_map.size_local
         fine, coarse = P.createVecLeft(), P.createVecRight()
@@ -310,27 +286,20 @@ class _Near:
         touched.array[:] = 0.0
         touched.array[around] = 1.0
         touched.scatter_reverse(la.InsertMode.add)
-        nodes = np.flatnonzero(touched.array[:owned]).astype(np.int64)
-        numbers = (nodes + index_map.local_range[0]).astype(PETSc.IntType)
+        self.nodes: Indices = np.flatnonzero(touched.array[:owned]).astype(np.int64)
+        numbers = (self.nodes + index_map.local_range[0]).astype(PETSc.IntType)
         rows = PETSc.IS().createBlock(block, numbers, comm=K.comm)
         start, last = P.getOwnershipRangeColumn()
         columns = PETSc.IS().createStride(last - start, start, 1, comm=K.comm)
-        part = K.createSubMatrix(rows, rows)
-        near = part
-        if is_blocked(part):
-            near = part.convert("aij", PETSc.Mat())
-            destroy(part)
-        made = cls(nodes, near, P.createSubMatrix(rows, columns))
+        self.K: PETSc.Mat = K.createSubMatrix(rows, rows)
+        if is_blocked(self.K):
+            self.K.convert("aij")
+        self.P: PETSc.Mat = P.createSubMatrix(rows, columns)
         destroy(fine, coarse, rows, columns)
-        return made
 
 
 class _NodeBlocks:
-    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python.
-
-    Raises:
-        ValueError: if a node has no stiffness.
-    """
+    """Inverse of the diagonal blocks of Pi K Pi + (1 - Pi), for a `PETSc.PC` in Python."""
 
     def __init__(self, K: PETSc.Mat, block: int) -> None:
         self._K, self._block = K, block
@@ -345,17 +314,13 @@ class _NodeBlocks:
         self._other: Array = np.empty((0, block, block))
 
     def update(self, projection: Projection, nodes: Indices, carried: Array) -> None:
-        """Takes over what is held; only those nodes differ, and those (k,) that others follow.
-
-        The latter carry blocks (k, block, block) of the others.
-        """
+        """Takes over what is held; nodes (k,) that others follow carry blocks of theirs besides."""
         self._nodes, free, rest = projection.blocks(nodes)
         own = np.linalg.inv(self._inverse()[self._nodes])
         own[np.searchsorted(self._nodes, nodes)] += carried
         self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         self._every.apply(x, y)
         given = x.array_r.reshape(-1, self._block)[self._nodes]
         image = np.einsum("nij,nj->ni", self._other, given)
@@ -368,25 +333,17 @@ class _NodeBlocks:
 
 
 class Multigrid:
-    """The levels for one matrix, and PETSc's preconditioner that runs through them.
+    """The levels for one free matrix, and PETSc's preconditioner that runs through them.
 
-    Smoother: Chebyshev polynomial of degree 2 with the inverse blocks of nodes. On the coarse
-    level one cycle of algebraic multigrid that knows the rigid motions.
+    Smoother: Chebyshev polynomial of degree 2 with the inverse blocks of nodes. On the coarse level
+    one cycle of algebraic multigrid that knows the rigid motions.
 
-    The blocks are those of Pi K Pi + (1 - Pi), but what is smoothed, and whose residual goes to
-    the coarse level, is the operator that is solved: that matrix of a linear problem, E K + C of
+    The blocks are those of Pi K Pi + (1 - Pi), but what is smoothed, and whose residual goes to the
+    coarse level, is the operator that is solved: that matrix of a linear problem, E K + C of
     contact. With the former alone, contact takes four tenths more iterations.
 
-    Args:
-        K: (n, n), all rows and columns free.
-        supports: of its space.
-
-    Attributes:
-        operator: Pi W^T K W Pi + (1 - Pi); W is one unless `tie` says more.
-        blocked: K in blocks, with which it multiplies.
-
-    Raises:
-        ValueError: if a node has no stiffness.
+    K in blocks multiplies twice as fast. The operator is Pi W^T K W Pi + (1 - Pi); W is one unless
+    `tie` says more. A node without stiffness is a ValueError.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -408,13 +365,11 @@ class Multigrid:
 
     @property
     def coarse(self) -> PETSc.Mat:
-        """Linear elements' matrix under what is held, as it was last made."""
         if self._coarse is None:
             self._coarse = self._linear.matrix()
         return self._coarse
 
     def ready(self) -> None:
-        """Gives the coarse level to the preconditioner."""
         if self._preconditioner is None:
             return
         self._preconditioner.getMGCoarseSolve().setOperators(self.coarse)
@@ -455,12 +410,8 @@ class Multigrid:
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
 
-        The coarse level is made anew where it would differ at more than some of them.
-
-        Args:
-            nodes: (m,).
-            held: projectors (m, dim, dim) onto what is held, zero for what is free.
-            weight: (m,), stiffness of what is held.
+        Projectors (m, dim, dim) are onto what is held, weights (m,) its stiffness. The coarse level
+        is made anew where it would differ at more than some of them.
         """
         self._projection.hold(nodes, held, weight)
         if self._masked.ties:
@@ -487,16 +438,12 @@ class Multigrid:
         self.ready()
 
     def release(self) -> None:
-        """Frees what PETSc's objects hold of Python's, on all processes."""
         if self._preconditioner is not None:
             destroy(self._preconditioner)
         destroy(self.operator, self._linear.interpolation)
 
     def _forget(self, hierarchy: bool) -> None:
-        """Has the coarse level made anew.
-
-        The hierarchy below it is forgotten, too, or keeps its aggregates, which is cheaper.
-        """
+        """Has the coarse level made anew; the hierarchy goes, too, or keeps its aggregates."""
         if hierarchy and self._coarse is not None and self._preconditioner is not None:
             self._preconditioner.getMGCoarseSolve().reset()
         self._coarse = None

@@ -21,19 +21,13 @@ T = TypeVar("T", PETSc.Mat, PETSc.Vec)
 
 @dataclass(frozen=True)
 class Assembled:
-    """What a matrix (n, n) or vector (n,) was made of, so that what does not go together is told.
+    """What a matrix or vector was made of, so that what does not go together is told."""
 
-    Args:
-        form: compiled; None of what was made by hand.
-        sibling: the symmetric sibling that transformed it; None of what was assembled plainly.
-    """
-
-    form: fem.Form | None = None
-    sibling: Any = None
+    form: fem.Form | None = None  # compiled; None of what was made by hand
+    sibling: Any = None  # that transformed it; None of what was assembled plainly
 
     @classmethod
     def of(cls, thing: PETSc.Mat | PETSc.Vec) -> "Assembled":
-        """What is known of a matrix or vector: nothing if it was made by hand."""
         return thing.getAttr("assembled") or cls()
 
     def mark(self, thing: T) -> T:
@@ -48,7 +42,6 @@ class Assembled:
 
     @property
     def weights(self) -> Any:  # noqa: ANN401
-        """C++ space of the form's test functions."""
         assert self.form is not None
         return self.form.function_spaces[0]
 
@@ -117,7 +110,6 @@ def assemble_scalar(form: ufl.Form) -> float:
 
 
 def compiled_form(form: ufl.Form, rank: int, of: str) -> fem.Form:
-    """A form of the right rank on one mesh, compiled."""
     arguments.of_type("the form", form, ufl.Form, "an integrand times a measure makes a ufl.Form")
     kinds = {0: "a number (no test function)", 1: "linear", 2: "bilinear"}
     found = len(form.arguments())

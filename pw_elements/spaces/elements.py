@@ -51,11 +51,8 @@ PAPER_NODES = (0, 1, 2, 5, 3, 4)
 def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     """Quadrature points (12 n, 3) and weights (12 n,) of the reference tetrahedron.
 
-    All points lie within the twelve cells. Basix's default rules of degree 4, 5 and 7 have some
-    on a cell's sides, where slopes are two-valued.
-
-    Args:
-        degree: of the polynomials that are integrated exactly on each of the cells.
+    All points lie within the twelve cells. Basix's default rules of degree 4, 5 and 7 have some on
+    a cell's sides, where slopes are two-valued.
     """
     points, weights = basix.make_quadrature(_CELL, degree)
     if not _within(points).all():
@@ -67,11 +64,7 @@ def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
 
 
 class TwelveCellElement(basix.ufl._BasixElement):
-    """The one-cut element, tabulated as the mean of the three cuts; FFCx tabulates through it.
-
-    FFCx by itself would integrate over the eight cells of one cut, which is wrong here: points
-    of such rules are refused.
-    """
+    """The one-cut element as the mean of the three cuts; points of FFCx's own rules are refused."""
 
     def __repr__(self) -> str:
         return f"{super().__repr__()}, mean of the three cuts"
@@ -85,13 +78,10 @@ class TwelveCellElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and derivatives at points (n, 3): (derivatives, n, 10).
 
-        Slopes on a side between two of the twelve cells are those of one of them.
-
-        Raises:
-            ValueError: for slopes at points within the tetrahedron that are not equally many
-                in each of the twelve cells, and for values at the points of Basix's rules.
+        Slopes on a side between two of the twelve cells are those of one of them. Points of rules
+        that are not equally many in each of the twelve cells are a ValueError.
         """
-        inverse, nodal = _barycentric_maps(), _corner_values()
+        inverse, nodal = _linear_on_cells()
         hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
         depth = hats.min(axis=2)
         _check_points(nderivs, points, depth)
@@ -132,7 +122,6 @@ def _is_rule(points: Array) -> bool:
 
 @functools.cache
 def _rules() -> dict[int, list[Array]]:
-    """Points of Basix's rules by their number."""
     rules: dict[int, list[Array]] = {}
     schemes = (QuadratureType.default, QuadratureType.gauss_jacobi)
     polysets = (PolysetType.standard, PolysetType.macroedge)
@@ -165,17 +154,11 @@ def _corners() -> Array:
 
 
 @functools.cache
-def _corner_values() -> Array:
-    """Weights (12, 4, 10) of the ten nodes in the corners of the twelve cells."""
+def _linear_on_cells() -> tuple[Array, Array]:
+    """Maps (12, 4, 4) from (1, x) to barycentric coordinates; the ten weights (12, 4, 10) there."""
     centre = np.repeat([0.0, 1 / 6], (4, 6))
-    return np.vstack([np.eye(10), centre])[np.array(_cells())]
-
-
-@functools.cache
-def _barycentric_maps() -> Array:
-    """Matrices (12, 4, 4) from (1, x) to a cell's barycentric coordinates."""
-    corners = _corners()
-    return np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), corners], axis=2))
+    weights = np.vstack([np.eye(10), centre])[np.array(_cells())]
+    return np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), _corners()], axis=2)), weights
 
 
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
@@ -187,14 +170,8 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     assembly needs `cell_measure`, without which it raises an error. `Function.eval` and DOLFINx's
     interpolation use the one-cut element, which has the same values at nodes and on faces.
 
-    Args:
-        cell: "interval" (3 nodes), "triangle" (6), "quadrilateral" (9, bilinear on four
-            sub-cells), "tetrahedron" (10) or "hexahedron" (27). The nodes and their order
-            are those of the quadratic Lagrange element.
-        shape: value shape, () for a scalar, (d,) for a vector field.
-
-    Raises:
-        ValueError: for any other cell.
+    Quadrilaterals and hexahedra are bilinear or trilinear on their parts. The nodes and their order
+    are those of the quadratic Lagrange element; the value shape is () or (d,).
     """
     shape = extents("shape", shape)
     element = _halved_element(_cell(cell))
@@ -211,23 +188,12 @@ def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     The order of a cell's vertices determines along which of three diagonals the octahedron inside
     is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
     are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
-
-    Args:
-        shape: value shape, () for a scalar, (d,) for a vector field.
     """
     return _blocked(_halved_element(CellType.tetrahedron), extents("shape", shape))
 
 
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Quadratic Lagrange shape functions, the trial functions of the paper's elements.
-
-    Args:
-        cell: "interval", "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
-        shape: value shape, () for a scalar, (d,) for a vector field.
-
-    Raises:
-        ValueError: for any other cell.
-    """
+    """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)
     return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
 
@@ -235,11 +201,8 @@ def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._Elem
 def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
 
-    Basix's own serendipity element has integral moments for degrees of freedom; nodal
-    forces need point evaluations. The space is that of all quadratics, x²y and xy².
-
-    Args:
-        shape: value shape, () for a scalar, (d,) for a vector field.
+    Basix's own serendipity element has integral moments for degrees of freedom; nodal forces need
+    point evaluations. The space is that of all quadratics, x²y and xy².
     """
     shape = extents("shape", shape)
     celltype = CellType.quadrilateral
@@ -271,14 +234,11 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Composite triangle: four linear triangles with one linear gradient over all of them.
 
-    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets
-    the L2 projection of the piecewise constant one onto linear functions of the macro
-    triangle: with a constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko,
-    E. A. Repetto, "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47
-    (2000), for small strains. Projecting on the reference triangle is right for straight sides.
-
-    Args:
-        shape: value shape, () for a scalar, (d,) for a vector field.
+    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets the
+    L2 projection of the piecewise constant one onto linear functions of the macro triangle: with a
+    constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A. Repetto,
+    "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for small
+    strains. Projecting on the reference triangle is right for straight sides.
     """
     shape = extents("shape", shape)
     return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)

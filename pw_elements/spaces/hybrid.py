@@ -48,19 +48,11 @@ def is_split(space: fem.FunctionSpace) -> bool:
 
 @dataclass(frozen=True)
 class SubSpace:
-    """A field of its own space among the unknowns of a space, which may be that very space.
-
-    Nodes are owned by the same processes in both.
-
-    Args:
-        space: of the field alone, numbered as if there were no other.
-        unknowns: (nodes, components), local numbers among the unknowns, ghosts too.
-        rows: sizes of vectors of unknowns, own and global.
-    """
+    """A field of its own space among the unknowns of a space, owned by the same processes."""
 
     space: fem.FunctionSpace
-    unknowns: Indices
-    rows: tuple[int, int]
+    unknowns: Indices  # (nodes, components), local numbers among the unknowns, ghosts too
+    rows: tuple[int, int]  # sizes of vectors of unknowns, own and global
 
     @classmethod
     def displacements(cls, space: fem.FunctionSpace) -> "SubSpace":
@@ -74,7 +66,6 @@ class SubSpace:
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
-        """The pressure of a hybrid space."""
         return cls._of(space, 1)
 
     @classmethod
@@ -88,12 +79,10 @@ class SubSpace:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Sizes of vectors of the field alone, own and global."""
         return _sizes(self.space)
 
     @property
     def is_all(self) -> bool:
-        """Whether there are no other unknowns."""
         return self.sizes == self.rows
 
     @property
@@ -131,10 +120,7 @@ def _sizes(space: fem.FunctionSpace) -> tuple[int, int]:
 
 
 def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
-    """Vector (n,) that is 1 at displacements and, at pressures, K's stiffness over a facet's area.
-
-    Pressures over it are lengths as displacements are. None where there is no pressure.
-    """
+    """Vector (n,): 1 at displacements; pressures over it, stiffness per area, are lengths."""
     if not is_hybrid(space):
         return None
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
@@ -168,16 +154,7 @@ def positions(space: fem.FunctionSpace) -> Array:
 def tied(
     space: fem.FunctionSpace, parts: MeshTags | None, free: npt.NDArray[np.bool_]
 ) -> PETSc.Mat:
-    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part.
-
-    Args:
-        space: whose pressure is split.
-        parts: tags of all cells.
-        free: which of this process' own unknowns are not prescribed.
-
-    Raises:
-        ValueError: without parts, or with cells that belong to none.
-    """
+    """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local
     with collective(comm):

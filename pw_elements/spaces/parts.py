@@ -21,14 +21,7 @@ Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
 def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]) -> Mask:
-    """Which of the points (3, n) a marker holds at, (n,); local, for use under the guard.
-
-    A process without any point does not ask: largest coordinates, say, are not defined there.
-
-    Raises:
-        TypeError: if it is no function.
-        ValueError: if it fails, or does not give True or False for each point.
-    """
+    """Which points (3, n) a marker holds at; local, under the guard; not asked without points."""
     if not callable(where):
         raise TypeError(
             f"{whose} is of the type {type(where).__name__}: give a function of points. For tagged "
@@ -47,18 +40,7 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
 
 
 def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # noqa: ANN401
-    """Local numbers, each once, of what numbers or a mask name; local, for use under the guard.
-
-    Args:
-        comm: of the processes.
-        whose: facets or nodes, by name.
-        given: numbers (m,), or a mask (count,).
-        count: how many there are on this process, ghosts included.
-
-    Raises:
-        TypeError: for tags.
-        ValueError: for anything else, or a number that does not exist.
-    """
+    """Local numbers, each once, of what numbers (m,) or a mask (count,) name; local."""
     if isinstance(given, MeshTags):
         raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
     numbers = np.asarray(given)
@@ -83,16 +65,7 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # 
 
 
 def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
-    """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective.
-
-    Args:
-        space: the space.
-        whose: what the nodes belong to, by name.
-        where: marker of their positions as columns (3, n), local numbers, or a mask of all.
-
-    Raises:
-        ValueError: if the marker fails, or a number is none of a node.
-    """
+    """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective."""
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
     with collective(comm):
         if not callable(where):
@@ -102,16 +75,7 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
 
 
 def exterior_facets(mesh: Mesh, where: Part) -> Indices:
-    """Local numbers of a part of the boundary's facets, of owned cells.
-
-    Args:
-        mesh: the mesh.
-        where: marker, which takes points as columns (3, n) and has to hold at every vertex of a
-            facet; or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
-
-    Raises:
-        ValueError: if the marker fails, or a number does not belong to a facet.
-    """
+    """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices."""
     dimension, comm = mesh.topology.dim - 1, mesh.comm
     vertices: npt.NDArray[np.float64] = np.zeros((3, 0))
 
@@ -137,19 +101,7 @@ def exterior_facets(mesh: Mesh, where: Part) -> Indices:
 def by_cell_tag(
     mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]], what: str
 ) -> list[fem.Function]:
-    """Functions that are constant in each cell, by the cells' tags; collective.
-
-    Args:
-        mesh: the mesh.
-        cell_tags: of its cells, each of which has one.
-        values: of every tag, a number for each function.
-        what: has these values, in messages.
-
-    Raises:
-        TypeError: for what are no tags.
-        ValueError: for tags of facets or of another mesh, cells without a tag, tags without values
-            or values without a cell.
-    """
+    """Functions that are constant in each cell, by the cells' tags; collective."""
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local

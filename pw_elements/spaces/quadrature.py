@@ -32,13 +32,7 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 
 def with_cell_rules(form: ufl.Form) -> ufl.Form:
-    """The form with such points in its integrals over tetrahedra, if its functions need them.
-
-    The degree is that of the measure, or UFL's estimate.
-
-    Raises:
-        ValueError: for a measure that names a rule of the whole cell.
-    """
+    """The form with such points in its integrals over tetrahedra, if its functions need them."""
     integrals = form.integrals()
     lacking = [_lacks_rule(integral) for integral in integrals]
     if not any(lacking):
@@ -88,7 +82,6 @@ def _with_rule(integral: ufl.Integral) -> ufl.Integral:
 
 
 def _estimated_degree(integral: ufl.Integral) -> int:
-    """The degree that FFCx would take."""
     data = compute_form_data(
         ufl.Form([integral]), do_apply_integral_scaling=True, do_append_everywhere_integrals=False
     )

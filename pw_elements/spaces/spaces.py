@@ -265,11 +265,7 @@ def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fe
 
 
 def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
-    """The space of a vector space's components, its nodes numbered like the vectors'.
-
-    Raises:
-        NumberingError: if DOLFINx numbers the two spaces differently.
-    """
+    """The space of a vector space's components, its nodes numbered like the vectors'."""
     scalars = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
     _assert_one_numbering(space, scalars, blocks=False)
     return scalars
@@ -291,12 +287,6 @@ def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._Elem
 
 
 def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:
-    """Value shape of fields with so many components, 0 for a scalar.
-
-    Raises:
-        TypeError: if it is no mesh.
-        ValueError: for a number of components that is none.
-    """
     arguments.mesh(mesh)
     if components is None:
         components = mesh.geometry.dim

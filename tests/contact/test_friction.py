@@ -214,9 +214,19 @@ class Adhesive(Falling):
         return limit + 1.0, slope
 
 
+class Stiffening(Falling):
+    """Its coefficient is 0.1 without pressure and four times that under much of it."""
+
+    def limit(self, half, force):
+        limit, slope = super().limit(half, force)
+        return 0.4 * force - limit, 0.4 - slope
+
+
 @pytest.mark.parametrize(
     ("law", "error"),
     [
+        (Stiffening(0.3, 1e-8), ValueError),
+        (Stiffening(0.3, 1e9), ValueError),
         (Falling(-0.3, 1.0), ValueError),
         (Falling(np.nan, 1.0), ValueError),
         (Adhesive(0.3, 1.0), ValueError),

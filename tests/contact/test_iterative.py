@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from pw_elements import Direct, Iterative, Spaces
 from pw_elements.contact import STICK, ContactProblem, FreeBody, NotFound, Plane, solve_contact
 from pw_elements.contact.iteration import ContactSystem, LinearisedLaw
 from pw_elements.contact.iteration.krylov import NodePoints, _apart
 from pw_elements.contact.model import MatchingNodes
+from pw_elements.solvers import SolverReport
 from tests.contact.iterative import CASES, STACKED, Solid, held_by_contact, nearly_sliding
 from tests.contact.two_bodies import Stack
 
@@ -193,6 +195,39 @@ def test_matching_nodes_have_the_states_of_the_direct_solver():
     surface = MatchingNodes(stack.nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
     arguments = held_by_contact(stack, "upper", surface)
     compare(*(solve_contact(*arguments, solver=solver) for solver in (Iterative(), Direct())))
+
+
+class Foreign:
+    """SciPy's GMRES, which knows neither levels nor contact."""
+
+    matrix_free, orientations, report = True, frozenset(), SolverReport("GMRES by SciPy", 0)
+
+    def prepare(self, *_, **__):
+        return self
+
+    def iterate(self, product, precondition, right, size):
+        n = len(right)
+        A, M = (LinearOperator((n, n), of, dtype=float) for of in (product, precondition))
+        found, failed = gmres(A, right, rtol=0.0, atol=size, restart=200, M=M)
+        assert not failed
+        return found
+
+    def release(self):
+        pass
+
+
+def test_another_krylov_method_has_the_states_of_the_direct_solver():
+    """With a free surface, whose translations border the matrix, and with two bodies."""
+    plate = Solid(n=2).arguments("plate by forces")
+    stacked = held_by_contact(Stack((3, 2), "tetrahedron", upper=(0.13, 0.83)), "upper")
+    for arguments in (plate, stacked):
+        states = solve_contact(*arguments, solver=Foreign())
+        compare(states, solve_contact(*arguments, solver=Direct()))
+        assert states[-1].report.method == "GMRES by SciPy"
+    lacking = Foreign()
+    lacking.iterate = None
+    with pytest.raises(TypeError, match="iterate"):
+        solve_contact(*plate, solver=lacking)
 
 
 def test_what_is_no_solver_is_named():

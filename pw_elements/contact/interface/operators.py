@@ -160,6 +160,11 @@ class Interface:
             nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
         wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
+        self.refuse(
+            self.cone.rises(),
+            "have a law of friction whose coefficient, the limit over the normal force, rises with "
+            "the force: it may stay or fall, so that its slope at zero bounds it",
+        )
         self.check_supports(None)
         cut = ~(self._by_pair("gap", None, ()) >= -_PENETRATION * diagonal) & ~self._interfering
         rigid = self.faced == RIGID

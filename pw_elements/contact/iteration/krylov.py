@@ -32,9 +32,9 @@ from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
     Followers,
-    Krylov,
     MatrixFree,
     Multigrid,
+    PreparedSolver,
     SaddlePoint,
     SingularSystem,
     Supports,
@@ -43,6 +43,7 @@ from pw_elements.solvers import (
     destroy,
     free_motion,
     python_matrix,
+    with_levels,
 )
 from pw_elements.spaces import SubSpace
 
@@ -69,29 +70,17 @@ _HELD = 0.5
 
 @dataclass(frozen=True)
 class NodePoints:
-    """The contact points (m of this process), each of which is a node or has the force of one.
+    """The contact points (m of this process), each of which is a node or has the force of one."""
 
-    Args:
-        node: (m,), local number.
-        motion: G, (m dim, n).
-        spread: what forces do to the equations of other nodes, (m dim, n); None if nothing.
-        own: (m, dim), local number of each point's own equations, -1 where there is none.
-        flexible: (m, dim), what makes forces of equations.
-        scale: (m,), c of the law.
-        moved: (m, dim), number of the free translation that moves a component, -1 if none does.
-        translations: number of the free translations.
-        round_off: force that may be nothing but round-off of coordinates, at all points together.
-    """
-
-    node: Indices
-    motion: PETSc.Mat
-    spread: PETSc.Mat | None
-    own: Indices
-    flexible: Array
-    scale: Array
-    moved: Indices
+    node: Indices  # (m,), local number
+    motion: PETSc.Mat  # G, (m dim, n)
+    spread: PETSc.Mat | None  # what forces do to the equations of other nodes, (m dim, n)
+    own: Indices  # (m, dim), local number of each point's own equations, -1 where there is none
+    flexible: Array  # (m, dim), what makes forces of equations
+    scale: Array  # (m,), c of the law
+    moved: Indices  # (m, dim), number of the free translation that moves it, or -1
     translations: int
-    round_off: float
+    round_off: float  # force that may be nothing but round-off, at all points together
 
     @classmethod
     def of(
@@ -103,7 +92,6 @@ class NodePoints:
         scale: Array,
         free: Free,
     ) -> "NodePoints":
-        """Collects the points of an interface."""
         node = interface.node - interface.field.space.dofmap.index_map.local_range[0]
         moved = np.full(own.shape, -1, dtype=np.int64)
         for k, (pair, axis) in enumerate(free):
@@ -123,16 +111,11 @@ class NodePoints:
         return replace(self, motion=motion, spread=spread, own=number[self.own], translations=0)
 
     def read(self, equations: Array) -> Array:
-        """Forces (m, dim); 0 where the law is not stated."""
         return np.where(self.own >= 0, equations[self.own] * self.flexible, 0.0)
 
 
 class Unassembled:
-    """E K + C with its border, for `PETSc.Mat.createPython`.
-
-    Attributes:
-        force: (m, dim), K a at the contact points, of the last product.
-    """
+    """E K + C with its border, for `PETSc.Mat.createPython`; it keeps K a (m, dim) as `force`."""
 
     def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
         self._K, self._points = K, points
@@ -148,7 +131,6 @@ class Unassembled:
         self.force: Array = np.zeros(points.own.shape)
 
     def state(self, law: LinearisedLaw) -> None:
-        """Takes over the law of an active set."""
         self._E, self._C, self._D = law.E, law.C, law.D
 
     def of_motion(self, x: PETSc.Vec) -> Array:
@@ -156,7 +138,6 @@ class Unassembled:
         return self._of_motion(x, self._unsupported(x))
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         points, n = self._points, self._K.getLocalSize()[1]
         given, motion = x.array_r, self._unsupported(x)
         law = self._of_motion(x, motion)
@@ -215,11 +196,10 @@ class Tied:
         self._held: Array = np.zeros((0, 1, 1))
 
     def hold(self, held: Array) -> None:
-        """Takes over projectors (m, dim, dim)."""
         self._held = held
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x. Forces that are stated act on the opposite nodes, too."""
+        """Forces that are stated act on the opposite nodes, too."""
         points, opposite = self._points, self._ties.opposite
         stated = np.where(points.own >= 0, x.array_r[points.own], 0.0)
         fixed = np.einsum("nij,nj->ni", self._held, stated)
@@ -244,12 +224,10 @@ class Bordered:
         self._schur = np.eye(len(sums))
 
     def update(self, columns: list[Array]) -> None:
-        """Takes over the columns (n,) of the free translations."""
         self._images = [self._solved(column) for column in columns]
         self._schur = -np.array([self._summed(image) for image in self._images]).T
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Image y of x."""
         given, n = x.array_r, self._x.getLocalSize()
         balance = self._comm.bcast(given[n:].copy(), self._comm.size - 1)
         result = self._solved(given[:n])
@@ -270,43 +248,32 @@ class Bordered:
         return totals
 
 
-@dataclass(frozen=True)
 class RigidHolds:
     """As many nodes of each connected piece as there are dimensions, far from each other.
 
-    Args:
-        piece: (m,), number of the piece that each contact node of this process belongs to.
-        chosen: (m,), whether it is an anchor.
-        pieces: their number.
-        comm: of the processes.
+    They are picked among local contact nodes (m,).
     """
 
-    piece: npt.NDArray[np.integer]
-    chosen: npt.NDArray[np.bool_]
-    pieces: int
-    comm: MPI.Comm
-
-    @classmethod
-    def of(cls, space: fem.FunctionSpace, nodes: Indices) -> "RigidHolds":
-        """Picks the held nodes among local contact nodes (m,)."""
-        comm: MPI.Comm = space.mesh.comm
-        piece, pieces = connected_pieces(space)
+    def __init__(self, space: fem.FunctionSpace, nodes: Indices) -> None:
+        self._comm: MPI.Comm = space.mesh.comm
+        piece, self._pieces = connected_pieces(space)
+        self._piece = piece[nodes]
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
-        every, where = (np.concatenate(comm.allgather(part)) for part in (x, piece[nodes]))
+        every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, self._piece))
         chosen = np.zeros(len(every), dtype=bool)
-        for k in range(pieces):
+        for k in range(self._pieces):
             mine = np.flatnonzero(where == k)
             chosen[mine[_apart(every[mine])]] = True
-        first = sum(comm.allgather(len(nodes))[: comm.rank])
-        return cls(piece[nodes], chosen[first : first + len(nodes)], pieces, comm)
+        first = sum(self._comm.allgather(len(nodes))[: self._comm.rank])
+        self._chosen = chosen[first : first + len(nodes)]
 
     def held(self, projectors: Array) -> Array:
         """Projectors (m, dim, dim) onto what is held, with the anchors where few nodes stick."""
         dim = projectors.shape[1]
         sticks = np.einsum("naa->n", projectors) > dim - 0.5
-        count = np.bincount(self.piece[sticks], minlength=self.pieces)
-        self.comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
-        loose = self.chosen & (count < _ENOUGH)[self.piece]
+        count = np.bincount(self._piece[sticks], minlength=self._pieces)
+        self._comm.Allreduce(MPI.IN_PLACE, count, MPI.SUM)
+        loose = self._chosen & (count < _ENOUGH)[self._piece]
         return np.where(loose[:, None, None], np.eye(dim), projectors)
 
 
@@ -327,20 +294,10 @@ def _apart(x: Array) -> list[int]:
 
 
 class KrylovTangent:
-    """The matrix of any active set and its solver, in place of `Tangent`.
+    """A `ContactTangent` that assembles nothing; `supported` goes with it.
 
     Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
     last, on the last process.
-
-    Args:
-        K: stiffness (n, n), free.
-        supports: of the space.
-        points: at nodes.
-        how: options.
-        supported: K under the supports, which goes with this.
-
-    Attributes:
-        solver, precise: as in `ContactTangent`.
     """
 
     precise = False
@@ -356,8 +313,9 @@ class KrylovTangent:
         self._supported = supported
         self._points = points
         self._comm: MPI.Comm = K.comm.tompi4py()
-        self.solver: Krylov = how.prepare(K, supports=supports)
-        levels = self.solver.multigrid
+        self.solver: PreparedSolver = how.prepare(K, supports=supports)
+        self._krylov = krylov = with_levels(self.solver, K, supports)
+        levels = krylov.multigrid
         saddle = self._saddle = levels if isinstance(levels, SaddlePoint) else None
         self._multigrid: Multigrid = levels.levels if isinstance(levels, SaddlePoint) else levels
         stiffness = saddle.scaled if saddle else self._multigrid.blocked
@@ -367,7 +325,7 @@ class KrylovTangent:
         last = self._comm.rank == self._comm.size - 1
         sizes = (local + points.translations * last, whole + points.translations)
         self._operator = python_matrix((sizes, sizes), self._context, K.comm)
-        inner = self.solver.ksp.getPC()
+        inner = krylov.ksp.getPC()
         self._tied: Tied | None = None
         self._border: Bordered | None = None
         if points.spread is not None:
@@ -384,31 +342,29 @@ class KrylovTangent:
             sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
         if outer := self._border or (None if saddle else self._tied):
-            self._ksp = self.solver.preconditioned(self._operator, outer)
+            self._ksp = krylov.preconditioned(self._operator, outer)
         else:
-            self._ksp = self.solver.ksp
+            self._ksp = krylov.ksp
             self._ksp.setOperators(self._operator, levels.operator)
         # supports that hold all pieces need no help of contact
-        elastic, held = self.solver.elastic
+        elastic, held = krylov.elastic
         loose = free_motion(elastic, held)
-        self._rigid_holds = RigidHolds.of(held.space, points.node) if loose else None
+        self._rigid_holds = RigidHolds(held.space, points.node) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
         self._accuracy, self._size = _EXACT, 0.0
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
-        """Begins at unknowns of this process, zero where prescribed."""
         begin, local = unknowns(), self._solution.array
         local[: len(begin)] = begin
         local[len(begin) :] = translations[: len(local) - len(begin)]
         self._size = self._solution.norm()
 
     def encloses(self) -> bool:
-        """Whether a constant pressure has been met that acts on nothing."""
         return self._enclosed
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """As `ContactTangent` says; a constant pressure that acts on nothing is singular."""
+        """A constant pressure that acts on nothing is singular."""
         more = accuracy == "more" and self._final
         self._accuracy = self._accuracy * _MORE if more else _EXACT
         self._context.state(law)
@@ -419,8 +375,8 @@ class KrylovTangent:
             self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
         self._land(known, x, held)
-        if self._ksp is not self.solver.ksp:
-            self.solver.ksp.setUp()
+        if self._ksp is not self._krylov.ksp:
+            self._krylov.ksp.setUp()
         if self._border is not None:
             self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
         rest, step = known.duplicate(), known.duplicate()
@@ -435,16 +391,17 @@ class KrylovTangent:
             stalled = left >= min(_STALLED * target, before)
         force = self._largest()
         self._size = max(self._size, x.norm())
-        if stalled and left > self.solver.round_off(self._size) + self._points.round_off + target:
-            raise self.solver.not_converged(left / max(known.norm(), force))
+        if stalled and left > self._krylov.round_off(self._size) + self._points.round_off + target:
+            raise self._krylov.not_converged(left / max(known.norm(), force))
         self._final = bool(left <= _EXACT * force or stalled)
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
     def release(self) -> None:
-        """Frees the solver, on all processes."""
         destroy(self._ksp, self._operator, self._supported)
-        self.solver.release()
+        self._krylov.release()
+        if self.solver is not self._krylov:
+            self.solver.release()
 
     def _target(self, left: float, reduced: float) -> float:
         """The residual to be reached; on the way `reduced`, if that is small beside the forces.
@@ -463,7 +420,6 @@ class KrylovTangent:
         return float(rest.norm())
 
     def _largest(self) -> float:
-        """The largest nodal contact force."""
         force = float(np.abs(self._context.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
@@ -490,7 +446,6 @@ class KrylovTangent:
         local[points.own[stated]] += step[stated]
 
     def _sum(self, K: PETSc.Mat, supports: Supports, translation: int) -> Array:
-        """Row (n,) of the balance of a free translation."""
         points = self._points
         ones, row = K.createVecs()
         some = (points.moved == translation) & (points.own >= 0)
@@ -500,7 +455,6 @@ class KrylovTangent:
         return np.asarray(row.array_r * supports.free)
 
     def _column(self, translation: int, D: Array) -> Array:
-        """Column (n,) of a free translation."""
         points = self._points
         law = -np.einsum("nab,nb->na", D, (points.moved == translation).astype(float))
         column = np.zeros(self._unknowns)

@@ -54,20 +54,14 @@ _STEP = 1e-4
 class ActiveSet:
     """What is assumed of every contact node (n of this process) in one linear solve.
 
-    Args:
-        status: (n,) OPEN, STICK or SLIP.
-        direction: (n, dim - 1), unit tangential force of slipping nodes; zero for others and
-            without friction.
-        turning: (n,), l(p) / |s|; zero for nodes that do not slip.
-        slope: (n,), l'(p), likewise.
-        level: (n,), l(p) - l'(p) p, likewise; nothing by Coulomb's law.
+    All but the status is zero for nodes that do not slip, and without friction.
     """
 
-    status: npt.NDArray[np.int8]
-    direction: Array
-    turning: Array
-    slope: Array
-    level: Array
+    status: npt.NDArray[np.int8]  # (n,) OPEN, STICK or SLIP
+    direction: Array  # (n, dim - 1), unit tangential force
+    turning: Array  # (n,), l(p) / |s|
+    slope: Array  # (n,), l'(p)
+    level: Array  # (n,), l(p) - l'(p) p: nothing by Coulomb's law
 
     @classmethod
     def of(
@@ -88,23 +82,14 @@ class ActiveSet:
 
 @dataclass(frozen=True)
 class Contact:
-    """Quantities of the contact nodes (n of this process) in their frames.
+    """Quantities of the contact nodes (n of this process) in their frames."""
 
-    Args:
-        frame: (n, dim, dim), rows: normal, tangents (zero where the law is not stated).
-        gap: (n,), infinite where nothing faces the node.
-        slip: (n, dim - 1), of this increment.
-        force: (n, dim), components of the nodal force along the frame.
-        cone: of friction.
-        scale: (n,), c.
-    """
-
-    frame: Array
-    gap: Array
-    slip: Array
-    force: Array
+    frame: Array  # (n, dim, dim), rows: normal, tangents (zero where the law is not stated)
+    gap: Array  # (n,), infinite where nothing faces the node
+    slip: Array  # (n, dim - 1), of this increment
+    force: Array  # (n, dim), components along the frame
     cone: Cone
-    scale: Array
+    scale: Array  # (n,), c
 
     @cached_property
     def pressing(self) -> Array:
@@ -151,23 +136,12 @@ def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> Active
 
 def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
     """The old set where `keep` holds, the new one elsewhere."""
-    return ActiveSet(
-        np.where(keep, old.status, new.status).astype(np.int8),
-        np.where(keep[:, None], old.direction, new.direction),
-        np.where(keep, old.turning, new.turning),
-        np.where(keep, old.slope, new.slope),
-        np.where(keep, old.level, new.level),
-    )
+    pairs = zip(vars(old).values(), vars(new).values(), strict=True)
+    return ActiveSet(*(np.where(keep, one.T, other.T).T for one, other in pairs))
 
 
 def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
-    """Normals and tangents of contact nodes, (n, dim, dim).
-
-    Args:
-        normal: (n, dim) unit vectors.
-        stated: (n, dim), False for components of the displacement that are prescribed. They
-            have to be tangential; the tangents are orthogonal to them.
-    """
+    """Normals and tangents (n, dim, dim); components not stated have to be tangential."""
     free = np.eye(normal.shape[1]) * stated[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
     values, vectors = np.linalg.eigh(projector)  # eigenvalues 0 and 1, ascending
@@ -183,11 +157,7 @@ def turned(active: ActiveSet, old: Array, new: Array) -> ActiveSet:
 
 
 def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
-    """Linear equations A force + B (gap; slip) = b of every node in its frame.
-
-    Returns:
-        A and B, both (n, dim, dim), and b, (n, dim).
-    """
+    """Equations A force + B (gap; slip) = b of nodes in their frames: (n, dim, dim), b (n, dim)."""
     n, tangents = active.direction.shape
     A, B = np.zeros((n, tangents + 1, tangents + 1)), np.zeros((n, tangents + 1, tangents + 1))
     one = np.eye(tangents + 1)
@@ -209,21 +179,12 @@ def equations(active: ActiveSet, scale: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class LinearisedLaw:
-    """Linear equations E r + C G a - D U = c of the contact points (m) of this process.
+    """Linear equations E r + C G a - D U = c of the contact points (m) of this process."""
 
-    r, G a and U are forces, motions and translations of surfaces in the nodes' coordinates.
-
-    Args:
-        E: (m, dim, dim), combines a point's forces.
-        C: (m, dim, dim), combines its motion.
-        D: (m, dim, dim), combines the translations of its surface.
-        c: (m, dim).
-    """
-
-    E: Array
-    C: Array
-    D: Array
-    c: Array
+    E: Array  # (m, dim, dim), of forces in the nodes' coordinates
+    C: Array  # (m, dim, dim), of motions
+    D: Array  # (m, dim, dim), of translations of surfaces
+    c: Array  # (m, dim)
 
     def where(self, translations: Array, motion: Array) -> "LinearisedLaw":
         """The law of what is left free, parts (m, dim) of U and of G a being known."""
@@ -234,24 +195,20 @@ class LinearisedLaw:
 
 @dataclass(frozen=True)
 class Solved:
-    """What a tangent's solver has found.
+    """Unknowns of this process that a tangent's solver has found.
 
-    Args:
-        unknowns: of this process, those of free translations at the end of the last one.
-        exact: whether the same system, solved again, would give nothing better.
-        final: whether it is exact enough to be the last of an increment.
+    Those of free translations are at the end of the last process'.
     """
 
     unknowns: Array
-    exact: bool
-    final: bool
+    exact: bool  # whether the same system, solved again, would give nothing better
+    final: bool  # whether it is exact enough to be the last of an increment
 
 
 class ContactTangent(Protocol):
     """The matrix of any linearised law and all equations of equilibrium, bound to a solver.
 
-    Attributes:
-        precise: whether all of its solutions are as exact as they can be.
+    Where it is `precise` all of its solutions are as exact as they can be.
     """
 
     precise: bool
@@ -266,17 +223,9 @@ class ContactTangent(Protocol):
         ...
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """Solves for an active set.
+        """Solves for an active set, with right-hand sides of this process and of free translations.
 
-        Args:
-            right: of this process' equations.
-            balance: right-hand sides of the free translations.
-            law: at the contact points.
-            accuracy: of the solution.
-
-        Raises:
-            SingularSystem: if there is no unique solution.
-            NotConverged: if an iterative solver fails.
+        Raises SingularSystem if there is no unique solution, NotConverged if an iteration fails.
         """
         ...
 
@@ -332,33 +281,23 @@ class Place(Protocol):
 class Kinematics:
     """Gap, slip and force components as linear functions of a, U and r.
 
-    a and r are displacements and forces of the contact nodes, U the translations of their
-    surfaces. Where a curved surface is free to move, its normals turn with it. With values of
-    the place of linearisation marked by 0 and sums over the free translations k,
+    a and r are displacements and forces of the contact nodes, U the translations of their surfaces.
+    Where a curved surface is free to move, its normals turn with it. With values of the place of
+    linearisation marked by 0 and sums over the free translations k,
 
         gap   = gap_0 + n_0·a - sum loss_k (U_k - U_0k),
         slip  = T_0 (a - U - what they were) + sum turned_slip_k (U_k - U_0k),
         force = [n_0; T_0] r + sum turned_force_k (U_k - U_0k).
-
-    Args:
-        interface: the contact points (m).
-        translations: U_0, (pairs, dim).
-        past: displacements less translations (n, dim) from which slip counts.
-        frame: normals n_0 and tangents T_0, (n, dim, dim).
-        gap: gap_0 of the undeformed body (n,), infinite where nothing faces a node.
-        loss: (n, dim), of gap per translation; the normal, unless curved and free.
-        turned_slip: (n, dim - 1, dim), by the turning of tangents per translation.
-        turned_force: (n, dim, dim), by the turning of the frame per translation.
     """
 
     interface: Interface
-    translations: Array
-    past: Array
-    frame: Array
-    gap: Array
-    loss: Array
-    turned_slip: Array
-    turned_force: Array
+    translations: Array  # U_0, (pairs, dim)
+    past: Array  # displacements less translations (n, dim) from which slip counts
+    frame: Array  # normals n_0 and tangents T_0, (n, dim, dim)
+    gap: Array  # gap_0 of the undeformed body (n,), infinite where nothing faces a node
+    loss: Array  # (n, dim), of gap per translation; the normal, unless curved and free
+    turned_slip: Array  # (n, dim - 1, dim), by the turning of tangents per translation
+    turned_force: Array  # (n, dim, dim), by the turning of the frame per translation
 
     @classmethod
     def at(
@@ -370,16 +309,7 @@ class Kinematics:
         displacement: Array,
         force: Array,
     ) -> "Kinematics":
-        """Linearisation at translations, displacements (n, dim) and forces (n, dim).
-
-        Args:
-            interface: the contact points.
-            past: displacements less translations (n, dim) from which slip counts.
-            translations: (pairs, dim).
-            free: (pairs, dim), tells which translations may change.
-            displacement: of the nodes.
-            force: on the nodes.
-        """
+        """Linearisation at translations, of which some are free, motions and forces (n, dim)."""
         step = _STEP * (interface.extent or 1.0)
         frame = frames(interface.normals(translations), interface.equation >= 0)
         normal, tangents = frame[:, 0], frame[:, 1:]
@@ -415,7 +345,6 @@ class Kinematics:
         return self.gap + approach
 
     def slips(self, displacement: Array, translations: Array) -> Array:
-        """Slip components (n, dim - 1) likewise."""
         relative = displacement - translations[self.interface.pair] - self.past
         slips = np.einsum("nab,nb->na", self.frame[:, 1:], relative)
         return slips + np.einsum("nak,nk->na", self.turned_slip, self._from(translations))

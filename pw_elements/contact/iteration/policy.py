@@ -66,37 +66,23 @@ _AT_ONCE = 20_000
 
 @dataclass(frozen=True)
 class _Part:
-    """The points of a pair.
+    """The points of a pair, (m) of this process and (n) of all."""
 
-    Args:
-        own: (m,), which of this process' points they are.
-        order: (n,), of all processes' points.
-        place: (m,), of the own points in this order.
-        x: (n, dim), positions in this order.
-        around: (n, k), the nearest ones of each.
-    """
-
-    own: Indices
-    order: Indices
-    place: Indices
-    x: Array
-    around: Indices
+    own: Indices  # (m,), among this process' points
+    order: Indices  # (n,)
+    place: Indices  # (m,), of the own points in this order
+    x: Array  # (n, dim), positions in this order
+    around: Indices  # (n, k), the nearest ones of each
 
 
 class EdgeRelease:
     """Lets points at the edge of a contact, or of its sticking part, go as deep again as they pull.
 
     Where a smooth contact is taken for larger than it is, by a length e, the pressure at a distance
-    d from its edge is that of the true one, A (d - e)^(1/2), to first order in e, or
-    A (d^(1/2) - e/2 d^(-1/2)): it pulls up to d = e/2 only. So the law alone halves the excess.
-    What shear lacks to friction's limit is alike at the edge of what sticks. Forces next to an edge
-    oscillate from node to node, so that means of neighbours tell who pulls.
-
-    Args:
-        position: (m, dim), of the points.
-        pair: (m,), number of each point's pair.
-        chosen: numbers of the pairs in which this is done.
-        comm: of the processes.
+    d from its edge is that of the true one, A (d - e)^(1/2), to first order in e, or A (d^(1/2) -
+    e/2 d^(-1/2)): it pulls up to d = e/2 only. So the law alone halves the excess. What shear lacks
+    to friction's limit is alike at the edge of what sticks. Forces next to an edge oscillate from
+    node to node, so that means of neighbours tell who pulls.
     """
 
     def __init__(
@@ -168,15 +154,10 @@ class Cycles:
 
     @property
     def slow(self) -> bool:
-        """Whether it has been caught cycling."""
         return self._slow is not None
 
     def repeats(self, active: ActiveSet) -> bool:
-        """Notes an active set; True if it has been there and the remedy changes something.
-
-        Raises:
-            NotFound: if it has been there with the remedy in force already.
-        """
+        """Notes an active set; whether it has been there, and the remedy changes something."""
         digest = blake2b(active.status.tobytes(), digest_size=16)
         for values in (active.direction, active.turning, active.slope):
             digest.update((np.round(values, _DIGITS) + 0.0).tobytes())
@@ -213,19 +194,12 @@ class Cycles:
 
 @dataclass(frozen=True)
 class LeftFree:
-    """Rigid motions that neither stiffness nor contact hold.
+    """Rigid motions that neither stiffness nor contact hold."""
 
-    Args:
-        relative: motions (m, dim, modes) of the contact points relative to their surfaces.
-        held: rows (n, modes) of the pieces' modes that supports and stiffness act on.
-        comm: of the processes.
-        names: words for motions (k, modes).
-    """
-
-    relative: Array
-    held: Array
+    relative: Array  # motions (m, dim, modes) of the contact points relative to their surfaces
+    held: Array  # rows (n, modes) of the pieces' modes that supports and stiffness act on
     comm: MPI.Comm
-    names: Callable[[Array], list[str]]
+    names: Callable[[Array], list[str]]  # words for motions (k, modes)
 
     def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
@@ -245,10 +219,7 @@ def null_space(rows: Array, tolerance: float) -> Array:
 
 
 def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
-    """R (<= n, n) of a QR factorisation of the rows (m, n) of all processes, and of more of them.
-
-    A Gram matrix would square what is small, and lose it.
-    """
+    """R of a QR factorisation of all processes' rows (m, n): a Gram matrix loses what is small."""
     own: Array = np.zeros((0, rows.shape[1]))
     for each in (rows, *more):
         for first in range(0, len(each), _AT_ONCE):
@@ -258,17 +229,7 @@ def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
 
 
 class LastHold:
-    """Keeps a body from losing the last points that hold it, as far as the loads allow.
-
-    Args:
-        free_motions: names of the motions that an active set in its frames leaves free.
-        pair: (m,), number of each point's pair.
-        pairs: their number, on all processes.
-        comm: of the processes.
-
-    Attributes:
-        rescues: how often points that had let go were asked to hold once more.
-    """
+    """Keeps a body from losing the last points that hold it, as far as the loads allow."""
 
     def __init__(
         self,
@@ -284,13 +245,11 @@ class LastHold:
     def kept(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
         """The new set, less the changes by which the body would lose its last hold.
 
-        Of the points that let go, those that violate the law least are kept for one more
-        iteration, as many as it takes. If they do not suffice, a point that slips the other way
-        sticks in their place. If there is none, points that slipped before stick, or an open
-        pair lands: a body may let go at one end to be held by another.
-
-        Raises:
-            NotFound: if nothing of that holds the body.
+        Of the points that let go, those that violate the law least are kept for one more iteration,
+        as many as it takes. If they do not suffice, a point that slips the other way sticks in
+        their place. If there is none, points that slipped before stick, or an open pair lands: a
+        body may let go at one end to be held by another. NotFound is raised if nothing of that
+        holds it.
         """
         loosened = (new.status != old.status) & (old.status != OPEN) & (new.status != STICK)
         in_space = new.direction.shape[1] > 1  # where a slipping point holds across its slip
@@ -363,7 +322,6 @@ class Policy:
 
     @classmethod
     def of(cls, free_motions: FreeMotions, interface: Interface) -> "Policy":
-        """For the points of an interface; `free_motions` as in `LastHold`."""
         pair, comm = interface.pair, interface.comm
         mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
         edges = EdgeRelease(interface.position, pair, mortar, comm)
@@ -378,37 +336,26 @@ class Policy:
             self._cycles.repeats(first)
 
     def wanted(self, active: ActiveSet, contact: Contact) -> ActiveSet:
-        """The set that should follow.
-
-        Raises:
-            NotFound: if it would let the body go.
-        """
+        """The set that should follow; raises NotFound if it would let the body go."""
         following = self._cycles.slowed(active, contact)
         if self._edges is not None and not self._cycles.slow:
             following = self._edges.deeper(following, active, contact)
         return self._hold.kept(following, active, contact)
 
     def taken(self, wanted: ActiveSet, active: ActiveSet, contact: Contact) -> ActiveSet:
-        """Notes the set that follows; takes another one where it has been there before.
-
-        Raises:
-            NotFound: if nothing helps against a cycle, or as `wanted`.
-        """
+        """Notes the set that follows; takes another one where it has been there before."""
         return self.wanted(active, contact) if self._cycles.repeats(wanted) else wanted
 
 
 def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:
-    """An active set in which some points stick, or slip if they are smooth."""
     return mixed(where, sticking(where, contact.cone, active.direction.shape[1]), active)
 
 
 def same(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
-    """Whether two active sets are one, on all processes."""
     return not comm.allreduce(int(np.any(_differs(a, b))), MPI.MAX)
 
 
 def counted(active: ActiveSet, comm: MPI.Comm) -> str:
-    """How many contact nodes are in each status, in words."""
     counts = [comm.allreduce(int(np.sum(active.status == s)), MPI.SUM) for s in (OPEN, STICK, SLIP)]
     return "{} open, {} sticking, {} slipping contact nodes".format(*counts)
 
@@ -427,10 +374,8 @@ def initial_active_set(
 ) -> ActiveSet:
     """A guess, else what the state before ended with, else the points that touch.
 
-    If it would not hold the body, every point that faces something sticks.
-
-    Raises:
-        FreeBody: if not even that holds it.
+    If it would not hold the body, every point that faces something sticks; raises FreeBody if not
+    even that does.
     """
     if guess is not None:
         first = _transferred(guess, place)
@@ -438,7 +383,8 @@ def initial_active_set(
         first = _resumed(before, place)
     else:
         first = _touching(place)
-    for candidate in (first, _closed(place, np.isfinite(place.gap))):
+    every = sticking(np.isfinite(place.gap), place.interface.cone, first.direction.shape[1])
+    for candidate in (first, every):
         motions = free_motions(candidate, place.frame)
         if not motions:
             return candidate
@@ -463,7 +409,6 @@ def initial_unknowns(
 
 
 def _interpolated(there: fem.Function, space: fem.FunctionSpace) -> Array:
-    """Values (owned dofs,) of a function on another mesh."""
     known, here = there.function_space, fem.Function(space)
     cells, comm = _covering(space), space.mesh.comm
     for k in range(comm.allreduce(-(-len(cells) // _AT_ONCE), MPI.MAX)):
@@ -484,10 +429,6 @@ def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
     return np.unique(last[last >= 0])
 
 
-def _closed(place: Kinematics, closed: npt.NDArray[np.bool_]) -> ActiveSet:
-    return sticking(closed, place.interface.cone, place.frame.shape[1] - 1)
-
-
 def _touching(place: Kinematics) -> ActiveSet:
     """Points that the moved surface reaches; the nearest of each pair in any case."""
     interface: Interface = place.interface
@@ -497,11 +438,10 @@ def _touching(place: Kinematics) -> ActiveSet:
         mine = interface.pair == k
         nearest = interface.comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
         closed |= mine & np.isfinite(gap) & (gap <= nearest + near)
-    return _closed(place, closed)
+    return sticking(closed, interface.cone, place.frame.shape[1] - 1)
 
 
 def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
-    """The active set of a state, in the frames of a place."""
     local, pairs = place.interface.local, before.pairs
     direction = local([pair.direction for pair in pairs])
     return ActiveSet.of(

@@ -24,7 +24,6 @@ def contact_state(
     smallness: Smallness,
     converged: bool = True,
 ) -> ContactState:
-    """The state that a solution of an increment is, after a state before it."""
     active, system = now.contact.active_set(), increment.system
     own = orientations = system.tangent.solver.orientations
     if before.free == system.free:
@@ -124,7 +123,6 @@ def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> Pair
 
 
 def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
-    """The scale of the history up to a solution, and the solution's residuals on it."""
     force = _largest(increment, np.linalg.norm(now.force, axis=1))
     moved = np.concatenate([now.displacement, increment.interface.shifts(now.translations)])
     length = _largest(increment, np.linalg.norm(moved, axis=1))

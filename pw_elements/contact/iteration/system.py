@@ -41,19 +41,9 @@ _EQUAL = 1e-12
 class PointRows:
     """Rows E L K + C G - D of the contact points, whose entries are linear in E, C and D.
 
-    Each row of a point has all columns that any of its equations and motions have.
-
-    Args:
-        forces: L K, (m dim, n).
-        motion: G, (m dim, n).
-        borders: (free translations, m dim), ones where a translation moves a point; these are the
-            last columns.
-        own: (m, dim), local number of each row in the matrix, -1 where there is none.
-
-    Attributes:
-        row: (rows,), local number in the matrix.
-        pointers: (rows + 1,), where the values of each row begin.
-        column: (values,).
+    Each row of a point has all columns that any of its equations and motions have. L K and G are (m
+    dim, n); `borders` (free translations, m dim) are ones where a translation moves a point; `own`
+    (m, dim) are local numbers of the rows in the matrix, -1 where there is none.
     """
 
     def __init__(
@@ -127,7 +117,6 @@ def tangent_rows(
 
 
 def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
-    """Rows of this process, with empty columns for the free translations."""
     indptr, indices, data = matrix.getValuesCSR()
     rows = sp.csr_matrix((data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + more))
     rows.sort_indices()
@@ -164,10 +153,7 @@ def border_columns(
 
 
 def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
-    """Equations of the free translations, on the last process, with a diagonal of zeros.
-
-    `sums` (free, unknowns and free) is what this process adds to them.
-    """
+    """Equations of free translations, on the last process; `sums` are this process' own part."""
     parts = comm.gather(sums, root=comm.size - 1)
     if parts is None:
         return sp.csr_matrix((0, sums.shape[1]))
@@ -182,12 +168,7 @@ def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
 
 
 def read_and_spread(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.Mat | None]:
-    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is.
-
-    Args:
-        force: H^T reduced, (points dim, equations).
-        equation: (m, dim), number of each point's own equations, -1 where there is none.
-    """
+    """Inverse of H at the points' own equations (m, dim), and -H^T elsewhere, if there is."""
     indptr, column, value = force.getValuesCSR()
     value = value.copy()
     of_entry = np.repeat(equation.ravel(), np.diff(indptr))
@@ -228,13 +209,7 @@ def stated_mean(values: Array, stated: npt.NDArray[np.bool_]) -> Array:
 
 @dataclass(frozen=True)
 class Solution:
-    """A solution of one linear system.
-
-    Args:
-        reduced: displacements, reduced.
-        translations: the free ones, on every process.
-        exact, final: as in `Solved`.
-    """
+    """Reduced displacements, and the free translations on every process; flags as in `Solved`."""
 
     reduced: PETSc.Vec
     translations: Array
@@ -245,20 +220,8 @@ class Solution:
 class ContactSystem:
     """Equations of the reduced displacements and of the free translations of surfaces.
 
-    The free translations come last, on the last process; their equations are balances of force.
-
-    Args:
-        K: free stiffness, (n, n).
-        reduction: supports.
-        interface: contact points, m of this process.
-        free: (pair, component) of each free translation.
-        solver: of the linear systems.
-
-    Attributes:
-        stiffness: K reduced, L^T K R of the reduction.
-        solved: number of linear systems solved so far.
-        tangent: matrix and solver of the systems.
-        scale: c of the law, (m,): mean stiffness of a point's components, or 1 without any.
+    The free translations come last, on the last process; their equations are balances of force. Of
+    the law, c is `scale` (m,): the mean stiffness of a point's components, or 1 without any.
     """
 
     def __init__(
@@ -317,8 +280,6 @@ class ContactSystem:
         self.tangent.renew(*self._rows()[1:])
 
     def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
-        """Begins an increment, perhaps at unknowns (n,) and surfaces (pairs, dim)."""
-
         def begin() -> Array:
             scale = self.reduction.right.getDiagonal().array_r
             return np.divide(unknowns().array_r, scale, out=0 * scale, where=scale != 0)
@@ -327,7 +288,6 @@ class ContactSystem:
 
     @property
     def report(self) -> SolverReport:
-        """What the linear solver has done so far."""
         return self.tangent.solver.report
 
     def solve(
@@ -337,17 +297,7 @@ class ContactSystem:
         totals: Array,
         accuracy: Accuracy = "final",
     ) -> Solution:
-        """Solves equilibrium with the law at every contact point.
-
-        Args:
-            load: reduced load f.
-            law: of what is free.
-            totals: total forces, one per free translation.
-            accuracy: of the solution.
-
-        Raises:
-            SingularSystem: if there is no unique solution.
-        """
+        """Solves equilibrium under a reduced load with the law at every contact point."""
         self.solved += 1
         loads, right = self._read(load), self._spread_load(load)
         stated = self._own >= 0
@@ -394,19 +344,7 @@ class ContactSystem:
 
 
 class Tangent:
-    """The assembled matrix of any active set, and its factors.
-
-    Args:
-        matrix: with places for the rows of the contact points.
-        points: these rows.
-        first: number of this process' first equation.
-        borders: number of equations of free translations on this process.
-        solver: of the systems.
-        enclosed: what `encloses` asks.
-
-    Attributes:
-        solver, precise: as in `ContactTangent`.
-    """
+    """The assembled matrix of any active set and its factors, a `ContactTangent`."""
 
     precise = True
 
@@ -438,7 +376,7 @@ class Tangent:
         self.matrix.setValuesCSR(*csr)
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """As `ContactTangent` says. More than final is by factors of the very matrix."""
+        """More than final is by factors of the very matrix."""
         combinations = np.stack([law.E, law.C, law.D], axis=1)
         pointers, columns, rows = self._place
         values = self._points.values(combinations)

@@ -4,8 +4,9 @@ A law says how large the tangential force of a node may be beside its normal for
 
     |r_t| <= limit(r_n),    limit(0) = 0,
 
-and which slope the limit has. Coulomb's is mu r_n. The limit's chord, limit(r_n) / r_n, must never
-rise with r_n: so the slope at zero bounds it, and the cone of that slope holds all admitted forces.
+and which slope the limit has. Coulomb's is mu r_n. The coefficient limit(r_n) / r_n must never rise
+with r_n: so the slope at zero bounds it, and the cone of that slope holds all admitted forces. Laws
+are asked for it once, at forces of many sizes, for those of a problem are not known before.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+# Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
+_FORCES = 10.0 ** np.arange(-12, 13)
+_ROUND_OFF = 1e-9
 
 # Sides of the polygon that stands for the circle of friction in a linear problem
 SIDES = 8
@@ -121,6 +126,13 @@ class Cone:
     def steepest(self) -> Array:
         """Slope (m,) at zero, which bounds the coefficient."""
         return self.limit(np.zeros(sum(len(at) for at in self.at)))[1]
+
+    def rises(self) -> npt.NDArray[np.bool_]:
+        """Which points (m,) have a coefficient that rises with the normal force."""
+        with np.errstate(all="ignore"):  # far from what a law may have been made for
+            limits = [self.limit(np.full(len(self.steepest), one))[0] / one for one in _FORCES]
+            larger = np.diff([self.steepest, *limits], axis=0) > _ROUND_OFF * self.steepest
+        return np.asarray(larger.any(axis=0))
 
     @property
     def rough(self) -> npt.NDArray[np.bool_]:

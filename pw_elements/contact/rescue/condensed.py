@@ -70,9 +70,9 @@ _SINGULAR = 1e-12
 _SHORTEST = 1e-6
 _DECREASE = 1e-4
 
-# Smallest pivot over the largest entry of its column, and what counts as equal ratios
+# Smallest pivot over the largest entry of its column, and how near a generic right-hand side is
 _PIVOT = 1e-11
-_TIE = 1e-12
+_GENERIC = 1e-10
 # Pivots per unknown
 _PIVOTS = 20
 # Smallest gap of a loose body, over the largest at rest
@@ -90,20 +90,7 @@ _MOST_UNKNOWNS = 3000
 
 
 class Condensation:
-    """Stiffness S of a body, condensed to its contact points.
-
-    Args:
-        K: free stiffness, (n, n).
-        reduction: supports.
-        interface: contact points.
-        solver: of the linear systems.
-
-    Attributes:
-        stiffness: (p, p) of the p stated components of all points, in `gathered` order.
-
-    Raises:
-        SingularSystem: if not even the contact points hold the body.
-    """
+    """Stiffness S of a body (p, p), condensed to the stated components of its contact points."""
 
     def __init__(
         self, K: PETSc.Mat, reduction: Reduction, interface: Interface, solver: LinearSolver
@@ -124,21 +111,14 @@ class Condensation:
 
     @property
     def report(self) -> SolverReport:
-        """Factorisations that condensing the body took."""
         return self._system.report
 
     def at_rest(self, load: PETSc.Vec, supported: Array) -> Array:
-        """Forces (points, dim) under a reduced load while the points rest.
-
-        `supported` (m, dim) is what supports make of the motion.
-        """
+        """Forces (points, dim) under a reduced load while the points rest, supports aside."""
         return self._forces(load, -supported)
 
     def displaced(self, load: PETSc.Vec, moved: Array) -> PETSc.Vec:
-        """Reduced displacements under a reduced load, the points' motion (m, dim) being given.
-
-        Without what supports make of it.
-        """
+        """Reduced displacements under a reduced load, the points' motion (m, dim) being given."""
         system, dim = self._system, moved.shape[1]
         none = np.zeros((len(moved), dim, dim))
         held = system.scale[:, None, None] * np.eye(dim)
@@ -170,24 +150,15 @@ class Affine:
     value: Array
 
     def at(self, z: Array) -> Array:
-        """The value of the function at z."""
         return self.slope @ z + self.value
 
 
 class CondensedIncrement:
     """Forces, gaps and slips of all contact points as functions of z = (w; U).
 
-    Args:
-        increment: the equations.
-        condensation: of the body.
-        place: where the kinematics are linearised.
-
-    Attributes:
-        force: components (points, dim) along the frames.
-        gap: (points,), zero where nothing faces a point.
-        slip: (points, dim - 1).
-        balance: of the free translations, total force less what is prescribed.
-        start: z at the increment's start.
+    The kinematics are linearised at a place. Forces (points, dim) are components along the frames,
+    gaps (points,) zero where nothing faces a point, slips (points, dim - 1); `balance` is of the
+    free translations, total force less what is prescribed; `start` is z at the increment's start.
     """
 
     def __init__(self, increment: Increment, condensation: Condensation, place: Kinematics) -> None:
@@ -239,16 +210,13 @@ class CondensedIncrement:
 
     @cached_property
     def _places(self) -> npt.NDArray[np.intp]:
-        """Numbers of the stated components among all."""
         return np.flatnonzero(self._stated.ravel())
 
     @property
     def unknowns(self) -> int:
-        """Number of the points' motions w."""
         return len(self._places)
 
     def contact(self, z: Array) -> Contact:
-        """Gaps, slips and forces of all points at z."""
         gap = np.where(self.faced, self.gap.at(z), np.inf)
         return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
 
@@ -275,12 +243,10 @@ class CondensedIncrement:
         return Affine(slope, turned.value.ravel()[self._places])
 
     def residual(self, z: Array) -> Array:
-        """Violation of the law and of the balances; zero at a solution."""
         wrong = np.einsum("nab,na->nb", self.frame, self.contact(z).violation())
         return np.append(wrong.ravel()[self._places], self.balance.at(z))
 
     def solved_by(self, z: Array) -> bool:
-        """Whether all conditions hold at z."""
         return self.error(z) <= _TOLERANCE
 
     def error(self, z: Array) -> float:
@@ -344,16 +310,18 @@ def _sum(one: Affine, other: Affine) -> Affine:
 def lemke(M: Array, q: Array) -> Array | None:
     """Finds x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if the method ends on a ray.
 
-    Ties are broken lexicographically, so that no basis comes back.
+    Rows are chosen with a generic q very near to the given one, so that no ratios are equal, and
+    no basis comes back; the solution is that of its last basis for the given q.
     """
     n = len(q)
     if np.all(q >= 0):
         return np.zeros(n)
-    # basic = table[:, -1] - table[:, :-1] @ others; variables are w, x and the artificial one
+    generic = q + _GENERIC * np.abs(q).max() * np.random.default_rng(0).uniform(1, 2, n)
+    # basic = table[:, -1] - table[:, :-2] @ others; variables are w, x and the artificial one
     artificial = 2 * n
-    table = np.asfortranarray(np.column_stack([-M, -np.ones(n), q]))
+    table = np.asfortranarray(np.column_stack([-M, -np.ones(n), generic, q]))
     basic, other = np.arange(n), np.arange(n, artificial + 1)
-    row, column = int(np.argmin(q)), n
+    row, column = int(np.argmin(generic)), n
     for _ in range(_PIVOTS * n):
         _pivot(table, row, column)
         leaving, basic[row], other[column] = basic[row], other[column], basic[row]
@@ -361,16 +329,16 @@ def lemke(M: Array, q: Array) -> Array | None:
             x = np.zeros(artificial + 1)
             x[basic] = table[:, -1]
             return np.maximum(x[n:artificial], 0.0)
-        entering = leaving + n if leaving < n else leaving - n
-        column = int(np.flatnonzero(other == entering)[0])
-        row = _leaving(table, column, basic, other)
-        if row < 0:
+        column = int(np.flatnonzero(other == (leaving + n) % artificial)[0])
+        entering = table[:, column]
+        rows = np.flatnonzero(entering > _PIVOT * max(1.0, np.abs(entering).max()))
+        if len(rows) == 0:
             return None
+        row = int(rows[np.argmin(np.maximum(table[rows, -2], 0.0) / entering[rows])])
     return None
 
 
 def _pivot(table: Array, row: int, column: int) -> None:
-    """Exchanges a basic variable with another one, in place."""
     pivot, entering = table[row, column], table[:, column].copy()
     scaled = table[row] / pivot
     entering[row] = scaled[column] = 0.0
@@ -380,47 +348,8 @@ def _pivot(table: Array, row: int, column: int) -> None:
     table[row, column] = 1.0 / pivot
 
 
-def _leaving(
-    table: Array, column: int, basic: npt.NDArray[np.intp], other: npt.NDArray[np.intp]
-) -> int:
-    """The row that limits the entering variable; the artificial one's if it does; or -1."""
-    n = len(basic)
-    entering = table[:, column]
-    rows = np.flatnonzero(entering > _PIVOT * max(1.0, np.abs(entering).max()))
-    if len(rows) == 0:
-        return -1
-    rows = _smallest(rows, np.maximum(table[rows, -1], 0.0) / entering[rows])
-    last = rows[basic[rows] == 2 * n]
-    if len(last):
-        return int(last[0])
-    for k in range(n):  # by columns of the basis' inverse
-        if len(rows) == 1:
-            break
-        place = np.flatnonzero(other == k)
-        values = table[rows, place[0]] if len(place) else (basic[rows] == k).astype(float)
-        rows = _smallest(rows, values / entering[rows])
-    return int(rows[0])
-
-
-def _smallest(rows: npt.NDArray[np.intp], ratio: Array) -> npt.NDArray[np.intp]:
-    """The rows of the smallest ratio, ties and all."""
-    least = ratio.min()
-    return np.asarray(rows[ratio <= least + _TIE * max(1.0, abs(least))])
-
-
-def unknowns(points: int, dim: int) -> int:
-    """Size of the complementarity problem, at most."""
-    return points * (2 + (2 if dim == 2 else SIDES))
-
-
 def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
-    """The z of a problem with polygonal cones and springs; None if there is none.
-
-    Args:
-        problem: condensed to its points.
-        spring: stiffness over the mean of the points' own.
-        near: z at which the springs are at rest.
-    """
+    """The z of a problem with polygonal cones and springs at rest `near`; None without one."""
     faced = np.flatnonzero(problem.faced)
     directions = _directions(problem, faced)
     rough = np.array([k for k, d in enumerate(directions) if len(d)], dtype=np.intp)
@@ -475,9 +404,8 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
 
 
 def tractable(interface: Interface) -> bool:
-    """Whether the contact points are few enough for a dense problem."""
-    points = sum(interface.comm.allgather(len(interface.pair)))
-    return unknowns(points, interface.position.shape[1]) <= _MOST_UNKNOWNS
+    points, dim = sum(interface.comm.allgather(len(interface.pair))), interface.position.shape[1]
+    return points * (2 + (2 if dim == 2 else SIDES)) <= _MOST_UNKNOWNS
 
 
 def without_active_sets(
@@ -487,18 +415,7 @@ def without_active_sets(
     policy: Callable[[], Policy],
     most: int,
 ) -> Iterate | None:
-    """The solution of an increment, or None.
-
-    Args:
-        increment: its equations.
-        condensed: the body, condensed to its contact points.
-        place: where the kinematics are linearised first.
-        policy: makes one for each ordinary iteration.
-        most: linear systems of each ordinary iteration.
-
-    Raises:
-        NotUnique: if the tangent is singular at all solutions met, or the body is loose.
-    """
+    """The solution of an increment, or None; NotUnique of a loose body or singular tangents."""
     comm = increment.interface.comm
     if not tractable(increment.interface):
         _log(comm, "too many contact points to do without active sets")
@@ -541,17 +458,7 @@ def confirmed(
     most: int,
     way: str,
 ) -> Iterate | NotUnique | None:
-    """Starts the ordinary iteration from z: a solution, one of many, or nothing.
-
-    Args:
-        problem: condensed with the kinematics of a place.
-        increment: its equations.
-        z: found in some way, which is logged.
-        place: where the iteration starts.
-        policy: makes one for it.
-        most: linear systems that it may solve.
-        way: in words.
-    """
+    """Starts the ordinary iteration from z: a solution, one of many, or nothing."""
     comm = increment.interface.comm
     try:
         solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
@@ -573,10 +480,7 @@ def _log(comm: MPI.Comm, message: str) -> None:
 
 
 def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:
-    """The increment at z, if it is a solution as it is; None else.
-
-    Newton's method may leave it for ever by round-off of curved surfaces.
-    """
+    """The increment at z if it is a solution, which Newton may leave by round-off for ever."""
     translations, moved, force = problem.split(z)
     reduced = problem.condensation.displaced(
         increment.equilibrium.load, moved - increment.supported

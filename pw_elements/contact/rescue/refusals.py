@@ -81,21 +81,13 @@ _ENCLOSED = (
 
 @dataclass(frozen=True)
 class Points:
-    """Contact points of all processes (m) that a surface faces, or may come to face.
+    """Contact points of all processes (m) that a surface faces, or may come to face."""
 
-    Args:
-        pair: (m,).
-        steepest: (m,), slope of the cone of friction at zero.
-        turning: (m,), whether the normal turns with a free translation.
-        normal: (m, k), v_n in each of k motions.
-        tangential: (m, dim, k), v_t.
-    """
-
-    pair: Indices
-    steepest: Array
-    turning: npt.NDArray[np.bool_]
-    normal: Array
-    tangential: Array
+    pair: Indices  # (m,)
+    steepest: Array  # (m,), slope of the cone of friction at zero
+    turning: npt.NDArray[np.bool_]  # (m,), whether the normal turns with a free translation
+    normal: Array  # (m, k), v_n in each of k motions
+    tangential: Array  # (m, dim, k), v_t
 
     def clusters(self) -> list[Indices]:
         """Motions that have points in common, directly or by others."""
@@ -115,15 +107,12 @@ class Points:
         )
 
     def rows(self, along: Array) -> Array:
-        """`dual_rows` along unit vectors (m, dim)."""
         return dual_rows(self.steepest, along, self.normal, self.tangential)
 
     def clearance(self, velocity: Array) -> Array:
-        """`dual_clearance` (m,) of motions together (k,)."""
         return dual_clearance(self.steepest, self.normal @ velocity, self.tangential @ velocity)
 
     def where(self, mask: npt.NDArray[np.bool_]) -> "Points":
-        """The points at which a mask is true."""
         return Points(*(values[mask] for values in vars(self).values()))
 
     def _moved(self) -> npt.NDArray[np.bool_]:
@@ -131,7 +120,6 @@ class Points:
 
 
 def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
-    """The result of `escape`, if it `proves` that there is no equilibrium."""
     for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
         velocity, least = escape(points, power, price)
         if proves(points, velocity, power, size):
@@ -142,13 +130,7 @@ def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | No
 def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, Array]:
     """The motion (k,) in which loads do most work and no contact force takes any away.
 
-    Args:
-        points: in these motions.
-        power: of the loads in each, (k,).
-        price: of motion, over the largest power: nothing moves for less.
-
-    Returns:
-        Its components, one at most, and the least forces (k,) to be added for a balance.
+    Its components are one at most; with it are the least forces (k,) to be added for a balance.
     """
     k, scale = len(power), np.abs(power).max() or 1.0
     costs = np.concatenate([-power, power]) / scale + price  # of each way in each motion
@@ -177,27 +159,14 @@ def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, 
 
 
 def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
-    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic.
-
-    Args:
-        points: in these motions.
-        velocity: of all together.
-        power: of the loads in each, (k,).
-        size: the same of the magnitudes of its parts.
-    """
+    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic."""
     work, parts = power @ velocity, size @ np.abs(velocity)
     braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
     return bool(work > _ZERO_WORK * parts and work > _HUGE * braked * parts)
 
 
 def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
-    """Points of all processes, in an order that does not depend on them.
-
-    Args:
-        increment: where they are.
-        place: their kinematics.
-        works: (m, dim, k), motion of this process' points in each of k motions.
-    """
+    """Points of all processes, in an order independent of them; `works` are (m, dim, k)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
     works = np.where(interface.equation[..., None] >= 0, works, 0.0)
@@ -239,11 +208,6 @@ def no_equilibrium(
     """The refusal with its proof, if there is one; the same on all processes.
 
     And the pairs of which no proof was looked for: their surfaces are curved and free to move.
-
-    Args:
-        increment: whose iteration has failed.
-        place: kinematics at its start.
-        rigid: motions of the body's pieces and of free surfaces.
     """
     basis, works = rigid.virtual()
     work, size = rigid.power(increment.equilibrium.load, increment.totals)
@@ -269,20 +233,8 @@ def rescue(
 ) -> Iterate:
     """The solution of an increment whose iteration has failed, or the refusal that says why.
 
-    Args:
-        failure: of the iteration.
-        increment: its equations.
-        place: kinematics at its start.
-        rigid: motions of the body's pieces and of free surfaces.
-        condensed: the body, condensed to its contact points; None if that is not to be tried.
-        policy: makes one for each ordinary iteration.
-        most: linear systems of each ordinary iteration.
-        before: state at the increment's start.
-        spent: linear systems solved so far, and what they took.
-
-    Raises:
-        NoEquilibrium, NotUnique, NotFound: with what is known of the increment.
-        NotConverged: the failure, unless statics explain it.
+    The body is condensed unless that is not to be tried. A failure to converge stays one, unless
+    statics explain it.
     """
     proof, unproved = no_equilibrium(increment, place, rigid)
     if proof is not None:
@@ -307,15 +259,7 @@ def refusal(
     spent: tuple[int, SolverReport],
     unproved: Sequence[int],
 ) -> ContactFailed:
-    """`NotUnique` if that is what the tangent showed, else `NotFound`; both with a state.
-
-    Args:
-        failure: of the iteration; no proof against an equilibrium has been found.
-        increment: that failed.
-        before: state at its start.
-        spent: linear systems solved in vain, and what they took.
-        unproved: pairs of which no proof was looked for.
-    """
+    """`NotUnique` if that is what the tangent showed, else `NotFound`; both with a state."""
     near, state = "", None
     doubt = "That is no proof that there is no solution" + "".join(
         f", and none was looked for where pair {k} is concerned: its surface is curved and free to "
@@ -373,7 +317,6 @@ def _proved(
 
 
 def _movement(modes: RigidModes, points: Points, velocity: Array, motion: Array) -> str:
-    """Who is lifted, overturned or dragged off, in words."""
     movers = modes.movers(motion, motion[None])
     if len(movers) > 1:
         contacts = _contacts(points, velocity, False)
@@ -403,7 +346,6 @@ def _contacts(points: Points, velocity: Array, of_surface: bool) -> list[str]:
 
 
 def _amount(centre: Array, missing: MissingForce) -> str:
-    """Forces and moments in words."""
     words = []
     for k in range(len(centre)):
         place = listed(centre[k : k + 1])

@@ -34,12 +34,7 @@ _ZERO_STIFFNESS = 1e-11
 
 @dataclass(frozen=True)
 class Basis:
-    """Independent rigid motions, and a mode that tells each apart.
-
-    Args:
-        motions: (k, modes).
-        pivot: (k,), a mode of each one, of size one, that none of the others has.
-    """
+    """Independent rigid motions (k, modes); each has a pivot (k,), a mode that no other has."""
 
     motions: Array
     pivot: Indices
@@ -48,18 +43,10 @@ class Basis:
 class RigidModes:
     """Translations and rotations of each connected piece, and free translations of surfaces.
 
-    Motions are vectors of all modes: piece after piece its translations and its rotations about
-    its centre (over its length, so that displacements are of the translations' size), then the
-    surfaces' translations.
-
-    Args:
-        space: of the displacements.
-        free: (pair, component) of each free translation of a surface.
-        pairs: number of contact pairs.
-
-    Attributes:
-        centre: (pieces, dim), mean position of a piece's nodes; pieces are sorted by it.
-        length: (pieces,), radius of gyration of these nodes.
+    Motions are vectors of all modes: piece after piece its translations and its rotations about its
+    centre (over its length, so that displacements are of the translations' size), then the
+    surfaces' translations. Centres (pieces, dim) are means of a piece's nodes, by which pieces are
+    sorted; the length (pieces,) is the radius of gyration of these nodes.
     """
 
     def __init__(self, space: fem.FunctionSpace, free: Free, pairs: int) -> None:
@@ -85,16 +72,13 @@ class RigidModes:
 
     @property
     def of_pieces(self) -> int:
-        """Number of the pieces' modes, which come first."""
         return len(self.centre) * self._each
 
     @property
     def number(self) -> int:
-        """Number of all modes, those of surfaces included."""
         return self.of_pieces + len(self.free)
 
     def of_piece(self, k: int) -> slice:
-        """The modes of a piece."""
         return slice(k * self._each, (k + 1) * self._each)
 
     def displacements(self) -> Iterator[Array]:
@@ -173,7 +157,6 @@ class RigidModes:
         return words
 
     def _rotation(self, k: int, motion: Array, motions: Array) -> str:
-        """Rotation of a piece in words."""
         moved, turned = (part[0] for part in self._in_space(k, motion[None]))
         pole, rest = self._pole(k, motions)
         if rest > NOTHING:
@@ -236,12 +219,7 @@ def direction(vector: Array) -> str:
 
 
 class RigidMotions:
-    """Rigid motions of the pieces of a supported body and of free surfaces.
-
-    Attributes:
-        modes: all of them, supported or not.
-        left_free: what an active set leaves of them.
-    """
+    """Rigid motions of the pieces of a supported body and of free surfaces."""
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
@@ -258,9 +236,8 @@ class RigidMotions:
     def virtual(self) -> tuple[Basis, Array]:
         """Motions in which no forces but loads and contact's do work, whatever the strains.
 
-        Returns:
-            A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
-            relative to surfaces in which forces at the contact points do work.
+        A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
+        relative to surfaces in which forces at the contact points do work.
         """
         held = self._hold_of_supports(transposed=True)
         pieces, motions = len(self.modes.centre), self.modes.number
@@ -275,11 +252,7 @@ class RigidMotions:
         return chosen, self._at_points(self._works()) @ chosen.motions.T
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
-        """Work of reduced loads and of forces on free surfaces in each mode, and its round-off.
-
-        Returns:
-            Work (modes,), and the sum (modes,) of the magnitudes of its parts.
-        """
+        """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
         work, size = np.zeros((2, self.modes.number))
         magnitude = load.copy()
         magnitude.abs()
