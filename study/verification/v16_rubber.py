@@ -173,7 +173,7 @@ def block(elements: int) -> Mesh:
     size = 1 / elements
     near = np.linspace(-FINE, FINE, round(2 * FINE * elements) + 1)
     far = FINE + growing(size, HALF_WIDTH - FINE, GROWTH)[1:]
-    down = size * np.arange(round(LAYER * elements) + 1)
+    down: Array = size * np.arange(round(LAYER * elements) + 1, dtype=np.float64)
     down = np.concatenate([down, down[-1] + growing(size, HEIGHT - down[-1], GROWTH)[1:]])
     return on_lines(MPI.COMM_SELF, np.concatenate([-far[::-1], near, far]), -down[::-1], "triangle")
 

@@ -42,7 +42,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.steps.stepping import Callback, Reporter, joined
 from pw_elements.progress import doing
-from pw_elements.solvers import LinearSolver, SingularSystem
+from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
 
 Array = npt.NDArray[np.float64]
 Loading: TypeAlias = Callable[[float], None]
@@ -140,7 +140,7 @@ class FiniteStepping:
     ) -> ContactState:
         parts: list[tuple[float, ContactState]] = []
         done, size, now, iterations = 0.0, 1.0, state, 0
-        report = None
+        report = SolverReport("nothing", 0)
         while done < 1:
             share = min(1.0, done + size)
             try:
@@ -152,8 +152,7 @@ class FiniteStepping:
                     found = self._solved(now, way(share), system, reporter)
                 finally:
                     iterations += system.solved - before[0]
-                    spent = system.report.since(before[1])
-                    report = spent if report is None else spent.after(report)
+                    report = system.report.since(before[1]).after(report)
             except (ContactFailed, SingularSystem) as failed:
                 if self.interface.comm.rank == 0:
                     log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
@@ -161,8 +160,8 @@ class FiniteStepping:
                 if size < _SMALLEST:
                     self._restore(now)
                     self._apply(load, done)
-                    words = f"{failed}, from {done:.4g} to {share:.4g} of the increment, which cannot be halved further"
-                    error = NotFound(words)
+                    part = f"from {done:.4g} to {share:.4g} of the increment"
+                    error = NotFound(f"{failed}; {part}, which cannot be halved further")
                     error.state = now
                     raise error from failed
                 continue

@@ -382,6 +382,8 @@ class ContactProblem:
         DegenerateMesh: for cells that are flat or inverted.
     """
 
+    _finite: FiniteStepping | None = None
+
     def __init__(
         self,
         K: PETSc.Mat,
@@ -401,7 +403,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping: Stepping | FiniteStepping = self._by(
+        self._stepping: Stepping = self._by(
             auto_solver(solver, reduction.supports)
         )
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
@@ -460,9 +462,9 @@ class ContactProblem:
         own.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_rigid(own.pairs, space.mesh.comm)
         check_mesh(space.mesh)
-        own._K, own._space = None, space
+        own._space = space
         callback = checked_callback(space.mesh.comm, callback)
-        own._stepping = FiniteStepping(
+        own._finite = FiniteStepping(
             problem,
             conditions,
             reduction,
@@ -473,7 +475,7 @@ class ContactProblem:
             functions,
             update,
         )
-        start = undeformed(own._stepping.interface, K.createVecRight())
+        start = undeformed(own._finite.interface, K.createVecRight())
         own.undeformed = replace(start, history=tuple(f.x.array.copy() for f in functions))
         return own
 
@@ -512,8 +514,8 @@ class ContactProblem:
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
         moved = checked_step(self._space, self.undeformed, state, motions, guess)
-        if isinstance(self._stepping, FiniteStepping):
-            return self._stepping.step(state, checked_loading(load, guess, self._space), moved)
+        if self._finite is not None:
+            return self._finite.step(state, checked_loading(load, guess, self._space), moved)
         check_nodal_load(load, self._K, self._space.mesh.comm)
 
         def stepped(solver: LinearSolver) -> ContactState:
@@ -526,7 +528,7 @@ class ContactProblem:
 
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
-        self._stepping.release()
+        (self._finite or self._stepping).release()
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
