@@ -403,9 +403,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping: Stepping = self._by(
-            auto_solver(solver, reduction.supports)
-        )
+        self._stepping: Stepping = self._by(auto_solver(solver, reduction.supports))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     @classmethod
