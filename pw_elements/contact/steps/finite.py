@@ -70,6 +70,7 @@ class FiniteStepping:
     Attributes:
         interface: contact points.
         space: of the displacements.
+        history: as stated.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class FiniteStepping:
         self.interface = nodal_interface(pairs, self._whole, self._reduction)
         self.space = self.interface.field.space
         self._guard = CellGuard(problem.u, problem.form)
-        self._history, self._update = list(history), update
+        self.history, self._update = list(history), update
         self._system: ContactSystem | None = None
 
     def step(
@@ -221,7 +222,7 @@ class FiniteStepping:
     def _restore(self, state: ContactState) -> None:
         """Unknown and history of a state."""
         self._body.take(state.unknowns)
-        for function, values in zip(self._history, state.history, strict=False):
+        for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values
 
     def _apply(self, load: Loading | None, share: float) -> None:
@@ -234,4 +235,4 @@ class FiniteStepping:
         if self._update is not None:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
-        return tuple(function.x.array.copy() for function in self._history)
+        return tuple(function.x.array.copy() for function in self.history)

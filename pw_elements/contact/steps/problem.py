@@ -528,6 +528,11 @@ class ContactProblem:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         (self._finite or self._stepping).release()
 
+    @property
+    def _histories(self) -> list[fem.FunctionSpace]:
+        """Spaces of the functions that belong to the state."""
+        return [] if self._finite is None else [f.function_space for f in self._finite.history]
+
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
 
@@ -541,7 +546,7 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_state(state, self.undeformed, self._space)
-        write_state(checked_path(path, self._space), state, self._space)
+        write_state(checked_path(path, self._space), state, self._space, self._histories)
 
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
@@ -554,7 +559,7 @@ class ContactProblem:
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path, self._space), self._space)
+        state = read_state(checked_path(path, self._space), self._space, self._histories)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 
