@@ -1,6 +1,6 @@
 """Rubber that a circle presses and slides on; prints what must not depend on processes, as JSON.
 
-Started by test_large.py with `mpirun -n 1` and more: it stores a state in FOLDER, or goes on from it.
+Started by test_large.py with `mpirun -n 1` and more: stores a state, or goes on from one.
 """
 
 import json
