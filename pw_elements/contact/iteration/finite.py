@@ -281,11 +281,11 @@ class FiniteEquilibrium:
         return share
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
-        """F(u), reduced."""
+        """Residual F(u), reduced, of now."""
         return self._residual
 
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
-        """All unknowns (n,)."""
+        """Gives all unknowns (n,)."""
         return self._at
 
     def violation(self, unbalanced: float) -> float:
