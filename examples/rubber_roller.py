@@ -12,7 +12,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from pw_elements import Spaces, SurfaceNodes, draw, surface_stretch
+from pw_elements import Spaces, SurfaceNodes, draw
 from pw_elements.contact import OPEN, ContactPair, ContactProblem, Plane
 from pw_elements.meshes import mapped, triangles
 
@@ -53,7 +53,7 @@ for k in range(steps):
     state = problem.step(state, lambda share, k=k: placed(depth, (k + share) / steps * angle))
 
 (pair,) = state.pairs
-areas = SurfaceNodes.scalar(Spaces.petrov_galerkin(mesh, 0), tread, surface_stretch(u))
+areas = SurfaceNodes.scalar(Spaces.petrov_galerkin(mesh, 0), tread, SurfaceNodes.stretch(u))
 pressure, closed = areas.pressure(pair.force_normal), pair.status != OPEN
 x = (pair.position + pair.displacement)[closed, 0]
 

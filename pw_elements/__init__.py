@@ -38,7 +38,6 @@ from pw_elements.elasticity import (
     lumped_mass,
     nodal_flux,
     prescribe,
-    surface_stretch,
 )
 from pw_elements.pictures import draw
 from pw_elements.solvers import (
@@ -88,7 +87,6 @@ __all__ = [
     "reactions",
     "solve",
     "split",
-    "surface_stretch",
     "test_space",
     "vibration_modes",
 ]

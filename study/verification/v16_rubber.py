@@ -12,7 +12,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector, surface_stretch
+from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
 from pw_elements.contact import ContactPair, ContactProblem, Motion
 from pw_elements.contact.model import ContactState
 from pw_elements.meshes import on_lines
@@ -93,7 +93,7 @@ class Rubber:
             order = np.argsort(surface.node)
             return surface.own_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
 
-        return of(1.0), of(surface_stretch(self.w))
+        return of(1.0), of(SurfaceNodes.stretch(self.w))
 
 
 @dataclass(frozen=True)

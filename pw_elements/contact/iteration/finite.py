@@ -31,7 +31,6 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
-from pw_elements.checks import listed
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
@@ -170,7 +169,7 @@ class DeformedKinematics:
         known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
         lost = interface.gathered(interface.position[~known])
         if len(lost):
-            raise NotFound(f"contact nodes first at {listed(lost)} have no closest point")
+            raise NotFound.at("contact nodes first at {} have no closest point", lost)
         return gap, normal, bend
 
 
@@ -269,7 +268,7 @@ class FiniteEquilibrium:
         self._lost = system.comm.allreduce(self._lost, MPI.MAX) or np.finfo(float).tiny
         body.take(start)
         if guard.smallest() <= 0:
-            raise NotFound(f"cells at {listed(guard.places())} are turned inside out at the start")
+            raise NotFound.at("cells at {} are turned inside out at the start", guard.places())
         self._arrive()
 
     def take(self, reduced: PETSc.Vec) -> float:
@@ -285,8 +284,7 @@ class FiniteEquilibrium:
                 break
             share /= 2
         else:
-            places = self._guard.places()
-            raise NotFound(f"cells at {listed(places)} would be turned inside out")
+            raise NotFound.at("cells at {} would be turned inside out", self._guard.places())
         self._at, self._reached = there, share == 1
         self._arrive()
         return share

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, prescribed
-from pw_elements.checks import answer, collective, listed
+from pw_elements.checks import answer, collective
 from pw_elements.contact.interface import nodal_interface
 from pw_elements.contact.iteration import (
     OPEN,
@@ -202,10 +202,8 @@ class FiniteStepping:
         pressed = end.jumped & (now.contact.pressing > 0)
         jumped = interface.gathered(interface.position[pressed | kinematics.passed(end)])
         if len(jumped):
-            raise NotFound(
-                f"contact nodes first at {listed(jumped)} have jumped to another sheet of their "
-                "surface, or slid round by a right angle"
-            )
+            words = "jumped to another sheet of their surface, or slid round by a right angle"
+            raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
         now.full.setAttr("space", self._whole)
         found = contact_state(increment, now, 0, state, system.report, Smallness())
         return replace(found, unique=None, orientations=frozenset())
