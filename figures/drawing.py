@@ -28,7 +28,7 @@ from study.core.sources import closure
 from study.core.store import Results, Stored, StudyError, write_json, write_whole
 
 FRAME = {"__main__", "drawing", "style", "symbols"}
-FRAME |= {"beam", "column", "contact", "convergence", "narrow"}
+FRAME |= {"beam", "column", "contact", "convergence", "narrow", "rivals"}
 
 RASTER = 200  # dots per inch of what is an image within a drawing
 KINDS = ("png", "svg", "narrow.svg")  # a telephone's screen takes the last
@@ -307,7 +307,8 @@ def _of_the_study(here: Path) -> Iterator[Path]:
     for script in here.glob("*.py"):
         for module in re.findall(r"^from (study\.\S+) import", script.read_text(), re.M):
             yield from closure(module).values()
-    yield from closure("study.judge.measures").values()
+    for path in here.parent.glob("study/judge/measures/*.py"):
+        yield from closure(f"study.judge.measures.{path.stem}").values()
 
 
 def _note(folder: Path, name: str) -> Path:

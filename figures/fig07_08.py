@@ -15,7 +15,7 @@ from figures.contact import (
 )
 from figures.style import FULL, LOOK
 from study.core.store import Results
-from study.judge import measures
+from study.judge.measures.contact import BLOCK_PRESSURE
 from study.paper.bands import DATA, DIAGONALS, members
 from study.vocabulary import ELEMENTS, OWN
 
@@ -78,7 +78,7 @@ def _scale(curves: Curves, quantity: str) -> float:
     """The applied pressure, or its mean nodal force."""
     if quantity == "force_n":
         return float(curves["force_n"].sum() / (len(curves["x"]) - 1))
-    return measures.BLOCK_PRESSURE
+    return BLOCK_PRESSURE
 
 
 def caption(results: Results) -> str:

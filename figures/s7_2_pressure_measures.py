@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from figures.contact import RECONSTRUCTED
 from figures.style import FULL, LOOK
 from study.core.store import Results
-from study.judge import measures
+from study.judge.measures.contact import BLOCK_PRESSURE
 from study.vocabulary import OWN, TRIBUTARY
 
 SECTION = "7.2"
@@ -25,7 +25,7 @@ def draw(results: Results) -> Figure:
     for ax, (name, label) in zip(axes, PANELS.items(), strict=True):
         for element in ELEMENTS:
             curves = results.curves(f"7.2/{element}")
-            mean = measures.BLOCK_PRESSURE
+            mean = BLOCK_PRESSURE
             if name == "force_n":
                 mean = curves["force_n"].sum() / (len(curves["x"]) - 1)
             ax.plot(curves["x"], curves[name] / mean, **LOOK[element])

@@ -97,7 +97,7 @@ KINDS: tuple[Kind, ...] = (
 
 _COUNTS = Kind(
     "counts of iterations",
-    r" (krylov_)?iterations",
+    r" (krylov_)?iterations| factorisations| cpu_seconds",
     "value",
     float("inf"),
     "another way to the same solution may be longer or shorter",

@@ -22,8 +22,6 @@ from study.core.store import write_json
 from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
 from study.peers.printed import Array, tables
 from study.peers.problems import PROBLEMS, Problem
-from study.peers.standard_decks import Specimen
-from study.peers.two_bodies import TwoBodies
 
 RESULTS = Path(__file__).with_name("results")
 
@@ -112,8 +110,7 @@ def compute(case: str, ccx: str) -> Peer:
         )
         if done.returncode or "Job finished" not in done.stdout or "*ERROR" in done.stdout:
             raise PeerError(f"{case}: CalculiX failed:\n{done.stdout[-1000:]}{done.stderr}")
-        of_fields = isinstance(problem, TwoBodies)
-        printed = job.with_suffix(".frd" if of_fields else ".dat").read_text()
+        printed = job.with_suffix(getattr(problem, "written", ".dat")).read_text()
     return Peer(version(ccx), digest(deck), _numbers(problem, printed))
 
 
@@ -128,8 +125,6 @@ def difference(new: Peer, old: Peer) -> float:
 
 
 def _numbers(problem: Problem, printed: str) -> dict[str, Array]:
-    if isinstance(problem, Specimen | TwoBodies):
-        return problem.numbers(printed)
     if isinstance(problem, HalfBeam):
         (factors,) = tables(printed, "FACTOR")
         return {"critical_stress": problem.stress * factors[:, 1]}
@@ -137,6 +132,8 @@ def _numbers(problem: Problem, printed: str) -> dict[str, Array]:
         (forces,) = tables(printed, "forces")
         x = [problem.mesh.nodes[int(node) - 1][0] for node in forces[:, 0]]
         return {"x": np.array(x), "reaction": forces[:, 2]}
+    if not isinstance(problem, Block):  # it knows what it wants to be read
+        return problem.numbers(printed)
     place = np.array([problem.mesh.nodes[node - 1][0] for node in problem.contact_nodes])
     if isinstance(problem, NativePressure):
         return {"x": place, "pressure": _native_pressure(problem, printed)}

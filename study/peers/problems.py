@@ -1,10 +1,11 @@
 """All problems that CalculiX has solved, by the names of their tracked files."""
 
 from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
+from study.peers.hertz_line import LINES, Line
 from study.peers.standard_decks import SPECIMENS, AnySpecimen
 from study.peers.two_bodies import PAIRS, Blocks, Spheres
 
-Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres
+Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres | Line
 
 PROBLEMS: dict[str, Problem] = {
     "two-triangles": TwoTriangles(),
@@ -23,4 +24,5 @@ PROBLEMS: dict[str, Problem] = {
     },
     **SPECIMENS,
     **PAIRS,
+    **LINES,
 }

@@ -38,6 +38,7 @@ class TwoBodies:
     contact: str
     penalty: float = 1e6
 
+    written = ".frd"  # the kind of file that numbers are read from
     ratio = 0.3  # Poisson's
     moduli = (1.0, 1.0)
 

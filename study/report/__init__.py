@@ -39,7 +39,7 @@ PARTS = (
     ("C", "chapter", "Accuracy, and where the new element is worse"),
     ("K", "chapter", "What it costs"),
     ("codes", "chapter", "Other codes, and verification in one table"),
-    ("alternatives", "chapter", "Alternatives"),
+    ("Q", "chapter", "Other methods"),
     ("unknown", "chapter", "What could not be known, and errata of the paper"),
     ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
     ("references", "chapter", "References and nomenclature"),

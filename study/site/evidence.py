@@ -32,8 +32,8 @@ ROOT = HERE.parents[1]
 PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
     "The paper's sections": [s for s in SECTIONS if s[0].isdigit() or s == "I"],
-    "Verification": [s for s in SECTIONS if not s[0].isdigit() and s not in ("I", "P", "K")],
-    "Other codes, and cost": ["P", "K"],
+    "Verification": [s for s in SECTIONS if not s[0].isdigit() and s not in ("I", "P", "Q", "K")],
+    "Other methods and codes, and cost": ["Q", "P", "K"],
 }
 
 
@@ -42,7 +42,6 @@ JUDGED = {"I": ("1",), "3": ("3", "4", "6")}
 # The texts, of the report's, that sum up
 SUMMARY = {
     "evidence": "What was tested, and with which result",
-    "alternatives": "Alternatives",
     "unknown": "What could not be known, and errata of the paper",
 }
 

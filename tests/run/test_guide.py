@@ -42,6 +42,7 @@ def test_what_has_to_be_told_has_a_page():
         "index",
         "meshes",
         "materials",
+        "which-method",
         "results",
         "friction",
         "large-strains",

@@ -1,112 +1,28 @@
-"""What the claims measure: functions of the stored results, each giving one number."""
+"""What the claims measure: functions of the stored results, each giving one number.
 
-from study.judge.measures.beam import (
-    computed_over_printed,
-    computed_ratio,
-    euler_difference,
-    exact_ratio,
-    finest_error,
-    finest_squares,
-    gap_left,
-    largest_imaginary,
-    order,
-    printed,
-    printed_between,
-    printed_over_exact,
-    printed_ratio,
-    pw_against_galerkin,
-    scan,
-    scan_best,
-    scan_best_model,
-    scan_count,
-    scan_indefinite,
-    signed_error,
-    uniform_errors,
-    uniform_meshes,
-)
-from study.judge.measures.column import (
-    axis_force,
-    column_balance,
-    column_height,
-    column_transfer_defect,
-    eigenvalue_over_printed,
-    eigenvalue_shift,
-    eigenvalue_shifts,
-    farthest_sawtooth,
-    highest_eigenvalue_shift,
-    largest_eigenvalue_over_printed,
-    largest_eigenvalue_shift,
-    largest_part_of_shift_left,
-    largest_printed_shift,
-    mean_eigenvalue_shift,
-    misfit_margin,
-    printed_eigenvalue,
-    printed_shift,
-    printed_shift_size,
-    shift_misfit,
-    smallest_mean_eigenvalue_shift,
-    surface_share,
-)
-from study.judge.measures.contact import (
-    BLOCK_PRESSURE,
-    condensation_change,
-    displacement_change,
-    largest_unevenness_of_forces,
-    node_choice,
-    slip_sawtooth,
-    smallest_sawtooth_of_standard,
-    stick_sawtooth,
-    stress_difference,
-    transfer_defect,
-)
-from study.judge.measures.general import (
-    cells,
-    change_ratio,
-    curve_at,
-    curve_difference,
-    difference_of,
-    elements,
-    excess_ratio,
-    largest,
-    largest_from,
-    least,
-    lowest_order,
-    ratio,
-    ratio_of,
-    relative_difference,
-    scalar,
-    smallest,
-)
-from study.judge.measures.known_solutions import (
-    finest_imaginary,
-    greco_change,
-    greco_deviation,
-    greco_known,
-    highest_mode_error,
-    largest_error_ratio,
-    largest_mode_error_ratio,
-    largest_ratio_on_meshes,
-    mode_errors,
-    ratio_at_poissons_ratio,
-    refinement_order,
-    stick_outside,
-    zone_end,
-    zone_shift,
-)
-from study.judge.measures.paper_statements import (
-    corner_share_in_examples,
-    factor_entries_ratio,
-    shear_band,
-    shear_off_fine,
-    unevenness_of_standard,
-)
-from study.judge.measures.peers import (
-    peer_critical_stress,
-    peer_standard,
-    peer_worst,
-)
-from study.judge.measures.two_triangles import (
-    corner_over_midside,
-    middle_over_side,
-    reaction_spread,
-)
+The measures are the public functions of this folder's modules.
+"""
+
+import inspect
+import pkgutil
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+
+@cache
+def _measures() -> dict[str, Callable[..., Any]]:
+    modules = [import_module(one.name) for one in pkgutil.iter_modules(__path__, f"{__name__}.")]
+    return {
+        name: function
+        for module in modules
+        for name, function in inspect.getmembers(module, inspect.isfunction)
+        if function.__module__ == module.__name__
+    }
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    if name.startswith("_") or name not in _measures():
+        raise AttributeError(f"{__name__} has no measure {name!r}")
+    return _measures()[name]

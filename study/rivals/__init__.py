@@ -1,0 +1,1 @@
+"""What a user would pick instead of the new element: one method a file, on one problem."""
