@@ -287,6 +287,8 @@ class PetrovGalerkinProblem:
     Attributes:
         u: the unknown.
         increments: of the last `solve`, with the work that each took.
+        form: the residual, with the degrees of its measures.
+        system: residual and tangent, compiled.
 
     Raises:
         TypeError: for arguments of the wrong type.
@@ -328,9 +330,9 @@ class PetrovGalerkinProblem:
             raise ValueError(f"the residual is no form linear in its weights: {error}") from error
         if tangent.empty():
             raise ValueError("the residual does not depend on u: it has to be stated with u itself")
-        self._is_linear = u not in tangent.coefficients()
+        self.form, self._is_linear = form, u not in tangent.coefficients()
         prescribed(self._space, conditions)  # what is wrong is refused at once
-        self._system = System(
+        self.system = System(
             u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
         )
         self._solver: LinearSolver = solver or Direct()
@@ -404,7 +406,7 @@ class PetrovGalerkinProblem:
         third order in the size of cells, if a load's moment is that of its density (with nodal
         loads at deformed nodes: to second order).
         """
-        return self._system.forces()
+        return self.system.forces()
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
         """The function that sets the load to a share of it; local."""
@@ -432,7 +434,7 @@ class PetrovGalerkinProblem:
         """Solves for u under the load as it is; where that fails, u is worth nothing."""
         free, values = prescribed(self._space, self._conditions)
         fixed = np.flatnonzero(~free)
-        newton = Newton(self._system, fixed, values, self._is_linear, self._solver)
+        newton = Newton(self.system, fixed, values, self._is_linear, self._solver)
         newton.solve()
         taken = tuple(newton.corrections)
         self.increments += (Increment(share, tuple(newton.residuals), taken),)

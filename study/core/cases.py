@@ -43,6 +43,7 @@ SECTIONS = {
     "V13": "study.verification.v13_fluxes",
     "V14": "study.verification.v14_rubber",
     "V15": "study.verification.v15_rubber",
+    "V16": "study.verification.v16_sliding",
     "Q": "study.rivals.q_compare",
     "P": "study.peers.p_compare",
     "K": "study.cost.k_cost",

@@ -165,6 +165,7 @@ _TESTED = {
     "V13": ("library/test_fluxes",),
     "V14": ("study/test_verification_residual",),
     "V15": ("study/test_verification_rubber", "library/test_hybrid"),
+    "V16": ("contact/test_large",),
     "Q": ("study/test_rivals",),
     "P": ("study/test_peers",),
     "K": ("library/test_iterative", "contact/test_iterative"),

@@ -35,6 +35,7 @@ PARTS = (
     ("V13", "section", "Fluxes"),
     ("V14", "section", "Large strains"),
     ("V15", "section", "Nearly incompressible bodies: the hybrid element"),
+    ("V16", "section", "Large sliding"),
     ("C", "chapter", "Accuracy, and where the new element is worse"),
     ("K", "chapter", "What it costs"),
     ("codes", "chapter", "Other codes, and verification in one table"),

@@ -45,6 +45,7 @@ def test_what_has_to_be_told_has_a_page():
         "which-method",
         "results",
         "friction",
+        "large-strains",
         "restart",
         "parallel",
         "solvers",

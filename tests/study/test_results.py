@@ -51,6 +51,7 @@ V15: square-pw-hybrid-T6-0.5-8 cube-pw-hybrid-T10-0.4999-3 cook-pw-hybrid-T6-32
 V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-pw-hybrid-Q9
 V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
+V16: shear-pw-T10 steps-pw-T6-1-1
 """)
 ]
 LONG = [
@@ -62,7 +63,7 @@ LONG = [
 SLOW = {("7.6", "mesh_scan")}
 
 SYSTEMS = {"7.4": KN_M, "7.5": KN_M, "7.6": SI, "V2": N_MM, "V6": SI, "V7": SI, "V8": NONE}
-SYSTEMS |= dict.fromkeys(("V4", "V5", *(f"V{n}" for n in range(9, 16))), NONE)
+SYSTEMS |= dict.fromkeys(("V4", "V5", *(f"V{n}" for n in range(9, 17))), NONE)
 # What names say, whatever the section; the first pattern counts
 KINDS = {
     "1": "error* smallest_* *_error order* *difference* *residual* iterations* imaginary* ratio* "

@@ -1,5 +1,11 @@
 """The semismooth Newton iteration: law, kinematics, linear systems, active sets."""
 
+from pw_elements.contact.iteration.finite import (
+    CellGuard,
+    DeformedKinematics,
+    DeformedPlace,
+    FiniteEquilibrium,
+)
 from pw_elements.contact.iteration.law import (
     HELD,
     OPEN,
@@ -10,6 +16,7 @@ from pw_elements.contact.iteration.law import (
     Kinematics,
     LinearisedLaw,
     equations,
+    sticking,
 )
 from pw_elements.contact.iteration.newton import (
     TOLERANCE,

@@ -240,6 +240,45 @@ class ContactTangent(Protocol):
         ...
 
 
+class Place(Protocol):
+    """Gap, slip and force components, linear about a place in a, U and r.
+
+    Attributes:
+        interface: the contact points (m).
+        translations: U there, (pairs, dim).
+        frame: normals and tangents, (m, dim, dim).
+        gap: (m,), infinite where nothing faces a point.
+    """
+
+    @property
+    def interface(self) -> Interface: ...
+
+    @property
+    def translations(self) -> Array: ...
+
+    @property
+    def frame(self) -> Array: ...
+
+    @property
+    def gap(self) -> Array: ...
+
+    def gaps(self, displacement: Array, translations: Array) -> Array:
+        """Gaps (m,) at displacements (m, dim) and translations (pairs, dim)."""
+        ...
+
+    def slips(self, displacement: Array, translations: Array) -> Array:
+        """Slip components (m, dim - 1) likewise."""
+        ...
+
+    def forces(self, force: Array, translations: Array) -> Array:
+        """Components (m, dim) along the frame of forces (m, dim)."""
+        ...
+
+    def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
+        """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
+        ...
+
+
 @dataclass(frozen=True)
 class Kinematics:
     """Gap, slip and force components as linear functions of a, U and r.

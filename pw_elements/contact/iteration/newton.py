@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -11,7 +12,14 @@ import numpy.typing as npt
 
 from pw_elements.algebra import Reduction
 from pw_elements.contact.interface import ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import Accuracy, ActiveSet, Contact, Kinematics, turned
+from pw_elements.contact.iteration.law import (
+    Accuracy,
+    ActiveSet,
+    Contact,
+    Kinematics,
+    Place,
+    turned,
+)
 from pw_elements.contact.iteration.policy import Policy, counted, same
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
@@ -41,6 +49,7 @@ class Iterate:
         force: of the surfaces on the points, (m, dim).
         unbalanced: largest force on this process that is no contact force.
         contact: gaps, slips and forces in the frames.
+        place: of linearisation, through which it is seen.
         exact: whether the same system, solved again, would give nothing better.
         final: whether it was solved exactly enough for an end.
     """
@@ -52,6 +61,7 @@ class Iterate:
     force: Array
     unbalanced: float
     contact: Contact
+    place: Place
     exact: bool
     final: bool
 
@@ -76,6 +86,37 @@ class Reference:
         moved = interface.local([pair.displacement for pair in state.pairs])
         forces = interface.local([pair.force_vector for pair in state.pairs])
         return cls(moved, forces, state.translations)
+
+
+class Equilibrium(Protocol):
+    """Equilibrium of a body with its contact forces, K a = f + H r where it is linearised.
+
+    Attributes:
+        load: f, reduced.
+        offset: (n,), with what supports prescribe.
+    """
+
+    @property
+    def load(self) -> PETSc.Vec: ...
+
+    @property
+    def offset(self) -> PETSc.Vec: ...
+
+    def take(self, reduced: PETSc.Vec) -> float:
+        """Goes to a solution of the linear equations, or the share of the way that it gives."""
+        ...
+
+    def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """Forces that no load balances there, reduced: where nothing touches they vanish."""
+        ...
+
+    def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
+        """All unknowns (n,) there."""
+        ...
+
+    def violation(self, unbalanced: float) -> float:
+        """What no contact force balances on this process, over what is allowed."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -103,6 +144,14 @@ class LinearEquilibrium:
         reduced = reduction.load(K, load)
         return cls(system.stiffness, reduced, reduction.right, reduction.offset)
 
+    def take(self, reduced: PETSc.Vec) -> float:  # noqa: ARG002
+        """The solution is the one of any place."""
+        return 1.0
+
+    def violation(self, unbalanced: float) -> float:  # noqa: ARG002
+        """None, for the solver has seen to it."""
+        return 0.0
+
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """K a - f, reduced: where nothing touches it vanishes."""
         residual = self.load.duplicate()
@@ -127,6 +176,8 @@ class Increment:
         totals: forces of the free translations.
         past: where it starts.
         stated: share of the displacements that supports and interference prescribe.
+        deformed: kinematics of the deformed body, which are taken anew in each iteration; those of
+            the undeformed one by default.
 
     Attributes:
         precise: whether every solution is to be exact enough to be the last.
@@ -138,16 +189,18 @@ class Increment:
     def __init__(
         self,
         system: ContactSystem,
-        equilibrium: LinearEquilibrium,
+        equilibrium: Equilibrium,
         prescribed: Array,
         totals: Array,
         past: Reference,
         stated: float = 1.0,
+        deformed: Callable[[Array, Array, Array], Place] | None = None,
     ) -> None:
         self.system, self.past = system, past
         self.interface: Interface = system.interface
         self.prescribed, self.totals, self._stated = prescribed, totals, stated
         self.equilibrium, self.precise = equilibrium, system.tangent.precise
+        self.deformed = deformed
         self.nearest: tuple[Iterate, float] | None = None
         self.supported = self.system.motions(equilibrium.offset)
 
@@ -161,7 +214,7 @@ class Increment:
         # points inside their surface are pressed out of it little by little
         return replace(place, gap=place.gap + (1 - self._stated) * self.interface.interference)
 
-    def solve(self, active: ActiveSet, place: Kinematics, more: bool = False) -> Iterate:
+    def solve(self, active: ActiveSet, place: Place, more: bool = False) -> Iterate:
         """Solves for an active set and the kinematics of a place, once `more` if need be.
 
         Raises:
@@ -171,19 +224,24 @@ class Increment:
         try:
             return self._solved(active, place, more)
         except SingularSystem as error:
+            if self.deformed is not None:
+                raise
             raise self._singular(active, place, error) from error
 
-    def _solved(self, active: ActiveSet, place: Kinematics, more: bool = False) -> Iterate:
+    def _solved(self, active: ActiveSet, place: Place, more: bool = False) -> Iterate:
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
         law = place.law(active, self.system.scale).where(known, self.supported)
         accuracy: Accuracy = "more" if more else "final" if self.precise else "rough"
         found = self.system.solve(self.equilibrium.load, law, self.totals, accuracy)
         moved = self.prescribed.copy()
         moved[np.isnan(moved)] = found.translations
+        share = self.equilibrium.take(found.reduced)
+        if share < 1:
+            moved = place.translations + share * (moved - place.translations)
         return self.seen(found.reduced, moved, place, found.exact, found.final)
 
     def _singular(
-        self, active: ActiveSet, place: Kinematics, error: SingularSystem
+        self, active: ActiveSet, place: Place, error: SingularSystem
     ) -> NotUnique | NotFound:
         """What a singular tangent shows, all rigid motions being held.
 
@@ -217,7 +275,7 @@ class Increment:
         self,
         reduced: PETSc.Vec,
         translations: Array,
-        place: Kinematics,
+        place: Place,
         exact: bool = True,
         final: bool = True,
     ) -> Iterate:
@@ -225,6 +283,8 @@ class Increment:
         full = self.equilibrium.expanded(reduced)
         displacement = self.system.motions(full)
         force, unbalanced = self.system.forces(self.equilibrium.residual(reduced))
+        if self.deformed is not None:
+            place = self.deformed(translations, displacement, force)
         contact = Contact(
             place.frame,
             place.gaps(displacement, translations),
@@ -234,7 +294,16 @@ class Increment:
             self.system.scale,
         )
         return Iterate(
-            reduced, full, translations, displacement, force, unbalanced, contact, exact, final
+            reduced,
+            full,
+            translations,
+            displacement,
+            force,
+            unbalanced,
+            contact,
+            place,
+            exact,
+            final,
         )
 
     def violation(self, now: Iterate) -> float:
@@ -255,7 +324,8 @@ class Increment:
         lost[:, 0] = placed
         allowed = TOLERANCE * largest + moved + lost
         share = np.divide(wrong, allowed, out=np.zeros_like(wrong), where=wrong > 0)
-        return float(comm.allreduce(share.max(initial=0.0), MPI.MAX))
+        worst = share.max(initial=self.equilibrium.violation(now.unbalanced))
+        return float(comm.allreduce(worst, MPI.MAX))
 
     def allowed(self, now: Iterate) -> float:
         """Force by which the law may be violated."""
@@ -280,7 +350,7 @@ class Increment:
 def newton(
     increment: Increment,
     active: ActiveSet,
-    place: Kinematics,
+    place: Place,
     policy: Policy,
     most: int,
     told: Callable[[int, ActiveSet, float], None] | None = None,
@@ -288,7 +358,8 @@ def newton(
     """Iterates from an active set and a place of linearisation until all conditions hold.
 
     Planes make gap and slip linear. For curved surfaces under force control they are linearised
-    anew where the active set has been found, until nothing changes.
+    anew where the active set has been found, until nothing changes; where the body is deformed, in
+    each iteration.
 
     `told`, if it is given, is called with each iteration's number, active set and violation.
 
@@ -310,7 +381,7 @@ def newton(
 def _iterated(
     increment: Increment,
     active: ActiveSet,
-    place: Kinematics,
+    place: Place,
     policy: Policy,
     most: int,
     told: Callable[[int, ActiveSet, float], None] | None,
@@ -323,7 +394,12 @@ def _iterated(
         violation = increment.violation(now)
         if told:
             told(iteration, active, violation)
-        if violation <= 1:
+        if now.place is not place:
+            if violation <= 1:
+                return now
+            active, place = turned(active, place.frame, now.place.frame), now.place
+            policy.restart()  # Newton's method may stay with a set
+        elif violation <= 1:
             if more := not now.final:  # equilibrium may lag behind
                 continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)

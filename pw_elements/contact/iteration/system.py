@@ -124,9 +124,9 @@ def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
 
 
 def with_points(
-    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix, comm: MPI.Comm
-) -> PETSc.Mat:
-    """Square matrix: `rows` of this process with those of the points replaced, a border below."""
+    rows: sp.csr_matrix, points: PointRows, border: sp.csr_matrix
+) -> tuple[npt.NDArray, npt.NDArray, Array]:
+    """CSR of this process' `rows`, those of the points being replaced by zeros, a border below."""
     replaced = np.zeros(rows.shape[0], dtype=bool)
     replaced[points.row] = True
     number = np.diff(rows.indptr)
@@ -139,8 +139,7 @@ def with_points(
     indices[fixed] = np.concatenate([rows.indices[kept], border.indices])
     indices[~fixed] = points.column
     data[fixed] = np.concatenate([rows.data[kept], border.data])
-    sizes = (len(indptr) - 1, rows.shape[1])
-    return PETSc.Mat().createAIJ((sizes, sizes), csr=(indptr, indices, data), comm=comm)
+    return indptr, indices, data
 
 
 def border_columns(
@@ -260,15 +259,29 @@ class ContactSystem:
             points = NodePoints.of(interface, self._spread, *of_points)
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
-        operators = self.stiffness, force, self._flexible, self._spread
-        fixed, read = tangent_rows(*operators, interface.equation, len(free))
+        self._force, self._moved = force, moved
+        self._borders = border_columns(free, interface.pair, self._own.shape[1])
+        read, rows, csr = self._rows()
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
-        borders = border_columns(free, interface.pair, self._own.shape[1])
-        rows = PointRows(read, moved, borders, self._own)
-        border = balance_rows(borders @ read, self.comm)
-        matrix = with_points(fixed, rows, border, self.comm)
+        sizes = len(csr[0]) - 1, read.shape[1]
+        matrix = PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=self.comm)
         enclosed = partial(free_pressure, self.stiffness, reduction, self._own[stated])
-        self.tangent = Tangent(matrix, rows, first, border.shape[0], solver, enclosed)
+        borders = len(csr[0]) - 1 - (last - first)
+        self.tangent = Tangent(matrix, rows, first, borders, solver, enclosed)
+
+    def _rows(self) -> tuple[sp.csr_matrix, PointRows, tuple[npt.NDArray, npt.NDArray, Array]]:
+        """L K, the points' rows, and the matrix in which they have their places."""
+        operators = self.stiffness, self._force, self._flexible, self._spread
+        fixed, read = tangent_rows(*operators, self.interface.equation, len(self.free))
+        rows = PointRows(read, self._moved, self._borders, self._own)
+        border = balance_rows(self._borders @ read, self.comm)
+        return read, rows, with_points(fixed, rows, border)
+
+    def renew(self, K: PETSc.Mat) -> None:
+        """Takes another K (n, n) of the same pattern; the law's scale stays. Factors only."""
+        assert isinstance(self.tangent, Tangent)
+        self.stiffness = self.reduction.matrix(K)
+        self.tangent.renew(*self._rows()[1:])
 
     def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
         def begin() -> Array:
@@ -366,6 +379,11 @@ class Tangent:
 
     def release(self) -> None:
         """Factors go with the last reference."""
+
+    def renew(self, points: PointRows, csr: tuple[npt.NDArray, npt.NDArray, Array]) -> None:
+        """Takes other values in the same pattern."""
+        self._points, self._factorised = points, None
+        self.matrix.setValuesCSR(*csr)
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
         """More than final is by factors of the very matrix."""

@@ -33,6 +33,7 @@ from pw_elements.contact.model.surfaces import (
     FlatPunch,
     Parabola,
     Plane,
+    RigidBody,
     SignedDistance,
     Sphere,
     Surface,

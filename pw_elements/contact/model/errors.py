@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.checks import listed
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
 
@@ -93,6 +94,16 @@ class NotUnique(ContactFailed, SingularSystem):
 
 class NotFound(ContactFailed):
     """The iteration found no solution; whether there is one is not known."""
+
+    @classmethod
+    def at(cls, words: str, places: Array) -> "NotFound":
+        """With the coordinates of places (k, dim) for {} in the words.
+
+        Args:
+            words: with one {}.
+            places: (k, dim), undeformed.
+        """
+        return cls(words.format(listed(places)))
 
 
 class SurfacePassed(ContactFailed):

@@ -170,6 +170,7 @@ class ContactState:
             it.
         unknowns: full vector (n,) in the trial space's numbering; `split` gives displacement and
             pressure of a hybrid one. By default the displacement.
+        history: of a residual's `history`, the values of each function on this process.
     """
 
     displacement: PETSc.Vec
@@ -187,6 +188,7 @@ class ContactState:
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()
     unknowns: PETSc.Vec = None
+    history: tuple[Array, ...] = ()
 
     def __post_init__(self) -> None:
         if self.unknowns is None:

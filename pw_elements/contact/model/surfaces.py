@@ -8,7 +8,7 @@ it: negative inside the rigid.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,13 @@ import numpy.typing as npt
 from pw_elements.checks import field, number, positive, vector
 
 Points = npt.NDArray[np.float64]
+
+# Steps of Newton's method to closest points, which ends with one below a part of the largest
+# coordinate, and of what differences for gradients leave of it
+_PROJECTIONS = 30
+_PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
+# Step of second differences over that of first ones
+_COARSER = 100
 
 
 def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
@@ -47,6 +54,20 @@ class Surface(Protocol):
         ...
 
 
+@runtime_checkable
+class RigidBody(Surface, Protocol):
+    """A surface that deformed bodies may touch: it knows the closest point, and its curvature."""
+
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """What points x (n, dim) have of their closest points on the surface.
+
+        Returns:
+            Distance (n,), negative inside, normal (n, dim), and its derivative by x (n, dim, dim);
+            NaN where there is no closest point.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Plane:
     """Plane, in 2-D a line, through a point.
@@ -73,6 +94,10 @@ class Plane:
     def normal(self, x: Points) -> Points:
         """The unit direction (n, dim), at any points x (n, dim)."""
         return np.tile(unit(self.direction), (len(x), 1))
+
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """As `RigidBody` says: the normal has no derivative."""
+        return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -149,6 +174,12 @@ class Sphere:
     def normal(self, x: Points) -> Points:
         """Unit vectors (n, dim) away from the centre, at points x (n, dim)."""
         return normalised(x - np.asarray(self.centre))
+
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """As `RigidBody` says: the derivative is (I - n n^T) over the distance from the centre."""
+        gap, normal = self.gap(x), self.normal(x)
+        across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
+        return gap, normal, across / (gap + self.radius)[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -228,6 +259,46 @@ class SignedDistance:
         normal[faced] = normalised(self._slope(x[faced]))
         return normal
 
+    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+        """As `RigidBody` says, by Newton's method on p + l grad f(p) = x, f(p) = 0.
+
+        The Hessian is made of differences of the gradient; without a gradient function it has half
+        of the digits.
+        """
+        n, dim = x.shape
+        one, p, active = np.eye(dim), x.copy(), np.arange(n)
+        slope, flat = self._directed(x)
+        length = self._values(x) / np.sum(slope**2, axis=1)
+        bend = np.full((n, dim, dim), np.nan)
+        found = np.zeros(n, dtype=bool)
+        small = _PROJECTED_BY_DIFFERENCES if self.gradient is None else _PROJECTED
+        small *= np.abs(x).max(initial=0.0)
+        for _ in range(_PROJECTIONS):
+            at, level = p[active], length[active]
+            slope, bent = self._directed(at)[0], self._bend(at)
+            system = np.zeros((len(at), dim + 1, dim + 1))
+            system[:, :dim, :dim] = one + level[:, None, None] * bent
+            system[:, :dim, dim] = system[:, dim, :dim] = slope
+            wrong = x[active] - at - level[:, None] * slope
+            right = np.concatenate([wrong, -self._values(at)[:, None]], axis=1)
+            step = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+            p[active] += step[:, :dim]
+            length[active] += step[:, dim]
+            bend[active] = bent
+            still = np.abs(step[:, :dim]).max(axis=1) <= small
+            found[active[still]] = True
+            active = active[~still]
+            if not len(active):
+                break
+        slope, flat_there = self._directed(p)
+        found &= ~(flat | flat_there)
+        size = np.linalg.norm(slope, axis=1)
+        normal, gap = slope / size[:, None], length * size
+        across = one - normal[:, :, None] * normal[:, None, :]
+        shape = across @ bend @ across / size[:, None, None]
+        normal[~found] = gap[~found] = np.nan
+        return gap, normal, np.linalg.solve(one + gap[:, None, None] * shape, shape)
+
     def _values(self, x: Points) -> npt.NDArray[np.float64]:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return field("the function of a signed distance", self.function(x), (len(x),), layout)
@@ -241,3 +312,16 @@ class SignedDistance:
         steps = self.step * np.eye(x.shape[1])
         differences = [self._values(x + h) - self._values(x - h) for h in steps]
         return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
+
+    def _directed(self, x: Points) -> tuple[Points, npt.NDArray[np.bool_]]:
+        """Gradient (n, dim), any direction where it vanishes, and where (n,) that is."""
+        slope = self._slope(x)
+        flat = ~np.any(slope != 0, axis=1)
+        return np.where(flat[:, None], np.eye(x.shape[1])[-1], slope), flat
+
+    def _bend(self, x: Points) -> npt.NDArray[np.float64]:
+        """Second derivatives (n, dim, dim) of the function."""
+        step = self.step * (1 if self.gradient is not None else _COARSER)
+        steps = step * np.eye(x.shape[1])
+        bend = np.array([self._slope(x + h) - self._slope(x - h) for h in steps]) / (2 * step)
+        return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -18,7 +19,7 @@ from pw_elements.checks import collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import SubSpace, fields_of
+from pw_elements.spaces import fields_of
 
 Array = npt.NDArray[np.float64]
 
@@ -37,18 +38,31 @@ _FORMAT = "pw_elements contact state 3"
 _NEAR = 1e-8
 
 
-def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
+def write_state(
+    path: Path,
+    state: ContactState,
+    space: fem.FunctionSpace,
+    history: Sequence[fem.FunctionSpace] = (),
+) -> None:
     """Writes a state whole or not at all, on one process, if it is a solution."""
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    for name, field in zip(_NODES, fields_of(space), strict=False):
-        values = field.part(state.unknowns).array_r.reshape(field.owned.shape)
-        given = comm.gather((_places(field.space), values))
+    known = [
+        (name, _NODES[name], field.space, field.part(state.unknowns).array_r)
+        for name, field in zip(_NODES, fields_of(space), strict=False)
+    ]
+    known += [
+        (*_names(k), of, values)
+        for k, (of, values) in enumerate(zip(history, state.history, strict=True))
+    ]
+    for name, nodes, of, values in known:
+        places = _places(of)
+        given = comm.gather((places, values.reshape(-1, of.dofmap.index_map_bs)[: len(places)]))
         if comm.rank == 0:
-            places, values = zip(*given, strict=True)
-            arrays |= {_NODES[name]: np.concatenate(places), name: np.concatenate(values)}
+            each = zip(*given, strict=True)
+            arrays |= dict(zip((nodes, name), map(np.concatenate, each), strict=True))
     if comm.rank == 0:
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
@@ -65,7 +79,9 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
                 raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
 
 
-def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
+def read_state(
+    path: Path, space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace] = ()
+) -> ContactState:
     """Reads a state, each process the values of its own nodes.
 
     Raises:
@@ -95,7 +111,9 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     fields = dict(zip(_NODES, fields_of(space), strict=False))
     if missing := fields.keys() - arrays.keys():
         raise ValueError(f"{path} has the state of a body without {missing.pop()}")
-    row = {name: _rows(path, arrays[_NODES[name]], field) for name, field in fields.items()}
+    if any(_names(k)[0] not in arrays for k in range(len(history))):
+        raise ValueError(f"{path} has the state of a problem with less history")
+    row = {name: _rows(path, arrays[_NODES[name]], field.space) for name, field in fields.items()}
     moved = fields["displacement"]
     for pair in pairs:
         pair |= {
@@ -110,12 +128,29 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
     values["orientations"] = frozenset(numbers["orientations"])
     values["pairs"] = tuple(PairState(**pair) for pair in pairs)
+    values["history"] = tuple(_read(path, arrays, k, of) for k, of in enumerate(history))
     return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
 
 
-def _rows(path: Path, stored: Array, field: SubSpace) -> npt.NDArray[np.intp]:
+def _names(number: int) -> tuple[str, str]:
+    """Arrays of a function of the history, and of its places."""
+    return f"history_{number}", f"history_nodes_{number}"
+
+
+def _read(
+    path: Path, arrays: dict[str, npt.NDArray], number: int, space: fem.FunctionSpace
+) -> Array:
+    """Values on this process, ghosts too, of a function of the history."""
+    name, nodes = _names(number)
+    found, rows = fem.Function(space), _rows(path, arrays[nodes], space)
+    found.x.array[: len(rows) * space.dofmap.index_map_bs] = arrays[name][rows].ravel()
+    found.x.scatter_forward()
+    return found.x.array.copy()
+
+
+def _rows(path: Path, stored: Array, space: fem.FunctionSpace) -> npt.NDArray[np.intp]:
     """Row of each owned node in a file, which is the number that it had when that was written."""
-    space, places = field.space, _places(field.space)
+    places = _places(space)
     wrong = stored.shape != (space.dofmap.index_map.size_global, places.shape[1])
     if not wrong:
         distance, nearest = cKDTree(stored).query(places)

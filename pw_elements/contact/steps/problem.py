@@ -1,16 +1,26 @@
 """A contact problem as the user states it, checked, and solved increment after increment."""
 
+import logging
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_load, check_problem, is_finite
+from pw_elements.algebra import (
+    PetrovGalerkinProblem,
+    Reduction,
+    check_load,
+    check_problem,
+    is_finite,
+)
 from pw_elements.checks import agree, arguments, check_mesh, collective, positive, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
@@ -21,8 +31,10 @@ from pw_elements.contact.model import (
     DeformableSurface,
     MatchingNodes,
     Motion,
+    RigidBody,
 )
 from pw_elements.contact.output import read_state, write_state
+from pw_elements.contact.steps.finite import FiniteStepping, Loading
 from pw_elements.contact.steps.stepping import (
     MULTIPLE,
     REMEDIES,
@@ -32,12 +44,21 @@ from pw_elements.contact.steps.stepping import (
     checked_callback,
 )
 from pw_elements.progress import bar, doing
-from pw_elements.solvers import LinearSolver, Solver, auto_solver, collect_garbage, with_fallback
+from pw_elements.solvers import (
+    Direct,
+    LinearSolver,
+    Solver,
+    auto_solver,
+    collect_garbage,
+    with_fallback,
+)
 from pw_elements.spaces import is_hybrid
 
 # by name, or by name and how many times the first attempt's cost they may take
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
+
+log = logging.getLogger("pw_elements.contact")
 
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
@@ -139,30 +160,25 @@ def checked_remedies(remedies: Remedies, space: fem.FunctionSpace) -> dict[Remed
 
 
 def checked_step(
-    K: PETSc.Mat,
     space: fem.FunctionSpace,
     own: ContactState,
     state: ContactState,
-    load: PETSc.Vec,
     motions: Motion | Sequence[Motion | None] | None,
     guess: ContactState | None,
 ) -> list[Motion | None]:
     """The motion of each pair in one increment; one of a single pair needs no list.
 
     Args:
-        K: stiffness of the problem.
         space: of the problem.
         own: a state of the problem.
         state: from which it goes on, as the others.
-        load: at the end of the increment.
         motions: none, or one of each pair.
         guess: to start from.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a load that is not finite or not of the problem, another number or
-            dimension of motions, states of other pairs or that are not finite, or what differs
-            between processes.
+        ValueError: for another number or dimension of motions, states of other pairs or that are
+            not finite, or what differs between processes.
     """
     comm, pairs = space.mesh.comm, len(own.pairs)
     with collective(comm):
@@ -180,12 +196,71 @@ def checked_step(
         for k, motion in enumerate(moved):
             if motion is not None:
                 _check_motions([motion], space, k)
-        check_load("the load", load, _STIFFNESS, K)
     start = None if guess is None else [pair.status for pair in guess.pairs]
     agree(comm, {"the state": state.pairs, "the motions": moved, "the state to start from": start})
+    return moved
+
+
+def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
+    """Raises an error for what is no load (n,) of a stiffness (n, n)."""
+    with collective(comm):
+        check_load("the load", load, _STIFFNESS, K)
     if not is_finite(load):
         raise ValueError("the load is not finite")
-    return moved
+
+
+def checked_loading(
+    load: object, guess: ContactState | None, space: fem.FunctionSpace
+) -> Loading | None:
+    """What changes in an increment of a residual.
+
+    Raises:
+        TypeError: for anything but a function.
+        ValueError: for a guess.
+    """
+    with collective(space.mesh.comm):
+        if not (load is None or callable(load)):
+            raise TypeError(
+                f"the load of a residual is {arguments.described(load)}: give a function of the "
+                "share (0, 1] of the increment, which sets constants and functions in it"
+            )
+        if guess is not None:
+            raise ValueError("a problem of a residual starts from its state: it takes no guess")
+    return load
+
+
+def checked_history(
+    history: Sequence[fem.Function], update: Callable[[], None] | None, space: fem.FunctionSpace
+) -> list[fem.Function]:
+    """Functions that belong to the state.
+
+    Raises:
+        TypeError: for anything else.
+    """
+    with collective(space.mesh.comm):
+        if not (update is None or callable(update)):
+            raise TypeError(f"update is {arguments.described(update)}: it has to be a function")
+        return _each(history, fem.Function, "a function of the history")
+
+
+def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
+    """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
+    with collective(comm):
+        for k, pair in enumerate(pairs):
+            if pair.interference:
+                raise ValueError(
+                    f"contact pair {k} has interference, which small displacements only can have: "
+                    "start with the surface outside of the body, and move it in"
+                )
+            if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
+                log.warning("contact pair %d: differences stand in for a gradient function", k)
+            if not isinstance(pair.surface, RigidBody):
+                raise ValueError(
+                    f"contact pair {k}: deformed bodies cannot touch a "
+                    f"{type(pair.surface).__name__}, which knows no closest points; use Sphere "
+                    "(a circle in the plane), Plane or SignedDistance, such as one of a punch with "
+                    "rounded edges"
+                )
 
 
 def checked_increments(
@@ -319,6 +394,8 @@ class ContactProblem:
         DegenerateMesh: for cells that are flat or inverted.
     """
 
+    _finite: FiniteStepping | None = None
+
     def __init__(
         self,
         K: PETSc.Mat,
@@ -338,13 +415,85 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping, self._seen = self._by(auto_solver(solver, self._supports)), K.stateGet()
+        self._seen = K.stateGet()
+        self._stepping: Stepping = self._by(auto_solver(solver, self._supports))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
+
+    @classmethod
+    def of_residual(
+        cls,
+        residual: ufl.Form,
+        u: fem.Function,
+        conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
+        pairs: ContactPair | Sequence[ContactPair],
+        solver: LinearSolver | None = None,
+        max_iterations: int = 25,
+        callback: Callback | None = None,
+        history: Sequence[fem.Function] = (),
+        update: Callable[[], None] | None = None,
+    ) -> "ContactProblem":
+        """Large strains and large sliding of a body that any residual states.
+
+            F = ufl.inner(stress(u), ufl.grad(ufl.TestFunction(spaces.test))) * dx
+            roller = ContactPair(top, Sphere((0, 1.0), 1.0), friction=0.3)
+            problem = ContactProblem.of_residual(F, u, held, roller)
+            pressed = problem.step(problem.undeformed, motions=Motion((0, -0.25)))
+            pushed = problem.step(pressed, motions=Motion((0.3, -0.25)))
+
+        Gap, normal and slip are those of the deformed body: gap and normal by the closest point of
+        the surface, slip by the arc that it has gone there (exact on planes, circles and spheres,
+        of second order on others). Nodal contact forces are the residual's entries. An increment
+        that fails is halved, and its parts grow again (see `ContactState.substates`).
+
+        Args:
+            residual: F, as in `PetrovGalerkinProblem`, without what surfaces exert.
+            u: unknown function in the trial space, which may be hybrid; steps set it.
+            conditions: Dirichlet conditions; constants and functions in them may change.
+            pairs: of rigid surfaces with a `closest` point: `Plane`, `Sphere`, `SignedDistance`.
+                They are moved, not turned.
+            solver: of linear systems by factors, by default `Direct()`.
+            max_iterations: linear systems of one attempt.
+            callback: as in `ContactProblem`.
+            history: functions in the residual that belong to the state: steps start from those of
+                their state, and files hold them.
+            update: sets them, once an increment or a part of one has been solved; u has the end.
+
+        Raises:
+            TypeError, ValueError: for arguments that do not make a contact problem.
+            DegenerateMesh: for cells that are flat or inverted.
+        """
+        solver = solver or Direct()
+        problem = PetrovGalerkinProblem(residual, u, conditions, solver)
+        space, K = u.function_space, problem.system.matrix
+        own = cls.__new__(cls)
+        functions = checked_history(history, update, space)
+        u.x.array[:] = 0.0
+        problem.system.assemble()
+        reduction = Reduction.dirichlet(space, conditions)
+        own.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        check_rigid(own.pairs, space.mesh.comm)
+        check_mesh(space.mesh)
+        own._space = space
+        callback = checked_callback(space.mesh.comm, callback)
+        own._finite = FiniteStepping(
+            problem,
+            conditions,
+            reduction,
+            own.pairs,
+            max_iterations,
+            callback,
+            solver,
+            functions,
+            update,
+        )
+        start = undeformed(own._finite.interface, K.createVecRight())
+        own.undeformed = replace(start, history=tuple(f.x.array.copy() for f in functions))
+        return own
 
     def step(
         self,
         state: ContactState,
-        load: PETSc.Vec,
+        load: PETSc.Vec | Loading | None = None,
         motions: Motion | Sequence[Motion | None] | None = (),
         guess: ContactState | None = None,
     ) -> ContactState:
@@ -352,7 +501,9 @@ class ContactProblem:
 
         Args:
             state: at its start, of this problem or one like it; slip counts from there.
-            load: load vector (n,) at its end, in all.
+            load: load vector (n,) at its end, in all. With a residual it is a function of the share
+                (0, 1] of the increment, which sets what changes in it: constants and functions of
+                loads and of conditions; none by default.
             motions: of each pair's surface from its initial place, None for one that rests
                 there; by default all rest. A single pair's need not be in a list.
             guess: state whose active set is the start, for example on a coarser mesh: each node
@@ -373,10 +524,13 @@ class ContactProblem:
             NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
+        moved = checked_step(self._space, self.undeformed, state, motions, guess)
+        if self._finite is not None:
+            return self._finite.step(state, checked_loading(load, guess, self._space), moved)
+        check_nodal_load(load, self._K, self._space.mesh.comm)
         if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
             self.release()
             self._stepping, self._seen = self._by(self._stepping.solver), self._K.stateGet()
-        moved = checked_step(self._K, self._space, self.undeformed, state, load, motions, guess)
 
         def stepped(solver: LinearSolver) -> ContactState:
             if solver is not self._stepping.solver:
@@ -388,7 +542,12 @@ class ContactProblem:
 
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
-        self._stepping.release()
+        (self._finite or self._stepping).release()
+
+    @property
+    def _histories(self) -> list[fem.FunctionSpace]:
+        """Spaces of the functions that belong to the state."""
+        return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
@@ -403,7 +562,7 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_state(state, self.undeformed, self._space)
-        write_state(checked_path(path, self._space), state, self._space)
+        write_state(checked_path(path, self._space), state, self._space, self._histories)
 
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
@@ -416,7 +575,7 @@ class ContactProblem:
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path, self._space), self._space)
+        state = read_state(checked_path(path, self._space), self._space, self._histories)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 

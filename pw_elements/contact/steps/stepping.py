@@ -210,10 +210,10 @@ def in_parts(
         done = share
         parts.append((share, now))
     told("%.4g of the increment has been solved in %d parts", done, len(parts))
-    return done, _joined([part for _, part in parts], tuple(parts[:-1])) if parts else None
+    return done, joined([part for _, part in parts], tuple(parts[:-1])) if parts else None
 
 
-def _joined(
+def joined(
     parts: Sequence[ContactState], substates: tuple[tuple[float, ContactState], ...]
 ) -> ContactState:
     """The last part, with the slip of all."""

@@ -1,5 +1,6 @@
 """Measures that suit any section: stored numbers, their extremes and ratios, curves."""
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -40,6 +41,12 @@ def excess_ratio(results: Results, fine: Pair, coarse: Pair, name: str) -> float
     """Relative difference of a stored number of two cases over that of two others."""
     of_fine, of_coarse = (ratio(results, *pair, name) - 1 for pair in (fine, coarse))
     return of_fine / of_coarse
+
+
+def change_ratio(results: Results, cases: Sequence[str], name: str) -> float:
+    """Size of the change of a stored number from the second to the third case over the first's."""
+    first, second, third = (results.scalar(case, name) for case in cases)
+    return abs((third - second) / (second - first))
 
 
 def ratio_of(results: Results, key: str, name: str, other: str) -> float:

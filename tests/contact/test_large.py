@@ -1,0 +1,339 @@
+"""Contact at large strains: closest points, derivatives, known answers, restart, refusals."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import ufl
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    SurfaceNodes,
+    assemble_matrix,
+)
+from pw_elements.contact import (
+    ContactFields,
+    ContactProblem,
+    FlatPunch,
+    Motion,
+    NotFound,
+    Parabola,
+    Plane,
+    SignedDistance,
+    Sphere,
+    solve_contact,
+)
+from pw_elements.contact.iteration import CellGuard, DeformedKinematics, Reference
+from tests.contact.large import STORED, WAY, Rubber, above, hardened, neo_hookean, saint_venant
+
+
+def _ellipse(x):
+    return x[:, 0] ** 2 / 4 + x[:, 1] ** 2 - 1
+
+
+def _ellipse_slope(x):
+    return np.stack([x[:, 0] / 2, 2 * x[:, 1]], axis=1)
+
+
+SURFACES = {
+    "plane": Plane((0.1, 0.2), (0.3, 1.0)),
+    "circle": Sphere((0.1, -0.2), 1.3),
+    "sphere": Sphere((0.1, -0.2, 0.3), 1.3),
+    "ellipse": SignedDistance(_ellipse, _ellipse_slope),
+    "differences": SignedDistance(_ellipse),
+    "circle by its square": SignedDistance(
+        lambda x: np.sum((x - [0.1, -0.2]) ** 2, axis=1) - 1.69, lambda x: 2 * (x - [0.1, -0.2])
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_closest_points_and_their_derivatives(name):
+    """Gap and normal are those of the closest point, and derivatives those of differences."""
+    surface, rng = SURFACES[name], np.random.default_rng(4)
+    dim = 3 if name == "sphere" else 2
+    away = rng.normal(size=(40, dim))
+    x = away / np.linalg.norm(away, axis=1, keepdims=True) * rng.uniform(1.2, 2.2, (40, 1))
+    x *= [2.0, *[1.0] * (dim - 1)]
+    gap, normal, bend = surface.closest(x)
+    on = x - gap[:, None] * normal
+    assert np.abs(surface.gap(on)).max() < 1e-9
+    assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-12
+    along = np.linspace(0, 2 * np.pi, 20001)
+    if "ellipse" in name or name == "differences":
+        rim = np.stack([2 * np.cos(along), np.sin(along)], axis=1)
+        least = np.linalg.norm(x[:, None] - rim, axis=2).min(axis=1)
+        assert np.abs(gap - least).max() < 1e-6
+    step, close = (1e-2, 1e-3) if name == "differences" else (1e-5, 1e-8)
+    for axis, h in enumerate(step * np.eye(dim)):
+        ahead, behind = surface.closest(x + h), surface.closest(x - h)
+        assert np.abs((ahead[0] - behind[0]) / (2 * step) - normal[:, axis]).max() < close
+        assert np.abs((ahead[1] - behind[1]) / (2 * step) - bend[:, :, axis]).max() < close
+
+
+def _at_points(surface, x, dim):
+    """Points (m, dim) as an interface of one surface."""
+    return SimpleNamespace(
+        position=x,
+        pair=np.zeros(len(x), dtype=int),
+        surfaces=[surface],
+        equation=np.zeros((len(x), dim), dtype=int),
+        gathered=lambda values: values,
+    )
+
+
+@pytest.mark.parametrize("name", ["plane", "circle", "sphere", "ellipse"])
+def test_kinematics_are_consistent(name):
+    """Gap, slip and force components change as their derivatives say, wherever a point is."""
+    surface, rng = SURFACES[name], np.random.default_rng(7)
+    dim, m = (3 if name == "sphere" else 2), 20
+    x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
+    start = Reference(rng.normal(size=(m, dim)) * 0.3, np.zeros((m, dim)), np.zeros((1, dim)))
+    view = DeformedKinematics(_at_points(surface, x, dim), start)
+    a, U, r = (
+        rng.normal(size=(m, dim)) * 0.3,
+        rng.normal(size=(1, dim)) * 0.1,
+        rng.normal(size=(m, dim)),
+    )
+    here = view(U, a, r)
+    h = 1e-5
+    for direction in np.eye(dim):
+        way = np.tile(direction, (m, 1))
+        ahead, behind = view(U, a + h * way, r), view(U, a - h * way, r)
+
+        def change(values, ahead=ahead, behind=behind):
+            return (values(ahead) - values(behind)) / (2 * h)
+
+        def slips(place):  # in space a frame may spin
+            return np.einsum("nta,nt->na", place.frame[:, 1:], place.slip)
+
+        def parts(place):
+            pressed = place.forces(r, U)[:, 0]
+            return np.column_stack([pressed, np.linalg.norm(place.forces(r, U)[:, 1:], axis=1)])
+
+        slope = np.einsum("nab,nb->na", here.moved, way)
+        assert np.abs(change(lambda p: p.gap) - slope[:, 0]).max() < 1e-7
+        found = np.einsum("nta,na->nt", here.frame[:, 1:], change(slips))
+        assert np.abs(found - slope[:, 1:]).max() < 1e-6
+        turned = np.einsum("nab,nb->na", here.turned, way)
+        sheared = here.forces(r, U)[:, 1:]
+        along = np.sum(sheared * turned[:, 1:], axis=1) / np.linalg.norm(sheared, axis=1)
+        assert np.abs(change(parts) - np.column_stack([turned[:, 0], along])).max() < 1e-6
+
+
+def test_slip_is_the_arc():
+    """On circles and spheres slip is the great circle's arc, in any number of dimensions."""
+    for dim in (2, 3):
+        angle = np.array([0.05, 0.4, 1.2])
+        end = np.zeros((3, dim))
+        end[:, 0], end[:, -1] = 2 * np.sin(angle), 2 * np.cos(angle)
+        start = np.zeros((3, dim))
+        start[:, -1] = 2.3  # above the surface
+        ball = Sphere((0.0,) * dim, 2.0)
+        at_rest = Reference(np.zeros((3, dim)), np.zeros((3, dim)), np.zeros((1, dim)))
+        view = DeformedKinematics(_at_points(ball, start, dim), at_rest)
+        place = view(np.zeros((1, dim)), end - start, np.zeros((3, dim)))
+        assert np.abs(np.linalg.norm(place.slip, axis=1) - 2 * angle).max() < 1e-12
+        assert list(place.jumped) == [False, False, False]
+        far = view(np.zeros((1, dim)), -start * 2, np.zeros((3, dim)))
+        assert far.jumped.all()
+
+
+def test_small_displacements_are_those_of_the_linear_problem():
+    """Forces with friction tend to the linear problem's, whose code for surfaces is another."""
+    errors = []
+    for size in (1e-3, 1e-4):
+        rubber = Rubber()
+        motions = [(0.0, -size), (size, -size)]
+        large = rubber.states(motions)[-1].pairs[0]
+        rubber.u.x.array[:] = 0.0
+        K = assemble_matrix(
+            ufl.derivative(rubber.residual, rubber.u, ufl.TrialFunction(rubber.space))
+        )
+        supports = Reduction.dirichlet(rubber.space, rubber.held)
+        nothing = K.createVecLeft()
+        steps = replace(rubber.pair, motions=[Motion(m) for m in motions])
+        small = solve_contact(K, [nothing] * 2, supports, steps, rubber.space)[-1].pairs[0]
+        away = np.abs(large.force_vector - small.force_vector).max()
+        errors.append(away / np.abs(small.force_vector).max())
+    assert errors[1] < 1e-3
+    assert errors[1] < 0.2 * errors[0]
+
+
+def test_a_base_that_moves_is_a_tool_that_moves():
+    """Supports follow a function of the share: only the relative motion makes forces."""
+    tools = Rubber().states(WAY)[-1]
+    rubber = Rubber()
+    state, before = rubber.problem.undeformed, (0.0, 0.0)
+    for end in WAY:
+
+        def load(share, start=before, end=end):
+            for base, a, b in zip(rubber.base, start, end, strict=True):
+                base.value = -((1 - share) * a + share * b)
+
+        state, before = rubber.problem.step(state, load), end
+    (mine,), (theirs,) = state.pairs, tools.pairs
+    assert np.abs(mine.force_vector - theirs.force_vector).max() < 1e-9
+    assert np.abs(mine.slip - theirs.slip).max() < 1e-9
+
+
+def test_forces_are_prescribed_and_balanced():
+    """A circle pressed and drawn by its total force goes where it went for that force."""
+    rubber = Rubber()
+    *_, driven = rubber.states(WAY)
+    pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion(WAY[0]))
+    pressed = rubber.problem.step(pressed, motions=Motion(WAY[1]))
+    force = driven.pairs[0].force
+    free = Motion((WAY[2][0], None), force=(0.0, force[1]))
+    found = rubber.problem.step(pressed, motions=free)
+    assert abs(found.pairs[0].translation[1] - WAY[2][1]) < 1e-7
+    assert np.abs(found.pairs[0].force - force).max() < 1e-6
+    assert found.residuals.largest() < 1e-8
+
+
+@pytest.mark.parametrize("stress", [neo_hookean, saint_venant])
+def test_no_cell_is_turned(stress):
+    """Whatever the stress is, which may stay finite there, no accepted state has turned cells."""
+    rubber = Rubber(2, stress=stress)
+    guard, states = CellGuard(rubber.u, rubber.residual), [rubber.problem.undeformed]
+
+    def press():
+        for k in range(1, 8):
+            motion = Motion((0.0, -0.15 * k))
+            states.append(rubber.problem.step(states[-1], motions=motion))
+            assert guard.smallest() > 0
+
+    with pytest.raises(NotFound, match="halved further") as raised:
+        press()
+    assert len(states) > 1
+    reached = raised.value.state
+    assert reached.converged
+    assert reached.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]
+    assert np.array_equal(rubber.u.x.array, reached.unknowns.array_r)
+    assert guard.smallest() > 0
+
+
+def test_history_belongs_to_the_state():
+    """A function that remembers is restored where a step starts anew, and updated at its end."""
+    rubber, hardness = hardened()
+    first, second, *_ = rubber.states(WAY[:2])
+    assert [s.history[0].min() for s in (rubber.problem.undeformed, first, second)] == [0, 1, 2]
+    rubber.problem.step(first, motions=Motion(WAY[1]))
+    assert hardness.x.array.max() == 2.0
+
+
+def test_a_way_that_is_resumed_is_the_way(tmp_path):
+    """From a state and from its file another problem goes on to the same digits."""
+    rubber, _ = hardened()
+    states = rubber.states(WAY)
+    rubber.problem.save(states[STORED], tmp_path / "state.npz")
+    again, _ = hardened()
+    read = again.problem.load(tmp_path / "state.npz")
+    assert np.array_equal(read.history[0], states[STORED].history[0])
+    for start in (states[STORED], read):
+        (pair,) = again.states(WAY[STORED + 1 :], start)[-1].pairs
+        (whole,) = states[-1].pairs
+        size = np.abs(whole.force_vector).max()
+        assert np.abs(pair.force_vector - whole.force_vector).max() < 1e-12 * size
+        assert np.abs(pair.slip - whole.slip).max() < 1e-12
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+def test_processes_find_the_same_numbers(tmp_path):
+    """One, two and three, which also go on from what one has stored."""
+    found = []
+    for processes in (1, 2, 3):
+        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
+        command += ["tests.contact.large", str(tmp_path)]
+        out = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
+        found.append(json.loads(out.stdout.splitlines()[-1]))
+    for other in found:
+        for name, values in other.items():
+            away = np.abs(np.array(values) - found[0][name.removeprefix("resumed ")]).max()
+            assert away < 1e-9, name
+
+
+def test_a_thin_tool_keeps_its_side():
+    """An increment in which nodes would find the tool's other side is cut until they do not."""
+    rubber = Rubber()
+
+    def plate(x):
+        return np.abs(x[:, 1] - 0.05) - 0.05
+
+    def slope(x):
+        return np.stack([0 * x[:, 0], np.sign(x[:, 1] - 0.05)], axis=1)
+
+    pair = replace(rubber.pair, surface=SignedDistance(plate, slope))
+    problem = ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+    state = problem.step(problem.undeformed, motions=Motion((0.0, -0.12)))
+    assert state.substates
+    (pair,) = state.pairs
+    assert (pair.position + pair.displacement)[:, 1].max() < -0.12 + 1e-9
+    assert pair.force[1] < 0
+
+
+def test_fields_and_pressures_of_a_state():
+    """Fields have the nominal pressure where a body tells areas; the stretch makes the true one."""
+    rubber = Rubber()
+    state = rubber.states(WAY)[-1]
+    body = Body(Spaces.petrov_galerkin(rubber.space.mesh), Material(1.0), "plane strain")
+    fields = ContactFields.of(state, body)
+    (pair,) = state.pairs
+    scalars = Spaces.petrov_galerkin(rubber.space.mesh, 0)
+    nominal, true = (
+        SurfaceNodes.scalar(scalars, above, stretch)
+        for stretch in (1.0, SurfaceNodes.stretch(rubber.u))
+    )
+    assert np.array_equal(nominal.node, pair.node)
+    away = fields.pressure.x.array[pair.node] - nominal.pressure(pair.force_normal)
+    assert np.abs(away).max() < 1e-9
+    x = pair.position + pair.displacement
+    length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
+    assert abs(true.own_area.sum() / length - 1) < 0.02
+
+
+REFUSED = {
+    "parabola": ({"surface": Parabola((0.0, 0.0), 0.6)}, "Sphere"),
+    "flat punch": ({"surface": FlatPunch((0.0, 0.0), (0.0, -1.0), 0.3)}, "rounded"),
+    "interference": ({"interference": True}, "interference"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_small_displacements_only_have_is_refused(name):
+    """The message names what to use."""
+    change, words = REFUSED[name]
+    rubber = Rubber()
+    pair = replace(rubber.pair, **change)
+    with pytest.raises(ValueError, match=words):
+        ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+
+
+def test_wrong_arguments_are_refused():
+    """A vector is no load of a residual, and a step from a guess makes no sense there."""
+    rubber = Rubber()
+    start = rubber.problem.undeformed
+    with pytest.raises(TypeError, match="function of the share"):
+        rubber.problem.step(start, start.displacement)
+    with pytest.raises(ValueError, match="no guess"):
+        rubber.problem.step(start, guess=start)
+    with pytest.raises(TypeError, match="update"):
+        Rubber(update=3)
+
+
+def test_surfaces_without_closest_points_are_told():
+    """A point at the centre of curvature has none, and the error says where it was at first."""
+    rubber = Rubber()
+    far = SignedDistance(lambda x: x[:, 1] ** 2 + 1.0 + 0 * x[:, 0], lambda x: 2 * x * [0, 1])
+    pair = replace(rubber.pair, surface=far)
+    problem = ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+    with pytest.raises(NotFound, match="no closest point"):
+        problem.step(problem.undeformed, motions=Motion((0.0, -0.1)))
