@@ -127,10 +127,19 @@ class Circle:
         cut = -limit + _positive(trial + limit, eps) - _positive(trial - limit, eps)
         return np.stack([r_n - pressed, r_t - cut], axis=1)
 
+    def slopes(self, y, r, start, eps):
+        """Derivatives of the law (m, 2, 2) by y, and by r."""
+        found, both = np.empty((len(y), 2, 4)), np.concatenate([y, r], axis=1)
+        for k in range(4):
+            ahead = both.astype(complex)
+            ahead[:, k] += 1j * STEP
+            found[:, :, k] = self.law(ahead[:, :2], ahead[:, 2:], start, eps).imag / STEP
+        return found[:, :, :2], found[:, :, 2:]
+
 
 @dataclass(frozen=True)
 class Contact:
-    """A body, the numbers of the nodes that may meet the circle, and the mask (n, 2) of supports."""
+    """A body, numbers of the nodes that may meet the circle, and the mask (n, 2) of supports."""
 
     body: Rubber
     circle: Circle
@@ -153,19 +162,20 @@ class Contact:
             states.append(u)
         return states
 
-    def violations(self, before, now) -> dict[str, float]:
-        """Of each condition: of forces over the largest nodal force, of lengths over the largest.
+    def violations(self, history) -> dict[str, float]:
+        """Of each condition in the last increment; of forces and lengths over history's largest.
 
         Args:
-            before: displacements (n, 2) and translation (2,) at the increment's start.
-            now: the same at its end.
+            history: displacements (n, 2) and translation (2,), from the undeformed body on.
         """
-        (u, U), r = now, self.body.forces(now[0])
-        mu = self.circle.friction
+        (first, was), (u, U) = history[-2:]
+        force = max(np.abs(self.body.forces(u)).max() for u, _ in history)
+        length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)
+        mu, r, start = self.circle.friction, self.body.forces(u), self._place(first, was)
         force, length = np.abs(r).max(), max(np.abs(u).max(), np.abs(U).max())
         free = ~self.held
         free[self.touching] = False
-        r_n, r_t, g, v = self.circle.parts(self._place(u, U), r[self.touching], self._place(*before))
+        r_n, r_t, g, v = self.circle.parts(self._place(u, U), r[self.touching], start)
         r_n, r_t, g, v = r_n / force, r_t / force, g / length, v / length
         lines = {
             "supports": u[self.held] / length,
@@ -201,12 +211,8 @@ class Contact:
             if np.abs(found).max() <= max(0.1 * eps, ACCURACY):
                 return u
             K, y, r = self.body.tangent(u), self._place(u, U), self.body.forces(u)[self.touching]
-            slopes, both = np.empty((len(y), 2, 4)), np.concatenate([y, r], axis=1)
-            for k in range(4):
-                ahead = both.astype(complex)
-                ahead[:, k] += 1j * STEP
-                slopes[:, :, k] = self.circle.law(ahead[:, :2], ahead[:, 2:], start, eps).imag / STEP
-            by_place, by_force = (self._blocks(slopes[:, :, part], dofs) for part in _HALVES)
+            slopes = self.circle.slopes(y, r, start, eps)
+            by_place, by_force = (self._blocks(part, dofs) for part in slopes)
             others = np.ones(u.size)
             others[dofs] = 0.0
             tangent = (sparse.diags(others) + by_force) @ K + by_place
@@ -220,9 +226,6 @@ class Contact:
         rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
         place, size = (rows.ravel(), columns.ravel()), self.body.nodes.size
         return sparse.coo_matrix((blocks.ravel(), place), (size, size)).tocsr()
-
-
-_HALVES = (slice(0, 2), slice(2, 4))
 
 
 def _positive(x, eps):

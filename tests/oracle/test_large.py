@@ -37,8 +37,8 @@ class Problem:
     Args:
         linear_weights: whether test functions are piecewise linear.
         friction: Coulomb's mu.
-        way: translations of the circle, at the ends of the increments; in place of the vertical
-            component None and a force.
+        way: of the circle, its translation (2,) at the end of each increment; or across, None
+            for a free vertical component, and the total force in that.
         offset: first coordinate of the circle's centre.
         radius: of the circle.
         gap: of its lowest point, at first.
@@ -126,7 +126,7 @@ class Problem:
             radius=radius,
             gap=rng.choice([0.0, rng.uniform(0.0, 0.02)]),
             nu=rng.uniform(0.0, 0.45),
-            divisions=rng.integers(3, 7, 2) + [3, 0],
+            divisions=rng.integers((6, 3), (10, 7)),
             jiggle=rng.uniform(0.0, 0.2),
             seed=seed,
         )
@@ -145,7 +145,7 @@ def of(state):
 # -- the oracle alone ------------------------------------------------------------------------
 
 
-def block(linear_weights, lame=1.5, jiggle=0.2, held=(0, 1)):
+def block(linear_weights, lame=1.5, jiggle=0.2):
     """A jiggled block without a circle, its base held."""
     problem = Problem(linear_weights, 0.0, [], nu=lame / (2 + 2 * lame), jiggle=jiggle)
     next(problem.states())
@@ -202,8 +202,9 @@ def test_a_wide_circle_compresses_evenly_and_slides(linear_weights):
         assert abs(N / (2 * (s - 1 / s)) - 1) < 1e-3
     T, N = forces[2] * [1, -1]
     assert abs(T / N - 0.1) < 1e-3
-    for before, now in zip(range(2), range(1, 3), strict=True):
-        found = contact.violations((states[before], way[before]), (states[now], way[now]))
+    history = list(zip(states, way, strict=True))
+    for length in (2, 3):
+        found = contact.violations(history[:length])
         assert max(found.values()) < 1e-11, found
 
 
@@ -282,14 +283,13 @@ def outcome(seed):
             states.append(state)
     except ContactFailed as failed:
         error = failed
-    contact, worst = problem.by_oracle(), {}
+    contact, history, worst = problem.by_oracle(), [of(states[0])], {}
     for motion, start, end in zip(problem.way, states, states[1:], strict=False):
-        before = start
         for share, part in (*end.substates, (1.0, end)):
-            found = contact.violations(of(before), of(part))
+            history.append(of(part))
+            found = contact.violations(history)
             found["drive"] = drive_error(contact, start, part, share, motion)
             worst = {name: max(size, worst.get(name, 0.0)) for name, size in found.items()}
-            before = part
     return worst, error
 
 
@@ -306,6 +306,44 @@ def drive_error(contact, start, part, share, motion):
     else:
         away.append(abs(U[1] - was[1] - share * (down - was[1])) / size)
     return max(away)
+
+
+def held(u, contact):
+    u[contact.held] += 1e-6
+
+
+def inside(u, contact):
+    u[np.abs(contact.body.nodes + np.array([0.0, 0.5])).sum(axis=1).argmin()] += 1e-6
+
+
+def open_node(u, contact):
+    u[np.isclose(contact.body.nodes, [-1.0, 0.0]).all(axis=1), 1] += 1e-4
+
+
+WRONG = {  # line that sees it: change of displacements, of the translation, factor of mu
+    "supports": (held, 0.0, 1.0),
+    "equilibrium": (inside, 0.0, 1.0),
+    "tension": (open_node, 0.0, 1.0),
+    "penetration": (None, -1e-6, 1.0),
+    "complementarity": (None, 1e-6, 1.0),
+    "cone": (None, 0.0, 1 - 1e-5),
+    "direction": (None, 0.0, 1 + 1e-5),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_outside_arithmetic_sees_what_is_wrong(name):
+    problem, (change, lowered, factor) = CASES["new, to and fro"], WRONG[name]
+    history = [of(state) for state in parts(problem.states())]
+    contact = problem.by_oracle()
+    assert max(contact.violations(history).values()) < TOLERANCE
+    u, U = history[-1]
+    u = u.copy()
+    if change is not None:
+        change(u, contact)
+    circle = replace(contact.circle, friction=factor * contact.circle.friction)
+    wrong, moved = replace(contact, circle=circle), np.array([0.0, lowered])
+    assert wrong.violations([*history[:-1], (u, U + moved)])[name] > 10 * TOLERANCE
 
 
 @pytest.mark.random
