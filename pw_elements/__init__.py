@@ -38,6 +38,7 @@ from pw_elements.elasticity import (
     lumped_mass,
     nodal_flux,
     prescribe,
+    surface_stretch,
 )
 from pw_elements.pictures import draw
 from pw_elements.solvers import (
@@ -87,6 +88,7 @@ __all__ = [
     "reactions",
     "solve",
     "split",
+    "surface_stretch",
     "test_space",
     "vibration_modes",
 ]

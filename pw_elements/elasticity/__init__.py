@@ -22,5 +22,6 @@ from pw_elements.elasticity.forces import (
     force_transfer,
     forces_along,
     nodal_flux,
+    surface_stretch,
 )
 from pw_elements.elasticity.sibling import Sibling

@@ -37,6 +37,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
 from scipy.spatial import cKDTree
+from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
 from pw_elements.checks import agree, arguments, collective, is_number
@@ -47,6 +48,7 @@ from pw_elements.spaces import (
     Spaces,
     assemble_vector,
     exterior_facets,
+    is_hybrid,
     marked,
     quadratic_element,
     scalar_space,
@@ -181,6 +183,26 @@ def forces_along(
         raise ValueError("the marker holds at no node of the space: check its coordinates")
     order = by_position(np.roll(position, -axis, axis=1))
     return BoundaryForces(position[order], force[order])
+
+
+def surface_stretch(u: fem.Function) -> Expr:
+    """Deformed over undeformed area, or length in the plane, of a surface.
+
+    Contact forces over weights on the undeformed and on the deformed surface are the nominal and
+    the true pressure:
+
+        spaces = Spaces.petrov_galerkin(mesh, 0)
+        nominal = SurfaceNodes.scalar(spaces, top).pressure(pair.force_normal)
+        true = SurfaceNodes.scalar(spaces, top, surface_stretch(u)).pressure(pair.force_normal)
+
+    Args:
+        u: displacements, or these and a pressure; what u holds when areas are integrated counts.
+    """
+    space = u.function_space
+    moved = ufl.split(u)[0] if is_hybrid(space) else u
+    F = ufl.Identity(space.mesh.geometry.dim) + ufl.grad(moved)
+    area = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(space.mesh)
+    return ufl.sqrt(ufl.inner(area, area))
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,11 @@
 """Known answers of contact at large strains: even compression and shear, and Hertz's limit."""
 
+from functools import partial
+
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from scipy.optimize import brentq
 
@@ -14,6 +17,8 @@ from study.units import dimensionless
 from study.verification.mesh_lines import growing
 from study.verification.solid_meshes import box
 from study.verification.v16_rubber import RATIO, Array, Rubber, Run, follow
+
+Mask = npt.NDArray[np.bool_]
 
 LAME = 2 * RATIO / (1 - 2 * RATIO)
 SQUEEZED, SLID, PARTS = 0.4, 0.5, 2  # of the height, in increments
@@ -27,7 +32,7 @@ def compressed(element: str) -> Result:
     """A cube that may widen, below a smooth plate: its stretches are known, and so are forces."""
     rubber = _cube(element)
     dim, space, height = rubber.dim, rubber.w.function_space, 1 - SQUEEZED
-    held = [prescribe(space, k, lambda x, k=k: np.isclose(x[k], 0)) for k in range(dim)]
+    held = [prescribe(space, k, partial(_on_plane, axis=k)) for k in range(dim)]
 
     def stretched(s: float) -> Array:
         return np.diag([*[s] * (dim - 1), height])
@@ -51,7 +56,7 @@ def sheared(element: str) -> Result:
     )
     given, nodes = fem.Function(space), np.flatnonzero(sides).astype(np.int32)
 
-    def above(x: Array) -> Array:
+    def above(x: Array) -> Mask:
         inside = ((x[: dim - 1] > 1e-9) & (x[: dim - 1] < 1 - 1e-9)).all(axis=0)
         return np.asarray(np.isclose(x[dim - 1], 1) & inside)
 
@@ -75,7 +80,7 @@ def hertz(element: str, radius: float) -> Result:
     rubber = Rubber(element, on_lines(MPI.COMM_SELF, lines, depths, "triangle"))
     space = rubber.w.function_space
 
-    def below(x: Array) -> Array:
+    def below(x: Array) -> Mask:
         return np.asarray(np.isclose(x[1], -EXTENT))
 
     held = [prescribe(space, axis, below) for axis in (0, 1)]
@@ -102,11 +107,15 @@ def hertz(element: str, radius: float) -> Result:
     return Result(scalars, dimensionless(scalars), curves, dofs=len(rubber.w.x.array))
 
 
+def _on_plane(x: Array, axis: int) -> Mask:
+    return np.asarray(np.isclose(x[axis], 0))
+
+
 def _cube(element: str) -> Rubber:
-    if element.endswith("T6"):
-        lines = np.linspace(0, 1, 4)
+    plane = element.endswith("T6")
+    lines: Array = np.linspace(0.0, 1.0, 4 if plane else 3, dtype=np.float64)
+    if plane:
         return Rubber(element, on_lines(MPI.COMM_SELF, lines, lines, "triangle"))
-    lines = np.linspace(0, 1, 3)
     return Rubber(element, box("tetrahedron", lines, lines, lines))
 
 

@@ -12,7 +12,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 
-from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
+from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector, surface_stretch
 from pw_elements.contact import ContactPair, ContactProblem, Motion
 from pw_elements.contact.model import ContactState
 from pw_elements.meshes import on_lines
@@ -68,8 +68,6 @@ class Rubber:
             stress = F - inverse + lame * ufl.ln(J) * inverse
             self.residual = ufl.inner(stress, ufl.grad(test)) * dx
             self._energy = (energy + lame / 2 * ufl.ln(J) ** 2) * dx
-        along = J * inverse * ufl.FacetNormal(mesh)
-        self._stretch = ufl.sqrt(ufl.inner(along, along))
 
     @property
     def displacement(self) -> Array:
@@ -95,7 +93,7 @@ class Rubber:
             order = np.argsort(surface.node)
             return surface.own_area[order[np.searchsorted(surface.node, nodes, sorter=order)]]
 
-        return of(1.0), of(self._stretch)
+        return of(1.0), of(surface_stretch(self.w))
 
 
 @dataclass(frozen=True)
@@ -173,7 +171,7 @@ def block(elements: int) -> Mesh:
     size = 1 / elements
     near = np.linspace(-FINE, FINE, round(2 * FINE * elements) + 1)
     far = FINE + growing(size, HALF_WIDTH - FINE, GROWTH)[1:]
-    down = size * np.arange(round(LAYER * elements) + 1)
+    down: Array = size * np.arange(round(LAYER * elements) + 1, dtype=np.float64)
     down = np.concatenate([down, down[-1] + growing(size, HEIGHT - down[-1], GROWTH)[1:]])
     return on_lines(MPI.COMM_SELF, np.concatenate([-far[::-1], near, far]), -down[::-1], "triangle")
 

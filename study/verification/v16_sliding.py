@@ -167,9 +167,9 @@ def _mirror(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
 def _counts(states: list[ContactState]) -> dict[str, float]:
     """Iterations, those of abandoned attempts too, and increments that were cut."""
     return {
-        "iterations_mean": np.mean([state.iterations for state in states]),
-        "iterations_most": np.max([state.iterations for state in states]),
-        "cut": np.sum([bool(state.substates) for state in states]),
+        "iterations_mean": sum(state.iterations for state in states) / len(states),
+        "iterations_most": max(state.iterations for state in states),
+        "cut": sum(bool(state.substates) for state in states),
         "increments": len(states),
     }
 
@@ -228,8 +228,8 @@ CASES += [
     Case("V16", f"sphere-{element}-6", sphere, {"element": element, "elements": 6, "pressed": 4})
     for element in ("pw-T10", "galerkin-T10")
 ]
-_IRONED = {"element": "pw-T10", "elements": 4, "pressed": 2, "ironed": 2}
-CASES.append(Case("V16", "ironing-pw-T10-4", sphere, _IRONED))
+_IRONED = {"element": "pw-T10", "elements": 3, "pressed": 2, "ironed": 2}
+CASES.append(Case("V16", "ironing-pw-T10-3", sphere, _IRONED))
 CASES += [
     Case("V16", f"{name}-{element}", run, {"element": element})
     for name, run in (("compression", compressed), ("shear", sheared))

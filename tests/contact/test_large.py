@@ -1,18 +1,18 @@
 """Contact at large strains: closest points, derivatives, known answers, restart, refusals."""
 
+import json
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
 
-from pw_elements import Reduction, Spaces, assemble_matrix, prescribe
+from pw_elements import Reduction, assemble_matrix
 from pw_elements.contact import (
-    ContactPair,
     ContactProblem,
     FlatPunch,
     Motion,
@@ -24,7 +24,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.iteration import CellGuard, DeformedKinematics, Reference
-from pw_elements.meshes import triangles
+from tests.contact.large import STORED, WAY, Rubber, hardened, neo_hookean, saint_venant
 
 
 def _ellipse(x):
@@ -139,51 +139,6 @@ def test_slip_is_the_arc():
         assert far.jumped.all()
 
 
-def neo_hookean(F):
-    inverse = ufl.inv(F).T
-    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
-
-
-def saint_venant(F):
-    E = (F.T * F - ufl.Identity(2)) / 2
-    return F * (2 * E + 1.5 * ufl.tr(E) * ufl.Identity(2))
-
-
-class Rubber:
-    """A block 2 x 1 on a held base, and a circle of radius 0.6 that touches its upper side."""
-
-    def __init__(self, n=4, stress=neo_hookean, comm=MPI.COMM_SELF, friction=0.3, **options):
-        mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (2 * n, n))
-        pair = Spaces.petrov_galerkin(mesh)
-        self.space, self.u = pair.trial, fem.Function(pair.trial)
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 4})
-        F = ufl.Identity(2) + ufl.grad(self.u)
-        self.residual = ufl.inner(stress(F), ufl.grad(ufl.TestFunction(pair.test))) * dx
-        self.base = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
-        self.held = [
-            prescribe(self.space, k, lambda x: np.isclose(x[1], -1.0), value)
-            for k, value in enumerate(self.base)
-        ]
-        self.pair = ContactPair(above, Sphere((0.0, 0.6), 0.6), friction=friction)
-        self.problem = ContactProblem.of_residual(
-            self.residual, self.u, self.held, self.pair, **options
-        )
-
-    def states(self, motions):
-        """After each of the translations of the circle."""
-        states = [self.problem.undeformed]
-        for motion in motions:
-            states.append(self.problem.step(states[-1], motions=Motion(motion)))
-        return states[1:]
-
-
-def above(x):
-    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < 0.9)
-
-
-WAY = [(0.0, -0.15), (0.05, -0.3), (0.3, -0.3)]
-
-
 def test_small_displacements_are_those_of_the_linear_problem():
     """Forces with friction tend to the linear problem's, whose code for surfaces is another."""
     errors = []
@@ -260,17 +215,42 @@ def test_no_cell_is_turned(stress):
 
 def test_history_belongs_to_the_state():
     """A function that remembers is restored where a step starts anew, and updated at its end."""
-    mesh = Rubber().space.mesh
-    hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
-
-    def update():
-        hardness.x.array[:] += 1.0
-
-    rubber = Rubber(history=[hardness], update=update)
-    first, second = rubber.states(WAY[:2])
+    rubber, hardness = hardened()
+    first, second, *_ = rubber.states(WAY[:2])
     assert [s.history[0].min() for s in (rubber.problem.undeformed, first, second)] == [0, 1, 2]
     rubber.problem.step(first, motions=Motion(WAY[1]))
     assert hardness.x.array.max() == 2.0
+
+
+def test_a_way_that_is_resumed_is_the_way(tmp_path):
+    """From a state and from its file another problem goes on to the same digits."""
+    rubber, _ = hardened()
+    states = rubber.states(WAY)
+    rubber.problem.save(states[STORED], tmp_path / "state.npz")
+    again, _ = hardened()
+    read = again.problem.load(tmp_path / "state.npz")
+    assert np.array_equal(read.history[0], states[STORED].history[0])
+    for start in (states[STORED], read):
+        (pair,) = again.states(WAY[STORED + 1 :], start)[-1].pairs
+        (whole,) = states[-1].pairs
+        size = np.abs(whole.force_vector).max()
+        assert np.abs(pair.force_vector - whole.force_vector).max() < 1e-12 * size
+        assert np.abs(pair.slip - whole.slip).max() < 1e-12
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+def test_processes_find_the_same_numbers(tmp_path):
+    """One, two and three, which also go on from what one has stored."""
+    found = []
+    for processes in (1, 2, 3):
+        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
+        command += ["tests.contact.large", str(tmp_path)]
+        out = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
+        found.append(json.loads(out.stdout.splitlines()[-1]))
+    for other in found:
+        for name, values in other.items():
+            away = np.abs(np.array(values) - found[0][name.removeprefix("resumed ")]).max()
+            assert away < 1e-9, name
 
 
 REFUSED = {

@@ -44,6 +44,7 @@ def test_what_has_to_be_told_has_a_page():
         "materials",
         "results",
         "friction",
+        "large-strains",
         "restart",
         "parallel",
         "solvers",

@@ -1,7 +1,17 @@
 """Contact points, and the operators between them and the unknowns."""
 
-from pw_elements.contact.interface.build import nodal_interface
-from pw_elements.contact.interface.geometry import Trace, gathered_trace, sizes
-from pw_elements.contact.interface.mortar import Overlap, check_weights, whole_areas
-from pw_elements.contact.interface.nodes import free_columns, midpoints_around
+from pw_elements.contact.interface.build import (
+    check_weights,
+    free_columns,
+    midpoints_around,
+    nodal_interface,
+)
+from pw_elements.contact.interface.geometry import (
+    SIMPLICES,
+    Trace,
+    flat_facets,
+    gathered_trace,
+    sizes,
+)
+from pw_elements.contact.interface.mortar import Overlap, whole_areas
 from pw_elements.contact.interface.operators import RIGID, ROUND_OFF, Interface, NoContactStated

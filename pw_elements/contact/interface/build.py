@@ -1,34 +1,98 @@
-"""Interfaces whose points are nodes: against rigid surfaces, and between matching nodes."""
+"""Builders of interfaces: against rigid surfaces, between matching nodes, and of mortars."""
 
+import logging
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from dolfinx import fem
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import exterior_facet_indices
+from scipy.spatial import cKDTree
 
+from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
-from pw_elements.checks import answer, collective, field, is_number
-from pw_elements.contact.interface.mortar import mortar_points
-from pw_elements.contact.interface.nodes import BodyNodes, opposite_nodes, owned_nodes
-from pw_elements.contact.interface.operators import RIGID, Interface, Points
-from pw_elements.contact.model import (
-    Cone,
-    ContactPair,
-    DeformableSurface,
-    MatchingNodes,
-    Surface,
+from pw_elements.checks import answer, collective, field, is_number, listed
+from pw_elements.contact.interface.geometry import gathered_trace
+from pw_elements.contact.interface.mortar import Overlap
+from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
+from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
+from pw_elements.elasticity import Sibling, by_position, facets_between
+from pw_elements.spaces import (
+    Assembled,
+    Part,
+    SubSpace,
+    assemble_vector,
+    exterior_facets,
+    is_hybrid,
+    nodes_of,
 )
-from pw_elements.elasticity import Sibling
-from pw_elements.spaces import is_hybrid
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # What surfaces have one component of per dimension
 _VECTORS = ("point", "direction", "apex", "centre")
+# Cells at a time, to save memory
+_CELLS_AT_ONCE = 20_000
+# Largest distance of a node from where its counterpart should be, over the body's diagonal
+_MATCHING = 1e-6
+# Cosine up to which a normal is turned into a symmetry plane
+_NEARLY = 0.9
+# Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
+# with two quadratic facets a side
+_COINCIDE = 0.05
+# Mean edge of the slave over the master's, both where they face each other, that is much
+_COARSE = 3.0
+
+_logger = logging.getLogger("pw_elements.contact")
+
+
+@dataclass(frozen=True)
+class BodyNodes:
+    """Where the nodes of a body are, and which unknowns and equations they have."""
+
+    field: SubSpace  # the displacements among the unknowns
+    x: Array  # (nodes, dim), ghosts too
+    column: Indices  # (owned nodes, dim), as of `free_columns`
+    outward: Array  # (owned nodes, dim), integrated with the shape functions
+    beside: Array  # (nodes, dim), mean midpoint of the cells around
+    diagonal: float  # length of the bounding box's
+
+    @classmethod
+    def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
+        """Looks them up in a space with displacements under a reduction."""
+        field = SubSpace.displacements(space)
+        space, dim = field.space, space.mesh.geometry.dim
+        return cls(
+            field,
+            space.tabulate_dof_coordinates()[:, :dim],
+            free_columns(reduction.right)[field.owned],
+            _outward(space).reshape(-1, dim),
+            midpoints_around(space),
+            float(np.linalg.norm(extents(space.mesh.comm, space.mesh.geometry.x))),
+        )
+
+    @property
+    def space(self) -> fem.FunctionSpace:
+        """The space of the displacements alone."""
+        return self.field.space
+
+    def owned(self, whose: str, nodes: Part) -> npt.NDArray[np.int32]:
+        """Local numbers of the nodes that this process owns; refuses what names no nodes."""
+        given = nodes_of(self.space, whose, nodes)
+        return given[given < self.space.dofmap.index_map.size_local]
+
+    def refuse(self, node: npt.NDArray[np.int32], what: str) -> None:
+        """Raises a ValueError that names the positions of nodes, if there are any."""
+        places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
+        if len(places):
+            raise ValueError(f"contact nodes at {listed(places)} {what}")
 
 
 def nodal_interface(
@@ -42,10 +106,7 @@ def nodal_interface(
     The unknowns are coefficients where a sibling is given, and gaps are theirs.
 
     Raises:
-        ValueError: for no nodes, a node that does not exist, lies inside of the body, is in two
-            pairs or without counterpart, friction that is negative or not a number, a prescribed
-            normal displacement, a surface of another dimension, without gap or unit normal at a
-            node, or one that cuts the body.
+        ValueError: for what states no contact problem.
     """
     dim = space.mesh.geometry.dim
     if not is_hybrid(space) and space.dofmap.index_map_bs != dim:
@@ -59,9 +120,7 @@ def nodal_interface(
     for k, shape in enumerate(shapes):
         _check_dimension(k, shape, dim)
     body = BodyNodes.of(space, reduction)
-    found = [
-        owned_nodes(f"contact pair {k}", pair.nodes, body.space) for k, pair in enumerate(pairs)
-    ]
+    found = [body.owned(f"contact pair {k}", pair.nodes) for k, pair in enumerate(pairs)]
     with collective(space.mesh.comm):
         cones = [
             _cone(space.mesh.comm, k, pair, body.x[node])
@@ -75,8 +134,7 @@ def nodal_interface(
             points.append(of_pair)
             continue
         if isinstance(pair.surface, MatchingNodes):
-            whose = f"contact pair {k}, opposite side"
-            faced.append(owned_nodes(whose, pair.surface.nodes, body.space))
+            faced.append(body.owned(f"contact pair {k}, opposite side", pair.surface.nodes))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
         points.append(_points(body, node, cone, opposite))
     interfering = [pair.interference for pair in pairs]
@@ -85,6 +143,85 @@ def nodal_interface(
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     return interface
+
+
+def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
+    unique, times = np.unique(node, return_counts=True)
+    body.refuse(unique[times > 1], "belong to two contact pairs")
+    mesh = body.space.mesh
+    facet = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(facet, mesh.topology.dim)
+    facets = exterior_facet_indices(mesh.topology)
+    on_boundary = fem.locate_dofs_topological(body.space, facet, facets)
+    body.refuse(node[~np.isin(node, on_boundary)], "lie inside of the body, not on its boundary")
+    with collective(mesh.comm):
+        if np.any(body.column[node] < -1):
+            raise ValueError(
+                "the reduction combines the displacements of a contact node with others: it may "
+                "prescribe them or keep them"
+            )
+
+
+def _check_dimension(number: int, surface: Surface, dim: int) -> None:
+    vectors = {name: getattr(surface, name, None) for name in _VECTORS}
+    for name, vector in vectors.items():
+        if vector is not None and (size := np.size(vector)) != dim:
+            raise ValueError(
+                f"contact pair {number}: the {name} of its surface has {size} components in {dim}-D"
+            )
+
+
+def _cone(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Cone:
+    """What the law of friction says at positions (n, dim); local, for use under the guard."""
+    points = np.zeros((3, len(x)))
+    points[: x.shape[1]] = x.T
+    whose = f"the friction of contact pair {number}"
+    given = answer(comm, whose, pair.law.at, points) if len(x) else points[0]
+    if is_number(given):  # the same everywhere
+        given = np.full(len(x), given, dtype=float)
+    layout = "it takes points as columns (3, n) and gives (n,)"
+    return Cone([pair.law], [field(whose, given, (len(x),), layout)])
+
+
+def midpoints_around(space: fem.FunctionSpace) -> Array:
+    """Mean of the midpoints of the cells around each node, ghosts too: (nodes, dim)."""
+    mesh = space.mesh
+    dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+    sums = la.vector(space.dofmap.index_map, dim + 1)
+    sums.array[:] = 0.0
+    for first in range(0, owned, _CELLS_AT_ONCE):
+        some = slice(first, min(first + _CELLS_AT_ONCE, owned))
+        middle = mesh.geometry.x[cell_nodes(mesh)[some], :dim].mean(axis=1)
+        parts = np.concatenate([middle, np.ones((len(middle), 1))], axis=1)
+        cells = space.dofmap.list[some]
+        every = np.repeat(parts, cells.shape[1], axis=0)
+        np.add.at(sums.array.reshape(-1, dim + 1), cells.ravel(), every)
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+    values = sums.array.reshape(-1, dim + 1)
+    return np.asarray(values[:, :dim] / values[:, dim:])
+
+
+def free_columns(right: PETSc.Mat) -> Indices:
+    """Column of each owned row of R that is a row of the identity.
+
+    Empty rows (prescribed values) get -1, combinations -2.
+    """
+    indptr, indices, data = right.getValuesCSR()
+    count = np.diff(indptr)
+    column = np.where(count == 0, -1, -2).astype(np.int64)
+    single = np.flatnonzero(count == 1)
+    kept = single[data[indptr[single]] == 1.0]
+    column[kept] = indices[indptr[kept]]
+    return column
+
+
+def _outward(space: fem.FunctionSpace) -> Array:
+    """Outward normals of the owned nodes (nodes dim,), integrated with their shape functions."""
+    v = ufl.TestFunction(space)
+    normal = assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
+    # a view would keep the vector on the one process whose error holds these nodes
+    return np.array(normal.array_r)
 
 
 def _points(
@@ -112,34 +249,181 @@ def _points(
     )
 
 
-def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
-    unique, times = np.unique(node, return_counts=True)
-    body.refuse(unique[times > 1], "belong to two contact pairs")
-    body.refuse(node[~body.on_boundary[node]], "lie inside of the body, not on its boundary")
-    with collective(body.space.mesh.comm):
-        if np.any(body.column[node] < -1):
-            raise ValueError(
-                "the reduction combines the displacements of a contact node with others: it may "
-                "prescribe them or keep them"
+def opposite_nodes(
+    number: int,
+    matching: MatchingNodes,
+    node: npt.NDArray[np.int32],
+    theirs: npt.NDArray[np.int32],
+    rough: npt.NDArray[np.bool_],
+    body: BodyNodes,
+) -> Indices:
+    """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
+
+    `theirs` are nodes of the opposite side that this process owns, `rough` (m,) tells where there
+    is friction: it would be lost where a displacement is prescribed on the pair's own side only.
+    """
+    comm, dim = body.space.mesh.comm, body.x.shape[1]
+    offset = np.zeros(dim) if matching.offset is None else np.asarray(matching.offset, dtype=float)
+    if offset.shape != (dim,):
+        raise ValueError(f"contact pair {number}: its offset {offset.tolist()} is not {dim}-D")
+    first = body.space.dofmap.index_map.local_range[0]
+    known, place, held = (
+        np.concatenate(comm.allgather(values))
+        for values in (theirs + np.int64(first), body.x[theirs], body.column[theirs] == -1)
+    )
+    if not len(known):
+        raise ValueError(f"contact pair {number} has no opposite nodes: their marker holds nowhere")
+    distance, nearest = cKDTree(place).query(body.x[node] + offset)
+    body.refuse(node[distance > _MATCHING * body.diagonal], "face no node of the opposite side")
+    times = np.bincount(nearest, minlength=len(known))
+    comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
+    body.refuse(node[times[nearest] > 1], "face the same node of the opposite side")
+    alone = ((body.column[node] == -1) & ~held[nearest]).any(axis=1)
+    body.refuse(
+        node[alone & rough],
+        "have a prescribed displacement that their counterparts have not: exchange both sides",
+    )
+    return np.asarray(known[nearest])
+
+
+@dataclass(frozen=True)
+class InitialGap:
+    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
+
+    position: Array
+    initial: Array
+    direction: Array
+
+    def gap(self, x: Array) -> Array:
+        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
+        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
+
+    def normal(self, x: Array) -> Array:  # noqa: ARG002
+        """Averaged normals (m, dim), out of the master, wherever the points are."""
+        return self.direction
+
+
+def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+    """Raises ValueError for a stiffness (n, n) that is known to be tested with other weights.
+
+    They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
+    """
+    assembled = Assembled.of(K)
+    if assembled.form is None:
+        return
+    test = assembled.weights
+    element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
+    quarter = np.eye(1, space.mesh.topology.dim) / 4
+    if assembled.sibling is not None or element.tabulate(0, quarter).min() < -0.1:
+        raise ValueError(
+            "a deformable surface hands on forces of piecewise-linear weights, with which the "
+            "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"
+        )
+
+
+def mortar_points(
+    number: int,
+    master: DeformableSurface,
+    node: npt.NDArray[np.int32],
+    cone: Cone,
+    body: BodyNodes,
+) -> tuple[Points, InitialGap]:
+    """Points at the owned nodes (m,) of a pair whose opposite is another part of the boundary.
+
+    Points that face nothing have an infinite gap.
+    """
+    space, comm = body.space, body.space.mesh.comm
+    own = node + np.int64(space.dofmap.index_map.local_range[0])
+    every = np.concatenate(comm.allgather(own))
+    one = gathered_trace(space, facets_between(space, every))
+    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
+    if not len(other.node):
+        raise ValueError(
+            f"contact pair {number} has no opposite facets: their marker holds nowhere"
+        )
+    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
+    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
+    overlap = Overlap.of(one, other, own, master.revolved)
+    if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
+        behind = Overlap.of(one, replace(other, outward=-other.outward), own, master.revolved)
+        raise ValueError(
+            f"contact pair {number}: no part of its facets faces the opposite part, "
+            + (
+                "which looks the same way: one of both is on the far side of its body"
+                if comm.allreduce(len(behind.measure), MPI.SUM)
+                else "nothing of which lies across from them: they do not overlap"
             )
+        )
+    coarseness = overlap.mean_edge(overlap.ratio, comm)
+    if comm.rank == 0 and coarseness > _COARSE:
+        _logger.warning(
+            "contact pair %d: its facets are %.1f times as large as those they face; let the finer "
+            "mesh be the pair's, or the opposite body's forces may have either sign",
+            number,
+            coarseness,
+        )
+    m, dim = len(node), body.x.shape[1]
+    nodes = body.field.sizes[1] // dim
+    area = overlap.per_point(np.ones(len(overlap.measure)), m)
+    faced = area > 0
+    scale = sp.diags_array(1 / np.where(faced, area, 1.0))
+    unit = sp.csr_array((np.ones(m), (np.arange(m), own)), (m, nodes))
+    alone = sp.diags_array(np.where(faced, 0.0, 1.0)) @ unit
+    (at1, N1), (at2, N2), (at3, w2) = overlap.functions
+    motion = overlap.integrals(overlap.weight, at1, N1, (m, nodes))
+    motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
+    force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
+    meets = overlap.integrals(overlap.weight, at3, w2, (m, nodes))[:, other.nodes] > 0
+    lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
+    body.refuse(
+        node[faced & cone.rough & lone.any(axis=1)],
+        "have a prescribed displacement that none of the nodes which they face has, so that these "
+        "would get no friction: exchange both sides",
+    )
+    into = -one.normals(own)
+    into = _in_symmetry_planes(into, body.column[node] >= 0)
+    apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
+    gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
+    if master.coincident:
+        edge = overlap.mean_edge(overlap.size, comm)
+        body.refuse(
+            node[faced & (np.abs(gap) > _COINCIDE * edge)],
+            "lie away from the opposite side, farther than meshes of one surface do (coincident)",
+        )
+        gap = np.where(faced, 0.0, np.inf)
+    axes = sp.eye_array(dim)
+    at = other.positions_of_nodes()
+    points = Points(
+        body.x[node],
+        cone,
+        body.column[node],
+        sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
+        sp.csr_matrix(sp.kron(force, axes)),
+        body.beside[node],
+        body.outward[node],
+        own,
+        np.full_like(own, DEFORMABLE),
+        other.nodes[by_position(at)],
+    )
+    return points, InitialGap(body.x[node], gap, into)
 
 
-def _check_dimension(number: int, surface: Surface, dim: int) -> None:
-    vectors = {name: getattr(surface, name, None) for name in _VECTORS}
-    for name, vector in vectors.items():
-        if vector is not None and (size := np.size(vector)) != dim:
-            raise ValueError(
-                f"contact pair {number}: the {name} of its surface has {size} components in {dim}-D"
-            )
+def _prescribed(node: Indices, body: BodyNodes) -> npt.NDArray[np.bool_]:
+    """Which displacements (n, dim) of global nodes are, of whichever process."""
+    first, last = body.space.dofmap.index_map.local_range
+    mine = (node >= first) & (node < last)
+    held = np.zeros((len(node), body.x.shape[1]), dtype=np.int8)
+    held[mine] = body.column[node[mine] - first] == -1
+    body.space.mesh.comm.Allreduce(MPI.IN_PLACE, held, MPI.MAX)
+    return held > 0
 
 
-def _cone(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Cone:
-    """What the law of friction says at positions (n, dim); local, for use under the guard."""
-    points = np.zeros((3, len(x)))
-    points[: x.shape[1]] = x.T
-    whose = f"the friction of contact pair {number}"
-    given = answer(comm, whose, pair.law.at, points) if len(x) else points[0]
-    if is_number(given):  # the same everywhere
-        given = np.full(len(x), given, dtype=float)
-    layout = "it takes points as columns (3, n) and gives (n,)"
-    return Cone([pair.law], [field(whose, given, (len(x),), layout)])
+def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:
+    """Normals (n, dim) without components that are prescribed, if these are small.
+
+    On a symmetry plane the facets of one side alone are averaged.
+    """
+    inside = np.where(free, normal, 0.0)
+    length = np.linalg.norm(inside, axis=1, keepdims=True)
+    near = length > _NEARLY
+    return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))

@@ -13,8 +13,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
-from dolfinx.mesh import exterior_facet_indices
+from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.elasticity import facet_nodes
@@ -29,12 +28,13 @@ _PARTS = {
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
+# Corners of the simplices that make up a sub-facet with so many
+SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 _EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
 # Places of a quadrilateral's nodes
 _PLACES = np.array(
     [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
 )
-_NINE = 9
 
 # Overlaps of less than this part of the slave's sub-facet are none
 _NO_OVERLAP = 1e-12
@@ -49,17 +49,11 @@ _STILL = 1e-14
 
 @dataclass(frozen=True)
 class Trace:
-    """A part of the boundary, gathered from all processes: facets (f) with k nodes each.
+    """A part of the boundary, gathered from all processes: facets (f) with k nodes each."""
 
-    Args:
-        node: (f, k), global numbers, vertices first, then the middles of edges.
-        x: (f, k, dim).
-        outward: (f, dim), unit normals of the facets, seen as flat.
-    """
-
-    node: Indices
-    x: Array
-    outward: Array
+    node: Indices  # (f, k), global; vertices first, then the middles of edges
+    x: Array  # (f, k, dim)
+    outward: Array  # (f, dim), unit normals of the facets, seen as flat
 
     @property
     def dim(self) -> int:
@@ -84,7 +78,7 @@ class Trace:
     def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
         """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
         facet, which = np.divmod(part, len(self._local))
-        if self.node.shape[1] == _NINE:
+        if self.node.shape[1] == len(_PLACES):
             at = np.einsum("qa,qab->qb", place, _PLACES[self._local][which])[:, None]
             ends = np.where(_PLACES == 0, (1 - at) * (1 - 2 * at), at * (2 * at - 1))
             values = np.where(_PLACES == 0.5, 4 * at * (1 - at), ends)
@@ -105,18 +99,14 @@ class Trace:
         """Numbers (n,) of the nodes, sorted."""
         return np.unique(self.node)
 
-    @cached_property
-    def averaged(self) -> Array:
-        """Unit normals (n, dim) of the nodes, means over the sub-facets around by their sizes."""
-        nodes, corners, normal = self.parts
-        of = np.searchsorted(self.nodes, nodes)
+    def normals(self, nodes: Indices) -> Array:
+        """Unit normals (..., dim) of nodes (...), means over the sub-facets around by sizes."""
+        around, corners, normal = self.parts
+        of = np.searchsorted(self.nodes, around)
         sums = np.zeros((len(self.nodes), self.dim))
         np.add.at(sums, of, (normal * sizes(corners)[:, None])[:, None, :])
-        return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
-
-    def normals(self, nodes: Indices) -> Array:
-        """Averaged normals (..., dim) of nodes (...)."""
-        return self.averaged[np.searchsorted(self.nodes, nodes)]
+        sums /= np.linalg.norm(sums, axis=1, keepdims=True)
+        return sums[np.searchsorted(self.nodes, nodes)]
 
     def positions_of_nodes(self) -> Array:
         """Positions (n, dim) of the nodes."""
@@ -126,31 +116,25 @@ class Trace:
 
 def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> Trace:
     """Exterior facets (local numbers) of all processes."""
+    nodes, x, outward = flat_facets(space, facets)
+    number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+    parts = zip(*space.mesh.comm.allgather((number, x, outward)), strict=True)
+    return Trace(*(np.concatenate(part) for part in parts))
+
+
+def flat_facets(
+    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.int32], Array, Array]:
+    """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
     mesh = space.mesh
     dim = mesh.topology.dim
     nodes = facet_nodes(space, facets)
     behind = mesh.topology.connectivity(dim - 1, dim)
-    cells = space.dofmap.list[behind.array[behind.offsets[facets]]]
     x = space.tabulate_dof_coordinates()[:, :dim]
-    inside = x[cells].mean(axis=1)
-    number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
+    inside = x[space.dofmap.list[behind.array[behind.offsets[facets]]]].mean(axis=1)
     flat = across(x[nodes[:, :dim]])
     flat *= np.sign(np.sum(flat * (x[nodes[:, 0]] - inside), axis=1))[:, None]
-    parts = zip(*mesh.comm.allgather((number, x[nodes], flat)), strict=True)
-    return Trace(*(np.concatenate(part) for part in parts))
-
-
-def facets_of(space: fem.FunctionSpace, node: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Exterior facets of owned cells all of whose nodes are among the owned ones (m,) of a pair."""
-    chosen = la.vector(space.dofmap.index_map, 1)
-    chosen.array[:] = 0.0
-    chosen.array[node] = 1.0
-    chosen.scatter_forward()
-    topology = space.mesh.topology
-    topology.create_connectivity(topology.dim - 1, topology.dim)
-    facets = exterior_facet_indices(topology)
-    kept = chosen.array[facet_nodes(space, facets)].all(axis=1)
-    return np.asarray(facets[kept], dtype=np.int32)
+    return nodes, x[nodes], flat
 
 
 def across(corners: Array) -> Array:
@@ -165,10 +149,10 @@ def across(corners: Array) -> Array:
 
 def sizes(corners: Array) -> Array:
     """Lengths or areas (n,), of quadrilaterals those of their projection along the normal."""
-    edges = _spanning(corners)
-    if corners.shape[2] == 2:
-        return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
-    return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2)
+    if corners.shape[1] == 4:
+        one, other = np.swapaxes(_spanning(corners), 0, 1)
+        return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)
+    return stretches(corners) / (corners.shape[1] - 1)
 
 
 def _spanning(corners: Array) -> Array:
@@ -180,21 +164,13 @@ def _spanning(corners: Array) -> Array:
 
 @dataclass(frozen=True)
 class Segments:
-    """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges.
+    """Overlaps (q), simplices of dimension d, in coordinates along the slave's first edges."""
 
-    Args:
-        slave: (q,), number of the slave's sub-facet.
-        master: (q,), of the master's.
-        corners: (q, d + 1, d).
-        on_slave: (q, k, d), corners of the slave's sub-facet.
-        on_master: (q, k, d), of the master's, projected.
-    """
-
-    slave: Indices
-    master: Indices
-    corners: Array
-    on_slave: Array
-    on_master: Array
+    slave: Indices  # (q,), number of the slave's sub-facet
+    master: Indices  # (q,)
+    corners: Array  # (q, d + 1, d)
+    on_slave: Array  # (q, k, d), corners of the slave's sub-facet
+    on_master: Array  # (q, k, d), of the master's, projected
 
     @property
     def size(self) -> Array:
@@ -204,7 +180,7 @@ class Segments:
     @property
     def share(self) -> Array:
         """Sizes (q,) over that of the slave's sub-facet."""
-        whole = sum(_simplex(self.on_slave[:, part]) for part in _simplices(self.on_slave))
+        whole = sum(_simplex(self.on_slave[:, part]) for part in SIMPLICES[self.on_slave.shape[1]])
         return np.asarray(self.size / whole)
 
     def weights(self, rule: Array) -> tuple[Array, Array]:
@@ -214,20 +190,18 @@ class Segments:
 
 
 def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segments:
-    """Overlaps of two surfaces.
+    """Overlaps of two surfaces, given by the corners (s, k, dim) of their sub-facets.
 
-    Args:
-        slave: (s, k, dim), corners of its sub-facets.
-        master: (m, k, dim).
-        along: (s, dim), unit directions of projection, out of the slave's body.
-        outward: (m, dim), unit normals out of the master's.
+    They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
+    are the master's unit normals.
     """
     one, other = _candidates(slave, master)
     facing = np.sum(along[one] * outward[other], axis=1) < _FACING
     one, other = one[facing], other[facing]
-    basis = _basis(slave, along)[one]
-    on_slave, on_master = (
-        _seen(basis, slave[one, :1], part) for part in (slave[one], master[other])
+    edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
+    basis = np.concatenate([edges, along[:, None]], axis=1)[one]
+    on_slave, on_master = (  # the last coordinate is along the projection
+        _along(basis, part - slave[one, :1])[..., :-1] for part in (slave[one], master[other])
     )
     pair, corners = (_of_lines if slave.shape[2] == 2 else _of_polygons)(on_slave, on_master)
     found = Segments(one[pair], other[pair], corners, on_slave[pair], on_master[pair])
@@ -238,13 +212,12 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
 def weights(corners: Array, places: Array) -> Array:
     """Linear or bilinear functions (q, g, k) of corners (q, k, d), at places (q, g, d)."""
     k, d = corners.shape[1:]
-    edges = np.swapaxes(corners[:, 1 : d + 1] - corners[:, :1], 1, 2)
-    away = np.swapaxes(places - corners[:, :1], 1, 2)
-    inner = np.swapaxes(np.linalg.solve(edges, away), 1, 2)
+    edges = corners[:, 1 : d + 1] - corners[:, :1]
+    inner = _along(edges, places - corners[:, :1])
     if k == d + 1:
         return np.concatenate([1 - inner.sum(axis=2, keepdims=True), inner], axis=2)
     apart = corners[:, 3] - corners[:, 2] - corners[:, 1] + corners[:, 0]
-    twist = np.linalg.solve(edges, apart[:, :, None])[:, None, :, 0]
+    twist = _along(edges, apart[:, None])
     u, v = inner[..., 0].copy(), inner[..., 1].copy()
     for _ in range(_NEWTON_STEPS):  # u + twist_0 u v and v + twist_1 u v are known
         wrong = [at + twist[..., i] * u * v - inner[..., i] for i, at in enumerate((u, v))]
@@ -261,12 +234,20 @@ def weights(corners: Array, places: Array) -> Array:
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=2)
 
 
-def stretches(corners: Array, weight: Array) -> Array:
-    """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights."""
+def _along(edges: Array, away: Array) -> Array:
+    """Coordinates (q, g, d) of vectors (q, g, d) along edges, the rows of (q, d, d)."""
+    return np.swapaxes(np.linalg.solve(*(np.swapaxes(x, 1, 2) for x in (edges, away))), 1, 2)
+
+
+def stretches(corners: Array, weight: Array | None = None) -> Array:
+    """Lengths or areas (q,) per unit of the reference cell, of cells (q, k, dim) at weights.
+
+    Simplices have the same everywhere.
+    """
     edges = corners[:, 1:3] - corners[:, :1]
     if corners.shape[1] == 2:
         return np.asarray(np.linalg.norm(edges[:, 0], axis=1))
-    if corners.shape[1] == 4:
+    if weight is not None and corners.shape[1] == 4:
         other = corners[:, 3:] - corners[:, [2, 1]]
         across = np.stack([weight[:, 2:].sum(axis=1), weight[:, 1::2].sum(axis=1)], axis=1)
         edges = edges + across[:, :, None] * (other - edges)
@@ -288,25 +269,6 @@ def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
     found = tree.query_ball_point(middles, reach)
     one = np.repeat(np.arange(len(slave)), [len(near) for near in found])
     return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-
-
-def _basis(slave: Array, along: Array) -> Array:
-    """Columns (s, dim, dim): the first edges of sub-facets, and the direction of projection."""
-    dim = slave.shape[2]
-    edges = np.swapaxes(slave[:, 1:dim] - slave[:, :1], 1, 2)
-    return np.concatenate([edges, along[:, :, None]], axis=2)
-
-
-def _seen(basis: Array, origin: Array, corners: Array) -> Array:
-    """Coordinates (n, k, d) of corners (n, k, dim), projected along the last of the basis."""
-    away = np.swapaxes(corners - origin, 1, 2)
-    return np.swapaxes(np.linalg.solve(basis, away)[:, :-1], 1, 2)
-
-
-def _simplices(corners: Array) -> list[list[int]]:
-    """Corners of the simplices that make up a cell (q, k, d)."""
-    k, d = corners.shape[1:]
-    return [list(range(k))] if k == d + 1 else [[0, 1, 3], [0, 3, 2]]
 
 
 def _simplex(corners: Array) -> Array:

@@ -44,32 +44,16 @@ The duals of straight sub-edges and flat sub-triangles that are covered all are 
 4 w - 1 (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
 """
 
-import logging
 from dataclasses import dataclass
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import basix
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from dolfinx import fem
 
-from pw_elements.contact.interface.geometry import (
-    Segments,
-    Trace,
-    facets_of,
-    gathered_trace,
-    segments,
-    sizes,
-    stretches,
-)
-from pw_elements.contact.interface.nodes import BodyNodes
-from pw_elements.contact.interface.operators import DEFORMABLE, Points
-from pw_elements.contact.model import Cone, DeformableSurface
-from pw_elements.elasticity import by_position
-from pw_elements.spaces import Assembled, exterior_facets, is_hybrid
+from pw_elements.contact.interface.geometry import Trace, segments, sizes, stretches
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -84,47 +68,29 @@ _TWISTED_DEGREE = 10
 # Difference of opposite sides of parallelograms, over their size
 _PARALLEL = 1e-9
 
-# Cosine up to which a normal is turned into a symmetry plane
-_NEARLY = 0.9
-# Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
-# with two quadratic facets a side
-_COINCIDE = 0.05
-# Mean edge of the slave over the master's, both where they face each other, that is much
-_COARSE = 3.0
-
-_logger = logging.getLogger("pw_elements.contact")
-
 
 @dataclass(frozen=True)
 class Overlap:
-    """Quadrature points (q) of what the slave's sub-facets at own points have of the master.
+    """Quadrature points (q) of what the slave's sub-facets at own points have of the master."""
 
-    Args:
-        point: (q, k), numbers of the points that the sub-facet's corners are, -1 for others'.
-        weight: (q, k), their weights.
-        dual: (q, k), the duals of these.
-        measure: (q,), lengths or areas.
-        size: (q,), of the slave's sub-facet.
-        ratio: (q,), size of the slave's sub-facet over the master's.
-        apart: (q, dim), from the master to the slave.
-        functions: nodes (q, n) and values (q, n) of the slave's and the master's quadratic
-            functions, and of the master's weights.
-    """
-
-    point: Indices
-    weight: Array
-    dual: Array
-    measure: Array
-    size: Array
-    ratio: Array
-    apart: Array
+    point: Indices  # (q, k), of the sub-facet's corners, -1 for those of other processes
+    weight: Array  # (q, k)
+    dual: Array  # (q, k)
+    measure: Array  # (q,), lengths or areas
+    size: Array  # (q,), of the slave's sub-facet
+    ratio: Array  # (q,), size of the slave's sub-facet over the master's
+    apart: Array  # (q, dim), from the master to the slave
+    # nodes (q, n) and values (q, n) of both quadratic functions, and of the master's weights
     functions: tuple[tuple[Indices, Array], ...]
 
     @classmethod
     def of(cls, one: Trace, other: Trace, own: Indices, revolved: bool) -> "Overlap":
         """Makes the overlap of both traces, for points of global numbers `own` (m,)."""
         (nodes, corners, _), (their_nodes, their_corners, outward) = one.parts, other.parts
-        found, mine = overlaps(one, other, own, outward)
+        mine = np.flatnonzero(np.isin(nodes, own).any(axis=1))
+        along = one.normals(nodes[mine]).mean(axis=1)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        found = segments(corners[mine], their_corners, along, outward)
         order = np.argsort(own)
         place = np.searchsorted(own, nodes, sorter=order)
         point = order[np.minimum(place, len(own) - 1)] if len(own) else np.zeros_like(nodes)
@@ -149,15 +115,9 @@ class Overlap:
         functions = ((at1, N1), (at2, N2), (their_nodes[master], w2))
         return cls(point[slave], w1, dual, measure, size, size / theirs, x1 - x2, functions)
 
-    def edge(self, comm: MPI.Comm) -> float:
-        """Mean length of the slave's sub-facets, or root of their areas, of all processes."""
-        lengths = self.size ** (1 / (self.apart.shape[1] - 1))
-        total = comm.allreduce(np.array([self.measure @ lengths, self.measure.sum()]), MPI.SUM)
-        return float(total[0] / total[1])
-
-    def coarseness(self, comm: MPI.Comm) -> float:
-        """Mean of the slave's edges over the master's, of all processes."""
-        edges = self.ratio ** (1 / (self.apart.shape[1] - 1))
+    def mean_edge(self, size: Array, comm: MPI.Comm) -> float:
+        """Mean of lengths, or of roots of areas, (q,), of all processes."""
+        edges = size ** (1 / (self.apart.shape[1] - 1))
         total = comm.allreduce(np.array([self.measure @ edges, self.measure.sum()]), MPI.SUM)
         return float(total[0] / total[1])
 
@@ -175,25 +135,6 @@ class Overlap:
         known = row >= 0
         place = (row[known], np.broadcast_to(column[:, None], part.shape)[known])
         return sp.csr_array(sp.coo_array((part[known], place), shape))
-
-
-def overlaps(one: Trace, other: Trace, own: Indices, outward: Array) -> tuple[Segments, Indices]:
-    """What the slave's sub-facets at own points (m,) have of the master.
-
-    Args:
-        one: the slave.
-        other: the master.
-        own: numbers of nodes.
-        outward: (s, dim), normals of the master's sub-facets.
-
-    Returns:
-        Overlaps, and numbers of the slave's sub-facets which those of `Segments.slave` count.
-    """
-    nodes, corners, _ = one.parts
-    mine = np.flatnonzero(np.isin(nodes, own).any(axis=1))
-    normal = one.normals(nodes[mine]).mean(axis=1)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return segments(corners[mine], other.parts[1], normal, outward), mine
 
 
 def whole_areas(trace: Trace, revolved: bool) -> Array:
@@ -230,157 +171,3 @@ def _duals(part: Indices, weight: Array, measure: Array) -> Array:
     D = M.sum(axis=2)
     inverse = np.linalg.inv(M)
     return np.asarray(np.einsum("qa,qab,qb->qa", D[of], inverse[of], weight))
-
-
-@dataclass(frozen=True)
-class InitialGap:
-    """The gap (m,) at a mortar's own points, which change with the master's rigid motion alone."""
-
-    position: Array
-    initial: Array
-    direction: Array
-
-    def gap(self, x: Array) -> Array:
-        """Gap (m,) of the points (m, dim), as they were or shifted all alike."""
-        return self.initial + np.sum(self.direction * (x - self.position), axis=1)
-
-    def normal(self, x: Array) -> Array:  # noqa: ARG002
-        """Averaged normals (m, dim), out of the master, wherever the points are."""
-        return self.direction
-
-
-def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
-    """Raises ValueError for a stiffness (n, n) that is known to be tested with other weights.
-
-    They are told by their values a quarter along an edge, where quadratic ones are down to -1/8.
-    """
-    assembled = Assembled.of(K)
-    if assembled.form is None:
-        return
-    test = assembled.weights
-    element = (test.sub([0]) if is_hybrid(space) else test).element.basix_element
-    quarter = np.eye(1, space.mesh.topology.dim) / 4
-    if assembled.sibling is not None or element.tabulate(0, quarter).min() < -0.1:
-        raise ValueError(
-            "a deformable surface hands on forces of piecewise-linear weights, with which the "
-            "stiffness is not made: take Spaces.petrov_galerkin or Spaces.hybrid"
-        )
-
-
-def mortar_points(
-    number: int,
-    master: DeformableSurface,
-    node: npt.NDArray[np.int32],
-    cone: Cone,
-    body: BodyNodes,
-) -> tuple[Points, InitialGap]:
-    """Points at the owned nodes of a pair whose opposite is another part of the boundary.
-
-    Points that face nothing have an infinite gap.
-
-    Args:
-        number: of the pair, for messages.
-        master: the opposite part.
-        node: (m,), owned nodes of the pair.
-        cone: of friction.
-        body: whose nodes they are.
-
-    Raises:
-        ValueError: if a node belongs to no facet whose nodes are all in the pair, the opposite part
-            has no facets, both parts share a node, no part of the pair's facets faces the
-            opposite part, friction at supports would be lost, or sides that are to coincide do not.
-    """
-    space, comm = body.space, body.space.mesh.comm
-    own = node + np.int64(space.dofmap.index_map.local_range[0])
-    one = gathered_trace(space, facets_of(space, node))
-    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
-    if not len(other.node):
-        raise ValueError(
-            f"contact pair {number} has no opposite facets: their marker holds nowhere"
-        )
-    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
-    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
-    overlap = Overlap.of(one, other, own, master.revolved)
-    if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        behind = overlaps(one, other, own, -other.parts[2])[0]
-        raise ValueError(
-            f"contact pair {number}: no part of its facets faces the opposite part, "
-            + (
-                "which looks the same way: one of both is on the far side of its body"
-                if comm.allreduce(len(behind.share), MPI.SUM)
-                else "nothing of which lies across from them: they do not overlap"
-            )
-        )
-    coarseness = overlap.coarseness(comm)
-    if comm.rank == 0 and coarseness > _COARSE:
-        _logger.warning(
-            "contact pair %d: its facets are %.1f times as large as those they face; let the finer "
-            "mesh be the pair's, or the opposite body's forces may have either sign",
-            number,
-            coarseness,
-        )
-    m, dim = len(node), body.x.shape[1]
-    nodes = body.field.sizes[1] // dim
-    area = overlap.per_point(np.ones(len(overlap.measure)), m)
-    faced = area > 0
-    scale = sp.diags_array(1 / np.where(faced, area, 1.0))
-    unit = sp.csr_array((np.ones(m), (np.arange(m), own)), (m, nodes))
-    alone = sp.diags_array(np.where(faced, 0.0, 1.0)) @ unit
-    (at1, N1), (at2, N2), (at3, w2) = overlap.functions
-    motion = overlap.integrals(overlap.weight, at1, N1, (m, nodes))
-    motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
-    force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
-    meets = overlap.integrals(overlap.weight, at3, w2, (m, nodes))[:, other.nodes] > 0
-    lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
-    body.refuse(
-        node[faced & cone.rough & lone.any(axis=1)],
-        "have a prescribed displacement that none of the nodes which they face has, so that these "
-        "would get no friction: exchange both sides",
-    )
-    into = -one.normals(own)
-    into = _in_symmetry_planes(into, body.column[node] >= 0)
-    apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
-    gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
-    if master.coincident:
-        edge = overlap.edge(comm)
-        body.refuse(
-            node[faced & (np.abs(gap) > _COINCIDE * edge)],
-            "lie away from the opposite side, farther than meshes of one surface do (coincident)",
-        )
-        gap = np.where(faced, 0.0, np.inf)
-    axes = sp.eye_array(dim)
-    at = other.positions_of_nodes()
-    points = Points(
-        body.x[node],
-        cone,
-        body.column[node],
-        sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
-        sp.csr_matrix(sp.kron(force, axes)),
-        body.beside[node],
-        body.outward[node],
-        own,
-        np.full_like(own, DEFORMABLE),
-        other.nodes[by_position(at)],
-    )
-    return points, InitialGap(body.x[node], gap, into)
-
-
-def _prescribed(node: Indices, body: BodyNodes) -> npt.NDArray[np.bool_]:
-    """Which displacements (n, dim) of global nodes are, of whichever process."""
-    first, last = body.space.dofmap.index_map.local_range
-    mine = (node >= first) & (node < last)
-    held = np.zeros((len(node), body.x.shape[1]), dtype=np.int8)
-    held[mine] = body.column[node[mine] - first] == -1
-    body.space.mesh.comm.Allreduce(MPI.IN_PLACE, held, MPI.MAX)
-    return held > 0
-
-
-def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:
-    """Normals (n, dim) without components that are prescribed, if these are small.
-
-    On a symmetry plane the facets of one side alone are averaged.
-    """
-    inside = np.where(free, normal, 0.0)
-    length = np.linalg.norm(inside, axis=1, keepdims=True)
-    near = length > _NEARLY
-    return np.asarray(np.where(near, inside / np.where(near, length, 1.0), normal))

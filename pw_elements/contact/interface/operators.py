@@ -10,13 +10,10 @@ rigid surfaces, whose translations the law sees apart; the opposite body's displ
 nodes match. Nodal interfaces have H = G^T, for the new element too: its nodal equations are
 weighted, its nodal displacements are not.
 
-What of it belongs to a pair is `Points`, which builders make.
-
-A mortar interface joins by another builder of `Points`: G has the weighted gap integrals in its
-rows, H the integrals of the multipliers' duals against the weights of both bodies. What the rest
-relies on is that each component of a point's force has one equation, `Points.equation`, in which
-no other force appears, so that the force can be read from it; and that G's unit times H's is a
-stiffness over K's, by which the law's scale is found. Law, kinematics and loop see points only.
+Builders make the `Points` of a pair. Of a mortar's, G has the weighted gap integrals in its rows,
+H the integrals of the multipliers' duals against the weights of both bodies. What the rest relies
+on is that the force can be read from `Points.equation`, and that G's unit times H's is a stiffness
+over K's, by which the law's scale is found. Law, kinematics and loop see points only.
 """
 
 from collections.abc import Sequence
@@ -57,35 +54,23 @@ _OUTWARDS = 0.1
 
 @dataclass(frozen=True)
 class Points:
-    """The contact points (m) of one pair that belong to this process.
+    """The contact points (m) of one pair that belong to this process."""
 
-    Args:
-        position: (m, dim), undeformed.
-        cone: of friction.
-        equation: (m, dim), number of the reduced equation that holds this component of the
-            point's force and of no other; -1 where none does: the law is not stated there. It
-            is owned by this process.
-        motion: (m dim, n), rows of G, for the displacements alone.
-        force: (m dim, n), columns of H, transposed, likewise.
-        beside: (m, dim), mean of the midpoints of the cells around: tells points apart that
-            coincide, such as those of two bodies that touch.
-        outward: (m, dim), direction of the body's outward normal; zero where there is none.
-        node: (m,), global number of the node that the point is, or whose force it has.
-        faced: (m,), global number of the node that it faces; `RIGID` or `DEFORMABLE` where it
-            faces a surface.
-        opposite: (k,), global numbers of the nodes of a deformable surface, of all processes, in
-            the order of `by_position`.
-    """
-
-    position: Array
+    position: Array  # (m, dim), undeformed
     cone: Cone
+    # (m, dim), the reduced equation, owned by this process, that holds this component of the
+    # point's force and of no other; -1 where none does: the law is not stated there
     equation: Indices
-    motion: sp.csr_matrix
-    force: sp.csr_matrix
+    motion: sp.csr_matrix  # (m dim, n), rows of G, for the displacements alone
+    force: sp.csr_matrix  # (m dim, n), columns of H, transposed, likewise
+    # (m, dim), mean midpoint of the cells around: tells points apart that coincide, such as those
+    # of two bodies that touch
     beside: Array
-    outward: Array
-    node: Indices
+    outward: Array  # (m, dim), the body's outward normal; zero where there is none
+    node: Indices  # (m,), global number of the node that the point is, or whose force it has
+    # (m,), global number of the node that it faces, or `RIGID` or `DEFORMABLE`
     faced: Indices
+    # (k,), global numbers of a deformable surface's nodes, of all processes, `by_position`
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
@@ -94,19 +79,7 @@ class NoContactStated(ValueError):
 
 
 class Interface:
-    """All contact points of this process (m of them), pair after pair.
-
-    Attributes:
-        comm: of the space.
-        surfaces: one per pair, at its initial place.
-        pair: (m,), number of each point's pair.
-        position, equation, node, faced: as in `Points`.
-        cone: of friction, at all of them.
-        opposite: as in `Points`, per pair.
-        motion: G.
-        force: H.
-        field: the displacements among the unknowns.
-    """
+    """All contact points of this process (m of them), pair after pair, as in `Points`."""
 
     def __init__(
         self,
@@ -118,12 +91,12 @@ class Interface:
     ) -> None:
         """Puts pairs together, whose points move with displacements among the unknowns (n,).
 
-        Surfaces may cut the body in pairs that are `interfering`. Unknowns are displacements, or
-        coefficients which `inverse`, (n, n), makes of these.
+        Surfaces, at their initial places, may cut the body in pairs that are `interfering`.
+        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these.
         """
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
-        self.surfaces = list(surfaces)
+        self.surfaces, self.pairs = list(surfaces), len(surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         self.position = np.concatenate([part.position for part in points])
@@ -141,17 +114,10 @@ class Interface:
         self._inverse = inverse
         self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
 
-    @property
-    def pairs(self) -> int:
-        """Number of contact pairs."""
-        return len(self.surfaces)
-
     def check(self, diagonal: float) -> None:
         """Raises ValueError for what states no contact problem.
 
-        No points, friction that is negative or not a number, a prescribed normal displacement,
-        a surface without gap or unit normal at a point, one that cuts the body (of the size
-        `diagonal`) or pushes it outwards.
+        `diagonal` is the size of the body, against which penetrations are measured.
         """
         for k in range(self.pairs):
             if self.comm.allreduce(int(np.sum(self.pair == k)), MPI.SUM) == 0:
@@ -253,12 +219,7 @@ class Interface:
     @cached_property
     def extent(self) -> float:
         """Largest extent of the points along an axis."""
-        low, high = np.full(self.position.shape[1], np.inf), np.full(self.position.shape[1], np.inf)
-        if len(self.position):
-            low, high = self.position.min(axis=0), -self.position.max(axis=0)
-        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
-        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MIN)
-        return float((-high - low).max())
+        return float(extents(self.comm, self.position).max())
 
     def on_opposite(self, pair: int, force: Array) -> Array:
         """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes."""
@@ -281,23 +242,14 @@ class Interface:
         return translations[self.pair]
 
     def gaps(self, translations: Array | None) -> Array:
-        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it."""
-        gap = self._by_pair("gap", translations, ())
-        return gap if self._inverse is None else self._of_coefficients(gap, translations)
+        """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it.
 
-    def normals(self, translations: Array | None) -> Array:
-        """Normals (m, dim) of the translated surfaces at the undeformed body."""
-        dim = self.position.shape[1]
-        return self._by_pair("normal", translations, (dim,))
-
-    def _of_coefficients(self, gap: Array, translations: Array | None) -> Array:
-        """Gaps (m,) which coefficients close where displacements close the given ones.
-
-        A node keeps its own where one of those whose displacements its coefficient is made of
-        faces nothing.
+        Coefficients close what they make of the displacements' gaps. A node keeps its own where one
+        of those whose displacements its coefficient is made of faces nothing.
         """
-        inverse = self._inverse
-        assert inverse is not None
+        gap, inverse = self._by_pair("gap", translations, ()), self._inverse
+        if inverse is None:
+            return gap
         normal = self.normals(translations)
         faced = np.isfinite(gap)
         first, last = inverse.getOwnershipRange()
@@ -314,6 +266,11 @@ class Interface:
         whole = np.abs(transformed(np.tile(faced[:, None], dim))[:, 0] - 1) < _UNIT
         away = transformed(np.where(faced, gap, 0.0)[:, None] * normal)
         return np.where(whole, np.sum(away * normal, axis=1), gap)
+
+    def normals(self, translations: Array | None) -> Array:
+        """Normals (m, dim) of the translated surfaces at the undeformed body."""
+        dim = self.position.shape[1]
+        return self._by_pair("normal", translations, (dim,))
 
     def _by_pair(
         self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]
@@ -338,3 +295,10 @@ def _matrix(rows: sp.csr_matrix, field: SubSpace) -> PETSc.Mat:
     sizes = ((rows.shape[0], PETSc.DETERMINE), field.sizes)
     matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=field.space.mesh.comm)
     return matrix if field.is_all else matrix.matMult(field.selection())
+
+
+def extents(comm: MPI.Comm, x: Array) -> Array:
+    """Extents (dim,) along the axes of points (n, dim) of all processes."""
+    ends = np.stack([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
+    return -ends.sum(axis=0)

@@ -33,5 +33,5 @@ from pw_elements.contact.iteration.policy import (
     null_space,
     triangle,
 )
-from pw_elements.contact.iteration.results import contact_state, undeformed
+from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
 from pw_elements.contact.iteration.system import ContactSystem

@@ -94,11 +94,8 @@ class DeformedPlace:
         known = np.concatenate([self.gap[:, None], self.slip], axis=1)
         c = b - np.einsum("nab,nb->na", B, known) + np.einsum("nab,nb->na", C, self.at)
         to_nodes = np.swapaxes(self.frame, 1, 2)
-        law = LinearisedLaw(E, C, C, c)
-        return LinearisedLaw(
-            *(to_nodes @ part for part in (law.E, law.C, law.D)),
-            np.einsum("nab,nb->na", to_nodes, c),
-        )
+        E, C, c = to_nodes @ E, to_nodes @ C, np.einsum("nab,nb->na", to_nodes, c)
+        return LinearisedLaw(E, C, C, c)
 
     def _changes(self, displacement: Array, translations: Array, rows: Array) -> Array:
         away = displacement - translations[self.interface.pair] - self.at
@@ -284,11 +281,11 @@ class FiniteEquilibrium:
         return share
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
-        """F(u), reduced."""
+        """Residual F(u), reduced, of now."""
         return self._residual
 
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
-        """All unknowns (n,)."""
+        """Gives all unknowns (n,)."""
         return self._at
 
     def violation(self, unbalanced: float) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.contact.interface import ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import OPEN, SLIP, STICK, ActiveSet
+from pw_elements.contact.iteration.law import OPEN, SLIP, STICK
 from pw_elements.contact.iteration.newton import Increment, Iterate
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
@@ -24,14 +24,14 @@ def contact_state(
     smallness: Smallness,
     converged: bool = True,
 ) -> ContactState:
-    active, system = now.contact.active_set(), increment.system
+    system = increment.system
     own = orientations = system.tangent.solver.orientations
     if before.free == system.free:
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)
     return ContactState(
         increment.interface.field.part(now.full),
-        tuple(_pair(k, increment.interface, now, active) for k in range(increment.interface.pairs)),
+        _pairs(increment.interface, now),
         iterations,
         len(orientations) <= 1 if own else None,
         residuals,
@@ -48,37 +48,20 @@ def contact_state(
 
 def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
     """The body before any load, `unknowns` being a vector (n,) of zeros."""
-    normal, gap = interface.normals(None), interface.gaps(None)
-    pairs = []
-    for k in range(interface.pairs):
-        position = interface.in_order(k, interface.position)
-        zero, none = np.zeros_like(position), np.zeros(len(position))
-        pairs.append(
-            PairState(
-                position=position,
-                normal=interface.in_order(k, normal),
-                force_normal=none,
-                force_tangential=zero,
-                gap=interface.in_order(k, gap),
-                slip=zero,
-                friction=interface.in_order(k, interface.cone.steepest),
-                status=np.full(len(position), OPEN, dtype=np.int8),
-                translation=np.zeros(position.shape[1]),
-                force=np.zeros(position.shape[1]),
-                displacement=zero,
-                direction=zero,
-                turning=none,
-                node=interface.in_order(k, interface.node),
-                faced=interface.in_order(k, interface.faced),
-                opposite=interface.opposite[k].copy(),
-                opposite_force=np.zeros((len(interface.opposite[k]), position.shape[1])),
-            )
-        )
+    zero = np.zeros_like(interface.position)
+    pairs = pair_states(
+        interface,
+        np.zeros((interface.pairs, zero.shape[1])),
+        zero,
+        normal=interface.normals(None),
+        gap=interface.gaps(None),
+        friction=interface.cone.steepest,
+    )
     residuals = Residuals(*np.zeros(8).tolist())
     report = SolverReport("nothing", 0)
     return ContactState(
         interface.field.part(unknowns),
-        tuple(pairs),
+        pairs,
         0,
         None,
         residuals,
@@ -92,33 +75,51 @@ def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
     )
 
 
-def _pair(k: int, interface: Interface, now: Iterate, active: ActiveSet) -> PairState:
-    contact = now.contact
+def _pairs(interface: Interface, now: Iterate) -> tuple[PairState, ...]:
+    contact, active = now.contact, now.contact.active_set()
     normal, tangents = contact.frame[:, 0], contact.frame[:, 1:]
-    slip = np.einsum("nab,na->nb", tangents, contact.slip)
-    slip[active.status == OPEN] = 0.0
 
-    def ordered(values: npt.NDArray) -> npt.NDArray:
-        return interface.in_order(k, values)
+    def vectors(values: Array) -> Array:
+        return np.einsum("nab,na->nb", tangents, values)
 
-    return PairState(
-        position=ordered(interface.position),
-        normal=ordered(normal),
-        force_normal=ordered(contact.force[:, 0]),
-        force_tangential=ordered(np.einsum("nab,na->nb", tangents, contact.force[:, 1:])),
-        gap=ordered(contact.gap),
-        slip=ordered(slip),
-        friction=ordered(interface.cone.coefficient(contact.force[:, 0])),
-        status=ordered(active.status),
-        translation=now.translations[k].copy(),
-        force=ordered(now.force).sum(axis=0),
-        displacement=ordered(now.displacement),
-        direction=ordered(np.einsum("nab,na->nb", tangents, active.direction)),
-        turning=ordered(active.turning),
-        node=ordered(interface.node),
-        faced=ordered(interface.faced),
-        opposite=interface.opposite[k].copy(),
-        opposite_force=interface.on_opposite(k, now.force),
+    return pair_states(
+        interface,
+        now.translations,
+        now.force,
+        normal=normal,
+        force_normal=contact.force[:, 0],
+        force_tangential=vectors(contact.force[:, 1:]),
+        gap=contact.gap,
+        slip=np.where((active.status == OPEN)[:, None], 0.0, vectors(contact.slip)),
+        friction=interface.cone.coefficient(contact.force[:, 0]),
+        status=active.status,
+        displacement=now.displacement,
+        direction=vectors(active.direction),
+        turning=active.turning,
+    )
+
+
+def pair_states(
+    interface: Interface, translations: Array, force: Array, **points: npt.NDArray
+) -> tuple[PairState, ...]:
+    """States of all pairs, under forces (m, dim) of the surfaces on this process' points.
+
+    `points` are what else `PairState` has of each of them, (m, ...); zero and open by default.
+    """
+    zero = np.zeros_like(force)
+    at = {name: getattr(interface, name) for name in ("position", "node", "faced")}
+    at |= dict.fromkeys(("force_tangential", "slip", "displacement", "direction"), zero)
+    at |= dict.fromkeys(("force_normal", "turning"), zero[:, 0])
+    at |= {"status": np.full(len(zero), OPEN, dtype=np.int8)} | points
+    return tuple(
+        PairState(
+            translation=translations[k].copy(),
+            force=interface.in_order(k, force).sum(axis=0),
+            opposite=interface.opposite[k].copy(),
+            opposite_force=interface.on_opposite(k, force),
+            **{name: interface.in_order(k, values) for name, values in at.items()},
+        )
+        for k in range(interface.pairs)
     )
 
 

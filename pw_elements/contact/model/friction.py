@@ -75,34 +75,20 @@ class Coulomb:
     mu: float | Callable[[Array], Array]
 
     def at(self, x: Array) -> Array | float:
-        """The coefficient (n,) of nodes.
-
-        Args:
-            x: positions as columns (3, n).
-        """
+        """The coefficient (n,) of nodes at positions, columns (3, n)."""
         return self.mu(x) if callable(self.mu) else self.mu
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
-        """Largest tangential force (n,) beside a normal force, and its slope.
-
-        Args:
-            at: the coefficient (n,).
-            force: normal forces (n,).
-        """
+        """Largest tangential force (n,) beside a normal force, and its slope, the coefficient."""
         return at * force, at
 
 
 @dataclass(frozen=True)
 class Cone:
-    """Forces that the laws of friction admit at contact points (m), pair after pair.
+    """Forces that the laws of friction admit at contact points (m), pair after pair."""
 
-    Args:
-        laws: one per pair.
-        at: what each of them says of the pair's points.
-    """
-
-    laws: Sequence[Friction]
-    at: Sequence[Array]
+    laws: Sequence[Friction]  # one per pair
+    at: Sequence[Array]  # what each of them says of the pair's points
 
     def limit(self, force: Array) -> tuple[Array, Array]:
         """Largest tangential forces (m,) beside normal forces (m,), and their slopes (m,)."""
@@ -112,7 +98,6 @@ class Cone:
 
     @cached_property
     def _parts(self) -> list[slice]:
-        """Where the pairs' points are."""
         ends = np.cumsum([0, *map(len, self.at)])
         return [slice(*part) for part in pairwise(ends)]
 
@@ -162,13 +147,8 @@ def polygon(tangents: Array) -> Array:
 def dual_rows(mu: Array, along: Array, normal: Array, tangential: Array) -> Array:
     """v_n - mu v_t·d over the length of (1, mu), (m, k): one row each of a linear program.
 
-    Where it is negative in some direction d, forces of the cone brake the motion.
-
-    Args:
-        mu: slopes of the cones, (m,).
-        along: d, unit vectors (m, dim).
-        normal: v_n in each of k motions, (m, k).
-        tangential: v_t, (m, dim, k).
+    Where it is negative in some direction d, forces of the cone brake the motion. `along` has the
+    unit vectors d (m, dim), `normal` v_n (m, k) in each of k motions, `tangential` v_t (m, dim, k).
     """
     sliding = np.einsum("ma,mak->mk", along, tangential)
     return (normal - mu[:, None] * sliding) / np.sqrt(1 + mu**2)[:, None]

@@ -109,15 +109,10 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Scale:
-    """Largest force and length of a history, from the undeformed body on, while there is contact.
+    """Largest force and length of a history from the undeformed body on, while there is contact."""
 
-    Args:
-        force: nodal contact force; 0 as long as it was nothing but round-off.
-        length: displacement of a contact node or its surface.
-    """
-
-    force: float = 0.0
-    length: float = 0.0
+    force: float = 0.0  # nodal contact force; 0 as long as it was nothing but round-off
+    length: float = 0.0  # displacement of a contact node or its surface
 
 
 @dataclass(frozen=True)

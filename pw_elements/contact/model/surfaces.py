@@ -26,11 +26,7 @@ _COARSER = 100
 
 
 def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
-    """The unit vector (dim,) along a direction.
-
-    Raises:
-        ValueError: if it is no vector of a finite length.
-    """
+    """The unit vector (dim,) along a direction; a ValueError if that has no finite length."""
     along = vector("direction", direction)
     length = np.linalg.norm(along)
     if not (np.isfinite(length) and length > 0):
@@ -39,11 +35,7 @@ def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
 
 
 def normalised(vectors: Points) -> Points:
-    """Unit vectors (n, dim) along vectors.
-
-    Raises:
-        ValueError: if one has no length.
-    """
+    """Unit vectors (n, dim) along vectors; a ValueError if one has no length."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not length.all():
         raise ValueError("the normal of a surface is not defined at a contact node")

@@ -1,6 +1,5 @@
 """States as fields, pictures and files."""
 
-from pw_elements.contact.output.fields import ContactFields
+from pw_elements.contact.output.fields import ContactFields, write
 from pw_elements.contact.output.pictures import draw_surface, plot
-from pw_elements.contact.output.series import write
 from pw_elements.contact.output.storage import read_state, write_state

@@ -1,31 +1,37 @@
-"""States as functions on the body.
+"""States as functions on the body, and as a time series of these that ParaView opens.
 
 fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fields.status ...
+write("punch.bp", states, body)
 """
 
+import os
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
+from dolfinx import fem, io
 
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.output.mortar_sides import (
-    Opposite,
-    displacements,
-    mortar_sides,
-    over_areas,
-)
+from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
 from pw_elements.elasticity import Body, SurfaceNodes
-from pw_elements.spaces import as_function, is_hybrid, scalar_space, split
+from pw_elements.spaces import (
+    SubSpace,
+    as_function,
+    is_hybrid,
+    quadratic_element,
+    scalar_space,
+    split,
+)
 
 Array = npt.NDArray[np.float64]
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _NEAR = 1e-9
-STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
+_STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ class ContactFields:
             ValueError: for a state of another space, or if pressures are asked for and a node
                 belongs to no facet that has all of its nodes in the pair.
         """
-        space = trial(body)
+        space = _trial(body)
         check_state(state, space)
         scalars = scalar_space(space)
         displacement, force, slip, traction = (
@@ -105,15 +111,15 @@ class ContactFields:
             for name in ("gap", "status", "pressure", "tributary_pressure")
         )
         always = displacement, force, gap, slip, status
-        whole = body.spaces.trial if isinstance(body, Body) else body
+        known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
-        both = [mortar_sides(k, pair, body) for k, pair in enumerate(state.pairs)]
+        both = [mortar_sides(k, pair, known, space) for k, pair in enumerate(state.pairs)]
+        surfaces = tuple(surface for surface, _ in both if surface is not None)
         opposite = tuple(other for _, other in both)
-        if isinstance(body, Body):
-            surfaces = tuple(surface for surface, _ in both if surface is not None)
-            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
+        if known is None:
+            fields = cls(*always, None, None, None, surfaces, opposite, *own)
         else:
-            fields = cls(*always, None, None, None, (), opposite, *own)
+            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
         fields.fill(state)
         return fields
 
@@ -209,11 +215,11 @@ def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray
     return np.where(nodes < 0, -1, local)
 
 
-def trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
+def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
     """The space of the displacements; raises TypeError for what is no body and no space."""
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
-    return displacements(body)
+    return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
@@ -222,7 +228,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
     first, last = index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective(space.mesh.comm):
-        arguments.of_type("state", state, ContactState, STATE)
+        arguments.of_type("state", state, ContactState, _STATE)
         alike = state.displacement.getSizes() == (
             index_map.size_local * block,
             index_map.size_global * block,
@@ -233,3 +239,84 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             alike &= bool(away.max(initial=0.0) <= _NEAR * np.abs(pair.position).max(initial=0.0))
         if not alike:
             raise ValueError("the state belongs to another space, or other processes, than this")
+
+
+def write(
+    path: str | Path,
+    states: ContactState | Sequence[ContactState],
+    body: Body | fem.FunctionSpace,
+    times: Sequence[float] | None = None,
+) -> None:
+    """Writes all fields of states as a time series for ParaView, completely or not at all.
+
+        states = solve_contact(K, loads, supports, [floor, punch], U)
+        write("punch.bp", states, body)
+
+    The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
+    curved cells: open it with ParaView's "ADIOS2 VTX Reader". Anything of this name is replaced.
+
+    Args:
+        path: ends in ".bp".
+        states: of one problem, or one of them.
+        body: see `ContactFields`; without pressures where it is the space.
+        times: of the states, increasing; by default their increments' numbers.
+
+    Raises:
+        TypeError: for arguments of the wrong type.
+        ValueError: for a path without this ending, no states, times that do not increase or are not
+            one per state, states of another space, and elements without quadratic Lagrange
+            functions.
+        RuntimeError: if DOLFINx has been built without ADIOS2.
+        OSError: if something else is there, or the folder cannot be written in.
+    """
+    path, space = Path(path), _trial(body)
+    states = [states] if isinstance(states, ContactState) else list(states)
+    comm = space.mesh.comm
+    with collective(comm):
+        for state in states:
+            arguments.of_type("a state", state, ContactState, _STATE)
+        given = [float(s.increment) for s in states] if times is None else list(times)
+        _check_series(path, states, given, space)
+    fields = ContactFields.of(states[0], body)
+    unfinished, old = (path.with_name(f".{comm.bcast(os.getpid())}-{k}-{path.name}") for k in "ab")
+    with collective(comm):
+        if comm.rank == 0:
+            unfinished.mkdir()
+    try:
+        with io.VTXWriter(comm, unfinished, fields.functions()) as file:
+            for time, state in zip(given, states, strict=True):
+                fields.fill(state)
+                file.write(float(time))
+        comm.barrier()
+        with collective(comm):
+            if comm.rank == 0:
+                if path.exists():
+                    path.rename(old)
+                unfinished.rename(path)
+                shutil.rmtree(old, ignore_errors=True)
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _check_series(
+    path: Path, states: Sequence[ContactState], times: Sequence[float], space: fem.FunctionSpace
+) -> None:
+    if not hasattr(io, "VTXWriter"):
+        raise RuntimeError("this DOLFINx was built without ADIOS2, which files for ParaView need")
+    if path.suffix != ".bp":
+        raise ValueError(f"{path}: the name of a VTX file ends in .bp")
+    if not states:
+        raise ValueError(f"{path}: there is no state to write")
+    if len(times) != len(states) or not np.all(np.diff(times) > 0) or not np.isfinite(times).all():
+        raise ValueError(f"{path}: {len(states)} states need as many times, each after the last")
+    cell, dim = space.mesh.topology.cell_name(), space.mesh.geometry.dim
+    if space.ufl_element() != quadratic_element(cell, (dim,)):
+        raise ValueError(
+            f"{path}: the element {space.ufl_element()} is not Lagrange's of degree 2, which is "
+            "what VTX files hold: write an interpolation of each field by io.VTXWriter"
+        )
+    if path.exists() and not (path / "md.idx").exists():
+        raise FileExistsError(f"{path} is there and no VTX file: it is not replaced")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: its folder does not exist")

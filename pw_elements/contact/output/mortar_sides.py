@@ -18,7 +18,6 @@ of both weights, and the status is that of which a node faces most.
 """
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +25,10 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from pw_elements.checks import listed
-from pw_elements.contact.interface import Overlap, Trace, gathered_trace, whole_areas
+from pw_elements.contact.interface import Overlap, gathered_trace, whole_areas
 from pw_elements.contact.iteration import OPEN
 from pw_elements.contact.model import PairState
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
-from pw_elements.spaces import SubSpace
 
 Array = npt.NDArray[np.float64]
 
@@ -50,31 +48,18 @@ _BARELY = 1e-4
 
 @dataclass(frozen=True)
 class OppositeResults:
-    """Results at nodes (n) of opposite sides, summed over the pairs that they face.
+    """Results at nodes (n) of opposite sides, summed over the pairs that they face."""
 
-    Args:
-        facing: (n,), integrals of the nodes' weights over what they face.
-        gap: (n,), means times `facing`.
-        slip: (n, dim), likewise, of the nodes on the pair's own side.
-        friction: (n,), likewise.
-        statuses: (n, 3), what of `facing` is open, sticks and slips.
-        pressed: (n,), normal forces, compression positive.
-        pulled: (n, dim), tangential ones, on the nodes.
-        area: (n,), that make pressures of forces; zero without a body.
-        tributary: (n,), the same from tributary areas.
-        share: (n,), part of the nodes' areas that faces a pair.
-    """
-
-    facing: Array
-    gap: Array
-    slip: Array
-    friction: Array
-    statuses: Array
-    pressed: Array
-    pulled: Array
-    area: Array
-    tributary: Array
-    share: Array
+    facing: Array  # (n,), integrals of the nodes' weights over what they face
+    gap: Array  # (n,), means times `facing`
+    slip: Array  # (n, dim), likewise, of the nodes on the pair's own side
+    friction: Array  # (n,), likewise
+    statuses: Array  # (n, 3), what of `facing` is open, sticks and slips
+    pressed: Array  # (n,), normal forces, compression positive
+    pulled: Array  # (n, dim), tangential ones, on the nodes
+    area: Array  # (n,), that make pressures of forces; zero without a body
+    tributary: Array  # (n,), the same from tributary areas
+    share: Array  # (n,), part of the nodes' areas that faces a pair
 
     def on(self, rows: npt.NDArray[np.int32], n: int) -> "OppositeResults":
         """Spreads the results over n nodes, at rows of theirs; negative rows are left out."""
@@ -126,40 +111,24 @@ class OppositeResults:
 
 @dataclass(frozen=True)
 class Opposite:
-    """The deformable surface of a pair, whose m nodes it faces; k nodes, on every process.
+    """The deformable surface of a pair, whose m nodes it faces; k nodes, on every process."""
 
-    Args:
-        own: (m,), global numbers of the pair's nodes.
-        node: (k,), of its own.
-        means: (k, m), integrals of products of both sides' weights.
-        handed: (k, m), parts of the pair's forces as above; None without a body.
-        barely: (k,), those that get any of a node of which next to nothing faces them.
-        area: (k, dim), vectors as above, out of the pair's body; zero without a body.
-        tributary: (k, dim), the same from tributary areas.
-        share: (k,), part of the nodes' areas that faces the pair.
-        surface: its nodes; None without a body.
-    """
-
-    own: Indices
-    node: Indices
-    means: sp.csr_array
-    handed: sp.csr_array | None
-    barely: npt.NDArray[np.bool_]
-    area: Array
-    tributary: Array
-    share: Array
-    surface: SurfaceNodes | None
+    own: Indices  # (m,), global numbers of the pair's nodes
+    node: Indices  # (k,), of its own
+    means: sp.csr_array  # (k, m), integrals of products of both sides' weights
+    handed: sp.csr_array | None  # (k, m), parts of the pair's forces as above; None without a body
+    barely: npt.NDArray[np.bool_]  # (k,), those with forces of a node that barely faces them
+    area: Array  # (k, dim), vectors as above, out of the pair's body; zero without a body
+    tributary: Array  # (k, dim), the same from tributary areas
+    share: Array  # (k,), part of the nodes' areas that faces the pair
+    surface: SurfaceNodes | None  # None without a body
 
     def is_of(self, pair: PairState) -> bool:
         """Whether a pair has the same nodes."""
         return np.array_equal(self.own, pair.node) and np.array_equal(self.node, pair.opposite)
 
     def results(self, pair: PairState) -> OppositeResults:
-        """Results at the nodes of the surface.
-
-        Raises:
-            ValueError: for forces that are not what the body's measure hands on.
-        """
+        """Results at the nodes; a ValueError where the body's measure hands on other forces."""
         if self.handed is not None:
             off = np.abs(pair.opposite_force + self.handed @ pair.force_vector)[~self.barely]
             if off.max(initial=0.0) > _HANDED * np.abs(pair.opposite_force).max(initial=0.0):
@@ -193,46 +162,47 @@ class Opposite:
 
 
 def mortar_sides(
-    number: int, pair: PairState, whose: Body | fem.FunctionSpace
+    number: int, pair: PairState, body: Body | None, space: fem.FunctionSpace
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
     """The pair's own surface, with a body, and what it faces, where that is deformable.
 
+    The space is that of the displacements.
     Areas of the own surface are of what faces the opposite one, and NaN where that is too little
     for a pressure; nodes that face nothing have their whole areas, and no forces.
-
-    Args:
-        number: of the pair, for messages.
-        pair: of a state.
-        whose: body, or space of the displacements.
 
     Raises:
         ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
             two of the opposite surface at one place.
     """
-    body = whose if isinstance(whose, Body) else None
-    own = None if body is None else _surface(number, pair, body)
+    own = None if body is None else _surface(number, pair, body, space)
     if not len(pair.opposite):
         return own, None
-    facing, nodes = _Facing.of(pair, displacements(whose)), (pair.node, pair.opposite)
-    overlap = facing.overlap(revolved=False)
-    means = facing.integrals(overlap, overlap.weight)
+    nodes = pair.node, pair.opposite
+    one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)
+    first, last = space.dofmap.index_map.local_range
+    mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
+    overlap = Overlap.of(one, other, pair.node[mine], revolved=False)
+    means = _integrals(space, pair, overlap, mine, overlap.weight)
     if own is None or body is None:
         none = np.zeros_like(pair.opposite_force)
         return None, Opposite(*nodes, means, None, none[:, 0] > 0, none, none, none[:, 0], None)
     if revolved := body.state is StressState.AXISYMMETRIC:
-        overlap = facing.overlap(revolved)
-    duals = facing.integrals(overlap, overlap.dual)
-    one, other = (whole_areas(trace, revolved) for trace in facing.traces)
+        overlap = Overlap.of(one, other, pair.node[mine], revolved)
+    duals = _integrals(space, pair, overlap, mine, overlap.dual)
+    whole, opposite_whole = (
+        whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
+        for trace, side in zip((one, other), nodes, strict=True)
+    )
     covered = np.asarray(duals.sum(axis=0))
-    share = covered / one[facing.places(0, pair.node)]
+    share = covered / whole
     handed = duals @ sp.diags_array(1 / np.where(covered > 0, covered, 1.0))
     area, tributary = (
         -(handed @ ((area * share)[:, None] * pair.normal))
         for area in (own.own_area, own.tributary_area)
     )
     barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
-    part = (handed @ covered) / other[facing.places(1, pair.opposite)]
-    opposite = SurfaceNodes.of(body, facets_between(displacements(body), pair.opposite))
+    part = (handed @ covered) / opposite_whole
+    opposite = SurfaceNodes.of(body, facets_between(space, pair.opposite))
     if not np.array_equal(opposite.node, pair.opposite):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
     counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
@@ -240,55 +210,22 @@ def mortar_sides(
     return own, Opposite(*nodes, means, handed, barely, area, tributary, part, opposite)
 
 
-@dataclass(frozen=True)
-class _Facing:
-    """Gathers both surfaces of a pair, and knows the pair's nodes on this process."""
-
-    space: fem.FunctionSpace
-    pair: PairState
-    traces: tuple[Trace, Trace]
-
-    @classmethod
-    def of(cls, pair: PairState, space: fem.FunctionSpace) -> "_Facing":
-        one, other = (
-            gathered_trace(space, facets_between(space, nodes))
-            for nodes in (pair.node, pair.opposite)
-        )
-        return cls(space, pair, (one, other))
-
-    def places(self, side: int, nodes: Indices) -> npt.NDArray[np.intp]:
-        """Places of global node numbers among those of a side's trace."""
-        return np.searchsorted(self.traces[side].nodes, nodes)
-
-    @cached_property
-    def _mine(self) -> npt.NDArray[np.intp]:
-        first, last = self.space.dofmap.index_map.local_range
-        return np.flatnonzero((self.pair.node >= first) & (self.pair.node < last))
-
-    def overlap(self, revolved: bool) -> Overlap:
-        """Overlap of both surfaces, at the nodes of this process."""
-        return Overlap.of(*self.traces, self.pair.node[self._mine], revolved)
-
-    def integrals(self, overlap: Overlap, tested: Array) -> sp.csr_array:
-        """Integrals (k, m) of the opposite's weights times functions of the pair's."""
-        node, opposite = self.pair.node, self.pair.opposite
-        at, w = overlap.functions[2]
-        order = np.argsort(opposite)
-        at = order[np.searchsorted(opposite, at, sorter=order)]
-        found = overlap.integrals(tested, at, w, (len(self._mine), len(opposite))).tocoo()
-        own = found.col, self._mine[found.row], found.data
-        every = zip(*self.space.mesh.comm.allgather(own), strict=True)
-        row, column, value = (np.concatenate(parts) for parts in every)
-        return sp.csr_array((value, (row, column)), shape=(len(opposite), len(node)))
+def _integrals(
+    space: fem.FunctionSpace, pair: PairState, overlap: Overlap, mine: Indices, tested: Array
+) -> sp.csr_array:
+    """Integrals (k, m) of the opposite's weights times functions of the nodes `mine`."""
+    node, opposite = pair.node, pair.opposite
+    at, w = overlap.functions[2]
+    order = np.argsort(opposite)
+    at = order[np.searchsorted(opposite, at, sorter=order)]
+    found = overlap.integrals(tested, at, w, (len(mine), len(opposite))).tocoo()
+    every = zip(*space.mesh.comm.allgather((found.col, mine[found.row], found.data)), strict=True)
+    row, column, value = (np.concatenate(parts) for parts in every)
+    return sp.csr_array((value, (row, column)), shape=(len(opposite), len(node)))
 
 
-def _surface(number: int, pair: PairState, body: Body) -> SurfaceNodes:
-    """The surface of a pair: the facets that have all their nodes in it.
-
-    Raises:
-        ValueError: for a node that belongs to none of them.
-    """
-    space = displacements(body)
+def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace) -> SurfaceNodes:
+    """The surface of a pair: the facets that have all their nodes in it."""
     facets = facets_between(space, pair.node)
     lone = pair.position
     if space.mesh.comm.allreduce(len(facets)):
@@ -301,12 +238,6 @@ def _surface(number: int, pair: PairState, body: Body) -> SurfaceNodes:
         "its nodes in the pair, so that they have no pressure: let the pair end at vertices, or "
         "give it the nodes of whole facets, fem.locate_dofs_topological(space, dim - 1, facets)"
     )
-
-
-def displacements(whose: Body | fem.FunctionSpace) -> fem.FunctionSpace:
-    """The trial space of the displacements of a body, or of its spaces."""
-    space = whose.spaces.trial if isinstance(whose, Body) else whose
-    return SubSpace.displacements(space).space
 
 
 def over_areas(surface: SurfaceNodes, pair: PairState) -> tuple[Array, Array, Array]:

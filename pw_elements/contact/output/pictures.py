@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
+from scipy.sparse import csgraph
 
 from pw_elements.checks import arguments, vector
 from pw_elements.contact.iteration import OPEN, SLIP, STICK
@@ -133,7 +135,7 @@ class _Side:
 
     @classmethod
     def of(cls, number: int, pair: PairState, body: Body, opposite: bool) -> _Side:
-        own, other = mortar_sides(number, pair, body)
+        own, other = mortar_sides(number, pair, body, body.spaces.displacements.trial)
         assert own is not None
         if not opposite:
             pressure, _, traction = over_areas(own, pair)
@@ -226,22 +228,15 @@ def _face(axes: Axes, side: _Side) -> None:
 
 def _chains(edges: Indices) -> list[Indices]:
     """Nodes of each connected part of a line in their order, corners and mid-side nodes."""
-    links: dict[int, list[tuple[int, int]]] = {}
-    for middle, one, other in edges:
-        links.setdefault(one, []).append((middle, other))
-        links.setdefault(other, []).append((middle, one))
+    ends = np.concatenate([edges[:, [1, 0]], edges[:, [0, 2]]]).T
+    line = sp.csr_array((np.ones(ends.shape[1]), ends), shape=(ends.max() + 1,) * 2)
+    line = line + line.T
+    neighbours, (_, part) = np.diff(line.indptr), csgraph.connected_components(line)
     chains = []
-    while links:
+    for k in np.unique(part[ends]):
+        nodes = np.flatnonzero(part == k)
         # nodes count in the order of their positions: from an end, or anywhere on a closed line
-        here = min(links, key=lambda node: (len(links[node]) > 1, node))
-        chain = [here]
-        while here in links:
-            middle, there = links[here].pop(0)
-            links[there].remove((middle, here))
-            for node in (here, there):
-                if not links[node]:
-                    del links[node]
-            chain += [middle, there]
-            here = there
-        chains.append(np.array(chain))
+        first = nodes[neighbours[nodes].argmin()]
+        chain, _ = csgraph.depth_first_order(line, first)
+        chains.append(chain if neighbours[first] == 1 else np.append(chain, first))
     return chains

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -18,50 +19,57 @@ from pw_elements.checks import collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
-from pw_elements.spaces import SubSpace, is_hybrid
+from pw_elements.spaces import fields_of
 
 Array = npt.NDArray[np.float64]
 
 # Names of the arrays of places that belong to values
 _NODES = {"displacement": "nodes", "pressure": "pressure_nodes"}
+# What of a state is written as it is, and by its own numbers
+_PLAIN = ("iterations", "unique", "increment", "free")
+_OF_NUMBERS = {
+    "residuals": Residuals,
+    "report": SolverReport,
+    "scale": Scale,
+    "smallness": Smallness,
+}
 _FORMAT = "pw_elements contact state 3"
 # Largest distance of a node from its place in the file, over the body's extent
 _NEAR = 1e-8
 
 
-def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> None:
-    """Writes a state whole or not at all, on one process; the space may be hybrid.
-
-    Raises:
-        ValueError: for the state of an error.
-        OSError: on all processes, if the file cannot be written.
-    """
+def write_state(
+    path: Path,
+    state: ContactState,
+    space: fem.FunctionSpace,
+    history: Sequence[fem.FunctionSpace] = (),
+) -> None:
+    """Writes a state whole or not at all, on one process, if it is a solution."""
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    for name, field in _fields(space).items():
-        values = field.part(state.unknowns).array_r.reshape(field.owned.shape)
-        given = comm.gather((_places(field.space), values))
+    known = [
+        (name, _NODES[name], field.space, field.part(state.unknowns).array_r)
+        for name, field in zip(_NODES, fields_of(space), strict=False)
+    ]
+    known += [
+        (*_names(k), of, values)
+        for k, (of, values) in enumerate(zip(history, state.history, strict=True))
+    ]
+    for name, nodes, of, values in known:
+        places = _places(of)
+        given = comm.gather((places, values.reshape(-1, of.dofmap.index_map_bs)[: len(places)]))
         if comm.rank == 0:
-            places, values = zip(*given, strict=True)
-            arrays |= {_NODES[name]: np.concatenate(places), name: np.concatenate(values)}
+            each = zip(*given, strict=True)
+            arrays |= dict(zip((nodes, name), map(np.concatenate, each), strict=True))
     if comm.rank == 0:
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
-        numbers = {
-            "format": _FORMAT,
-            "pairs": len(state.pairs),
-            "iterations": state.iterations,
-            "unique": state.unique,
-            "residuals": vars(state.residuals),
-            "report": vars(state.report),
-            "increment": state.increment,
-            "free": state.free,
-            "orientations": sorted(state.orientations),
-            "scale": vars(state.scale),
-            "smallness": vars(state.smallness),
-        }
+        numbers = {name: getattr(state, name) for name in _PLAIN}
+        numbers |= {name: vars(getattr(state, name)) for name in _OF_NUMBERS}
+        numbers |= {"orientations": sorted(state.orientations)}
+        numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
         arrays["state"] = np.array(json.dumps(numbers))
     with collective(comm):
         if arrays:
@@ -71,12 +79,13 @@ def write_state(path: Path, state: ContactState, space: fem.FunctionSpace) -> No
                 raise type(failed)(f"the state cannot be written to {path}: {failed}") from failed
 
 
-def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
+def read_state(
+    path: Path, space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace] = ()
+) -> ContactState:
     """Reads a state, each process the values of its own nodes.
 
     Raises:
         ValueError: if the file holds no state, or one of another mesh.
-        OSError: if the file cannot be read.
     """
     comm = space.mesh.comm
     with collective(comm):
@@ -99,10 +108,12 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
         ]
     except (ValueError, KeyError, OSError, BadZipFile) as failed:
         raise ValueError(f"{path} holds no contact state: {failed}") from None
-    fields = _fields(space)
+    fields = dict(zip(_NODES, fields_of(space), strict=False))
     if missing := fields.keys() - arrays.keys():
         raise ValueError(f"{path} has the state of a body without {missing.pop()}")
-    row = {name: _rows(path, arrays[_NODES[name]], field) for name, field in fields.items()}
+    if any(_names(k)[0] not in arrays for k in range(len(history))):
+        raise ValueError(f"{path} has the state of a problem with less history")
+    row = {name: _rows(path, arrays[_NODES[name]], field.space) for name, field in fields.items()}
     moved = fields["displacement"]
     for pair in pairs:
         pair |= {
@@ -112,32 +123,34 @@ def read_state(path: Path, space: fem.FunctionSpace) -> ContactState:
     unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
     spread = [field.spread(arrays[name][row[name]].ravel()) for name, field in fields.items()]
     unknowns.setArray(np.sum(spread, axis=0))
-    return ContactState(
-        moved.part(unknowns),
-        tuple(PairState(**pair) for pair in pairs),
-        numbers["iterations"],
-        numbers["unique"],
-        Residuals(**numbers["residuals"]),
-        SolverReport(**numbers["report"]),
-        numbers["increment"],
-        tuple((pair, axis) for pair, axis in numbers["free"]),
-        frozenset(numbers["orientations"]),
-        Scale(**numbers["scale"]),
-        Smallness(**numbers["smallness"]),
-        unknowns=unknowns,
-    )
+    values = {name: numbers[name] for name in _PLAIN}
+    values |= {name: of(**numbers[name]) for name, of in _OF_NUMBERS.items()}
+    values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
+    values["orientations"] = frozenset(numbers["orientations"])
+    values["pairs"] = tuple(PairState(**pair) for pair in pairs)
+    values["history"] = tuple(_read(path, arrays, k, of) for k, of in enumerate(history))
+    return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
 
 
-def _fields(space: fem.FunctionSpace) -> dict[str, SubSpace]:
-    fields = {"displacement": SubSpace.displacements(space)}
-    if is_hybrid(space):
-        fields["pressure"] = SubSpace.pressure(space)
-    return fields
+def _names(number: int) -> tuple[str, str]:
+    """Arrays of a function of the history, and of its places."""
+    return f"history_{number}", f"history_nodes_{number}"
 
 
-def _rows(path: Path, stored: Array, field: SubSpace) -> npt.NDArray[np.intp]:
+def _read(
+    path: Path, arrays: dict[str, npt.NDArray], number: int, space: fem.FunctionSpace
+) -> Array:
+    """Values on this process, ghosts too, of a function of the history."""
+    name, nodes = _names(number)
+    found, rows = fem.Function(space), _rows(path, arrays[nodes], space)
+    found.x.array[: len(rows) * space.dofmap.index_map_bs] = arrays[name][rows].ravel()
+    found.x.scatter_forward()
+    return found.x.array.copy()
+
+
+def _rows(path: Path, stored: Array, space: fem.FunctionSpace) -> npt.NDArray[np.intp]:
     """Row of each owned node in a file, which is the number that it had when that was written."""
-    space, places = field.space, _places(field.space)
+    places = _places(space)
     wrong = stored.shape != (space.dofmap.index_map.size_global, places.shape[1])
     if not wrong:
         distance, nearest = cKDTree(stored).query(places)

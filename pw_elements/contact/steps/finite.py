@@ -42,7 +42,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.steps.stepping import Callback, Reporter, joined
 from pw_elements.progress import doing
-from pw_elements.solvers import LinearSolver, SingularSystem
+from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
 
 Array = npt.NDArray[np.float64]
 Loading: TypeAlias = Callable[[float], None]
@@ -70,6 +70,7 @@ class FiniteStepping:
     Attributes:
         interface: contact points.
         space: of the displacements.
+        history: as stated.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class FiniteStepping:
         self.interface = nodal_interface(pairs, self._whole, self._reduction)
         self.space = self.interface.field.space
         self._guard = CellGuard(problem.u, problem.form)
-        self._history, self._update = list(history), update
+        self.history, self._update = list(history), update
         self._system: ContactSystem | None = None
 
     def step(
@@ -140,7 +141,7 @@ class FiniteStepping:
     ) -> ContactState:
         parts: list[tuple[float, ContactState]] = []
         done, size, now, iterations = 0.0, 1.0, state, 0
-        report = None
+        report = SolverReport("nothing", 0)
         while done < 1:
             share = min(1.0, done + size)
             try:
@@ -152,8 +153,7 @@ class FiniteStepping:
                     found = self._solved(now, way(share), system, reporter)
                 finally:
                     iterations += system.solved - before[0]
-                    spent = system.report.since(before[1])
-                    report = spent if report is None else spent.after(report)
+                    report = system.report.since(before[1]).after(report)
             except (ContactFailed, SingularSystem) as failed:
                 if self.interface.comm.rank == 0:
                     log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
@@ -161,8 +161,8 @@ class FiniteStepping:
                 if size < _SMALLEST:
                     self._restore(now)
                     self._apply(load, done)
-                    words = f"{failed}, from {done:.4g} to {share:.4g} of the increment, which cannot be halved further"
-                    error = NotFound(words)
+                    part = f"from {done:.4g} to {share:.4g} of the increment"
+                    error = NotFound(f"{failed}; {part}, which cannot be halved further")
                     error.state = now
                     raise error from failed
                 continue
@@ -222,7 +222,7 @@ class FiniteStepping:
     def _restore(self, state: ContactState) -> None:
         """Unknown and history of a state."""
         self._body.take(state.unknowns)
-        for function, values in zip(self._history, state.history, strict=False):
+        for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values
 
     def _apply(self, load: Loading | None, share: float) -> None:
@@ -235,4 +235,4 @@ class FiniteStepping:
         if self._update is not None:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)
-        return tuple(function.x.array.copy() for function in self._history)
+        return tuple(function.x.array.copy() for function in self.history)

@@ -14,7 +14,7 @@ the work (f(n) + r(n))' (u(n+1) - u(n-1)) / 2 of loads and contact alone, exactl
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from petsc4py import PETSc
@@ -33,8 +33,8 @@ from pw_elements.algebra import (
 )
 from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
-from pw_elements.contact.iteration import OPEN, SLIP, STICK, undeformed
-from pw_elements.contact.model import Cone, ContactPair, ContactState, PairState, Residuals
+from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undeformed
+from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
@@ -56,21 +56,13 @@ _ROUND_OFF_DEPTH = 1e-6
 
 @dataclass(frozen=True)
 class NodalContact:
-    """Contact in one step, at the points (m) of this process.
+    """Contact in one step, at the points (m) of this process."""
 
-    Args:
-        pressed: (m,), normal force.
-        friction: (m, dim), the rest of the force.
-        gap: (m,), at the end of the step.
-        normal: (m, dim).
-        slip: (m, dim), of the step.
-    """
-
-    pressed: Array
-    friction: Array
-    gap: Array
-    normal: Array
-    slip: Array
+    pressed: Array  # (m,), normal force
+    friction: Array  # (m, dim), the rest of the force
+    gap: Array  # (m,), at the end of the step
+    normal: Array  # (m, dim)
+    slip: Array  # (m, dim), of the step
 
     @property
     def force(self) -> Array:
@@ -90,15 +82,9 @@ def nodal_contact(
 ) -> NodalContact:
     """The law at points (m): forces by which a step ends with no penetration, and Coulomb's slip.
 
-    Args:
-        motion: (m, dim), of the points in the step if there were no contact.
-        gap: (m,), at its start, to the surfaces as they are at its end.
-        normal: (m, dim), of these.
-        shift: (m, dim), of the surfaces in the step.
-        held: (m, dim), components that supports prescribe, which friction leaves alone.
-        mass: (m,).
-        cone: of friction.
-        step: of time.
+    `motion` (m, dim) is the points' in the step if there were no contact, `shift` the surfaces';
+    `gap` (m,) at its start, to the surfaces as they are at its end. Friction leaves components
+    alone that are `held` (m, dim) by supports.
     """
     stiffness = mass / step**2
     reached = gap + np.sum(normal * motion, axis=1)
@@ -173,23 +159,6 @@ class PairHistory:
         """Force (s, dim) of the surface on the body."""
         return np.asarray(self.force.sum(axis=1))
 
-    @classmethod
-    def of(cls, interface: Interface, k: int, force: Array, translation: Array) -> "PairHistory":
-        """Picks the history of one pair.
-
-        Args:
-            interface: of all pairs.
-            k: number of the pair.
-            force: (s, m, dim), at this process' points.
-            translation: (s + 1, pairs, dim), of the surfaces.
-        """
-        return cls(
-            interface.in_order(k, interface.position),
-            interface.in_order(k, interface.node),
-            interface.in_order(k, np.swapaxes(force, 0, 1)).swapaxes(0, 1),
-            translation[:, k],
-        )
-
 
 @dataclass(frozen=True)
 class ImpactHistory:
@@ -219,43 +188,6 @@ class ImpactHistory:
     velocity: PETSc.Vec
     frames: tuple[ContactState, ...]
     frame_times: tuple[float, ...]
-
-
-def frame(
-    interface: Interface,
-    displacement: PETSc.Vec,
-    moved: Array,
-    contact: NodalContact,
-    translations: Array,
-    step: int,
-) -> ContactState:
-    """The state after a step: displacements (n,), those (m, dim) of this process' points."""
-    slips = np.linalg.norm(contact.slip, axis=1) > 0
-    status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
-    blank = undeformed(interface, displacement)
-
-    def pair(k: int, before: PairState) -> PairState:
-        def ordered(values: npt.NDArray) -> npt.NDArray:
-            return interface.in_order(k, values)
-
-        values = vars(before) | {
-            "normal": ordered(contact.normal),
-            "force_normal": ordered(contact.pressed),
-            "force_tangential": ordered(contact.friction),
-            "gap": ordered(contact.gap),
-            "slip": ordered(np.where((status == OPEN)[:, None], 0.0, contact.slip)),
-            "friction": ordered(interface.cone.coefficient(contact.pressed)),
-            "status": ordered(status),
-            "translation": translations[k].copy(),
-            "force": ordered(contact.force).sum(axis=0),
-            "displacement": ordered(moved),
-        }
-        return PairState(**values)
-
-    pairs = tuple(pair(k, before) for k, before in enumerate(blank.pairs))
-    none = Residuals(*[np.nan] * 8)
-    changes = {"pairs": pairs, "residuals": none, "increment": step, "converged": False}
-    return ContactState(**(vars(blank) | changes))
 
 
 def solve_impact(
@@ -334,8 +266,7 @@ def solve_impact(
     v.setArray(np.where(free, velocity.array_r, 0.0))
     if displacement is not None:
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
-    march = _March(K, _masses(M, space), free, interface, moves, load, step)
-    march.start(u, v)
+    march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
     steps = int(np.ceil(duration / step * (1 - _EQUAL)))
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
@@ -344,16 +275,22 @@ def solve_impact(
             contact = march.advance()
             if n in kept:
                 moved = u.copy() if sibling is None else sibling.displacement(u)
-                states.append(
-                    frame(interface, moved, march.at_points(moved), contact, march.places[-1], n)
-                )
+                states.append(march.frame(moved, contact))
     forces, places = np.array(march.forces), np.array(march.places)
     return ImpactHistory(
         step=step,
         critical_step=critical,
         time=step * np.arange(steps + 1, dtype=np.float64),
         energies=Energies(*np.array(march.energies).T),
-        pairs=tuple(PairHistory.of(interface, k, forces, places) for k in range(len(stated))),
+        pairs=tuple(
+            PairHistory(
+                position=interface.in_order(k, interface.position),
+                node=interface.in_order(k, interface.node),
+                force=interface.in_order(k, forces.swapaxes(0, 1)).swapaxes(0, 1),
+                translation=places[:, k],
+            )
+            for k in range(len(stated))
+        ),
         displacement=u,
         velocity=v,
         frames=tuple(states),
@@ -373,7 +310,10 @@ class _March:
         paths: Sequence[PathInTime | None],
         load: Load | None,
         step: float,
+        u: PETSc.Vec,
+        v: PETSc.Vec,
     ) -> None:
+        """Starts from displacements and velocities at the time 0, which `advance` will change."""
         self._K, self._mass, self._step, self._interface = K, mass, step, interface
         self._inverse = np.where(free, 1 / mass, 0.0)
         self._paths, self._load, self._comm = paths, load, interface.comm
@@ -382,22 +322,17 @@ class _March:
         self._rows = interface.node[:, None] * dim + np.arange(dim) - first
         self.energies: list[Array] = []
         self.forces: list[Array] = []
-        self.places: list[Array] = []
-
-    def start(self, u: PETSc.Vec, v: PETSc.Vec) -> None:
-        """Starts from displacements and velocities at the time 0, which `advance` will change."""
-        dt = self._step
+        self.places = [self._translations(0.0)]
         self._u, self._v, self._inner = u, v, u.duplicate()
-        self._K.mult(u, self._inner)
-        self.places.append(self._translations(0.0))
+        K.mult(u, self._inner)
         # velocities half a step before the start make the first step like all others
-        v.setArray(v.array_r - dt / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
-        self._before = u.array_r - dt * v.array_r
+        v.setArray(v.array_r - step / 2 * self._inverse * (self._loads(0.0) - self._inner.array_r))
+        self._before = u.array_r - step * v.array_r
         self._surfaces = self._seen()
         gap, normal = self._surfaces
-        gap = gap + np.sum(normal * self.at_points(u), axis=1)
-        self._interface.refuse(
-            gap < -_ROUND_OFF_DEPTH * np.ptp(self._interface.gathered(self._interface.position)),
+        gap = gap + np.sum(normal * u.array_r[self._rows], axis=1)
+        interface.refuse(
+            gap < -_ROUND_OFF_DEPTH * np.ptp(interface.gathered(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it come from "
             "farther away (the sibling's coefficients reach a curved surface a little earlier)",
         )
@@ -438,9 +373,31 @@ class _March:
         self.forces.append(contact.force)
         return contact
 
-    def at_points(self, vector: PETSc.Vec) -> Array:
-        """Values (m, dim) of a vector (n,) at the contact points of this process."""
-        return np.asarray(vector.array_r[self._rows])
+    def frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
+        """The state after a step, with true displacements (n,)."""
+        interface = self._interface
+        slips = np.linalg.norm(contact.slip, axis=1) > 0
+        status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
+        pairs = pair_states(
+            interface,
+            self.places[-1],
+            contact.force,
+            normal=contact.normal,
+            force_normal=contact.pressed,
+            force_tangential=contact.friction,
+            gap=contact.gap,
+            slip=np.where((status == OPEN)[:, None], 0.0, contact.slip),
+            friction=interface.cone.coefficient(contact.pressed),
+            status=status,
+            displacement=displacement.array_r[self._rows],
+        )
+        return replace(
+            undeformed(interface, displacement),
+            pairs=pairs,
+            residuals=Residuals(*[np.nan] * 8),
+            increment=len(self.forces),
+            converged=False,
+        )
 
     def _keep(self, work: Array) -> None:
         """Energies after a step, and the work done in it."""

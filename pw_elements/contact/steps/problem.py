@@ -382,6 +382,8 @@ class ContactProblem:
         DegenerateMesh: for cells that are flat or inverted.
     """
 
+    _finite: FiniteStepping | None = None
+
     def __init__(
         self,
         K: PETSc.Mat,
@@ -401,9 +403,7 @@ class ContactProblem:
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
-        self._stepping: Stepping | FiniteStepping = self._by(
-            auto_solver(solver, reduction.supports)
-        )
+        self._stepping: Stepping = self._by(auto_solver(solver, reduction.supports))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     @classmethod
@@ -460,9 +460,9 @@ class ContactProblem:
         own.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
         check_rigid(own.pairs, space.mesh.comm)
         check_mesh(space.mesh)
-        own._K, own._space = None, space
+        own._space = space
         callback = checked_callback(space.mesh.comm, callback)
-        own._stepping = FiniteStepping(
+        own._finite = FiniteStepping(
             problem,
             conditions,
             reduction,
@@ -473,7 +473,7 @@ class ContactProblem:
             functions,
             update,
         )
-        start = undeformed(own._stepping.interface, K.createVecRight())
+        start = undeformed(own._finite.interface, K.createVecRight())
         own.undeformed = replace(start, history=tuple(f.x.array.copy() for f in functions))
         return own
 
@@ -512,8 +512,8 @@ class ContactProblem:
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
         moved = checked_step(self._space, self.undeformed, state, motions, guess)
-        if isinstance(self._stepping, FiniteStepping):
-            return self._stepping.step(state, checked_loading(load, guess, self._space), moved)
+        if self._finite is not None:
+            return self._finite.step(state, checked_loading(load, guess, self._space), moved)
         check_nodal_load(load, self._K, self._space.mesh.comm)
 
         def stepped(solver: LinearSolver) -> ContactState:
@@ -526,7 +526,12 @@ class ContactProblem:
 
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
-        self._stepping.release()
+        (self._finite or self._stepping).release()
+
+    @property
+    def _histories(self) -> list[fem.FunctionSpace]:
+        """Spaces of the functions that belong to the state."""
+        return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
@@ -541,7 +546,7 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_state(state, self.undeformed, self._space)
-        write_state(checked_path(path, self._space), state, self._space)
+        write_state(checked_path(path, self._space), state, self._space, self._histories)
 
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
@@ -554,7 +559,7 @@ class ContactProblem:
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path, self._space), self._space)
+        state = read_state(checked_path(path, self._space), self._space, self._histories)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 

@@ -28,10 +28,9 @@ from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements._compat import cell_nodes
 from pw_elements.checks import collective, listed
-from pw_elements.contact.interface import RIGID, Interface
+from pw_elements.contact.interface import RIGID, SIMPLICES, Interface, flat_facets
 from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
-from pw_elements.elasticity import facets_in_cells
 
 Array = npt.NDArray[np.float64]
 
@@ -40,8 +39,6 @@ _CELLS_AT_ONCE = 4_000
 
 Indices = npt.NDArray[np.int64]
 
-# Corners of the simplices that a facet with so many corners is made of
-_SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Least cosine between a ray and the outward normal of a facet that lies across it
 _ACROSS = 0.6
 # Round-off of places, relative
@@ -147,103 +144,22 @@ def with_ghosts(space: fem.FunctionSpace, values: PETSc.Vec) -> Array:
 
 
 @dataclass(frozen=True)
-class Facets:
-    """Facets (f of them) around points (m) of this process; those of other processes, too.
-
-    Args:
-        point: (f,), number of the point.
-        outward: (f, dim), unit normal at the facet's middle.
-        size: (f,), largest distance of its corners.
-        points: m.
-    """
-
-    point: Indices
-    outward: Array
-    size: Array
-    points: int
-
-    @classmethod
-    def around(cls, node: Indices, space: fem.FunctionSpace, exterior: "Exterior") -> "Facets":
-        """Collects the facets around nodes of this process, given by global numbers (m,)."""
-        index_map, comm = space.dofmap.index_map, space.mesh.comm
-        first = index_map.local_range[0]
-        wanted = la.vector(index_map, 1)
-        wanted.array[:] = 0.0
-        wanted.array[node - first] = 1.0
-        wanted.scatter_forward()
-        facet, place = np.nonzero(wanted.array[exterior.nodes] > 0)
-        touched = index_map.local_to_global(exterior.nodes[facet, place].astype(np.int32))
-        touched, outward, size = (
-            np.concatenate(comm.allgather(part))
-            for part in (touched, exterior.outward[facet], exterior.size[facet])
-        )
-        order = np.argsort(node)
-        at = np.searchsorted(node[order], touched)
-        mine = at < len(node)
-        mine[mine] = node[order][at[mine]] == touched[mine]
-        return cls(order[at[mine]], outward[mine], size[mine], len(node))
-
-    def of(self, rows: Indices) -> "Facets":
-        """The facets around some of the points, which are numbered anew."""
-        number = np.full(self.points, -1)
-        number[rows] = np.arange(len(rows))
-        mine = number[self.point] >= 0
-        return Facets(number[self.point[mine]], self.outward[mine], self.size[mine], len(rows))
-
-    def cosines(self, normal: Array) -> Array:
-        """Least cosine (m,) between vectors (m, dim) and the outward normals around a point."""
-        least = np.full(self.points, np.inf)
-        np.minimum.at(least, self.point, np.sum(normal[self.point] * self.outward, axis=1))
-        return least
-
-    def sizes(self) -> Array:
-        """Size (m,) of the smallest facet around each point."""
-        least = np.full(self.points, np.inf)
-        np.minimum.at(least, self.point, self.size)
-        return least
-
-
-@dataclass(frozen=True)
 class Exterior:
-    """Exterior facets (f of them) of this process.
+    """Exterior facets (f of them) of this process, seen as flat."""
 
-    Args:
-        nodes: (f, k), local numbers of all nodes.
-        vertices: (f, l), of those at the corners.
-        corner: (f, l, dim), positions.
-        outward: (f, dim), unit normal at the middle.
-    """
-
-    nodes: npt.NDArray[np.int32]
-    vertices: npt.NDArray[np.int32]
-    corner: Array
-    outward: Array
+    nodes: npt.NDArray[np.int32]  # (f, k), local numbers
+    vertices: npt.NDArray[np.int32]  # (f, l), of those at the corners
+    corner: Array  # (f, l, dim)
+    outward: Array  # (f, dim), unit normals
 
     @classmethod
     def of(cls, space: fem.FunctionSpace) -> "Exterior":
         """Collects the exterior facets of a space's mesh."""
         mesh, dim = space.mesh, space.mesh.topology.dim
-        shape = mesh.ufl_domain().ufl_coordinate_element().basix_element
         mesh.topology.create_connectivity(dim - 1, dim)
-        cell, side, places = facets_in_cells(space, exterior_facet_indices(mesh.topology))
-        on_facet = np.array(basix.topology(shape.cell_type)[dim - 1])
-
-        middles = basix.geometry(shape.cell_type)[on_facet].mean(axis=1)
-        x = mesh.geometry.x[cell_nodes(mesh)[cell]][:, :, :dim]
-        slopes = shape.tabulate(1, middles)[1:, :, :, 0][:, side]
-        jacobian = np.einsum("jfn,fni->fij", slopes, x)
-        reference = basix.cell.facet_outward_normals(shape.cell_type)[side]
-        outward = np.linalg.solve(np.swapaxes(jacobian, 1, 2), reference[:, :, None])[:, :, 0]
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-
-        element = space.element.basix_element
-        x_of, u_of = (
-            np.array([dofs[0] for dofs in e.entity_dofs[0]])[on_facet][side]
-            for e in (shape, element)
-        )
-        rows = np.arange(len(cell))[:, None]
-        dofs = space.dofmap.list[cell]
-        return cls(dofs[rows, places], dofs[rows, u_of], x[rows, x_of], outward)
+        nodes, x, outward = flat_facets(space, exterior_facet_indices(mesh.topology))
+        corners = len(basix.topology(mesh.basix_cell())[dim - 1][0])
+        return cls(nodes, nodes[:, :corners], x[:, :corners], outward)
 
     @property
     def size(self) -> Array:
@@ -253,20 +169,16 @@ class Exterior:
         return np.asarray(np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0))
 
     def exit(self, origin: Array, direction: Array, moved: Array) -> tuple[float, Array]:
-        """Finds where a ray leaves the body through a facet of this process that lies across it.
+        """Where a ray leaves the body through a facet of this process that lies across it.
 
-        Args:
-            origin: (dim,), on the boundary.
-            direction: (dim,), a unit vector into the body.
-            moved: (f, l, dim), displacements of the corners.
-
-        Returns:
-            Distance, infinite if there is none, and displacement (dim,) there.
+        The ray starts on the boundary, its unit direction (dim,) leads into the body; corners are
+        `moved` by (f, l, dim). The distance is infinite if there is no such facet, and comes with
+        the displacement (dim,) there.
         """
         distance, there = np.inf, np.zeros(len(origin))
         across = self.outward @ direction > _ACROSS
         least = _NEAR * np.abs(self.corner).max(initial=0.0)
-        for corners in _SIMPLICES[self.corner.shape[1]]:
+        for corners in SIMPLICES[self.corner.shape[1]]:
             x, u = self.corner[across][:, corners], moved[across][:, corners]
             edges = np.swapaxes(x[:, 1:] - x[:, :1], 1, 2)
             rays = np.broadcast_to(-direction[:, None], (len(x), len(origin), 1))
@@ -282,42 +194,69 @@ class Exterior:
         return distance, there
 
 
-class SurfacePassage:
-    """Looks for rigid surfaces that pass through a body.
+class SmallnessCheck:
+    """Checks that displacements stay small and surfaces outside of the body."""
 
-    Args:
-        interface: its contact points, nodes.
-        space: of the displacements.
-        exterior: facets of the body.
-        facets: around the points.
-    """
-
-    def __init__(
-        self,
-        interface: Interface,
-        space: fem.FunctionSpace,
-        exterior: Exterior,
-        facets: Facets,
-    ) -> None:
+    def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
         self._interface, self._space, self._comm = interface, space, interface.comm
-        self._exterior, self._facets = exterior, facets
-        rows = [np.flatnonzero(interface.pair == k) for k in range(interface.pairs)]
-        self._around = [facets.of(mine) for mine in rows]
+        self._exterior, self._gradients = Exterior.of(space), Gradients(space)
+        self._point, self._outward, size = _facets_around(interface.node, space, self._exterior)
+        self._sizes = np.full(len(interface.node), np.inf)
+        np.minimum.at(self._sizes, self._point, size)
+        rows = [interface.pair == k for k in range(interface.pairs)]
         self._finest = [
-            self._comm.allreduce(around.size.min(initial=np.inf), MPI.MIN)
-            for around in self._around
+            self._comm.allreduce(self._sizes[mine].min(initial=np.inf), MPI.MIN) for mine in rows
         ]
         self._rigid = [
             not self._comm.allreduce(bool(np.any(interface.faced[mine] != RIGID)), MPI.LOR)
             for mine in rows
         ]
 
-    def check_way(self, past: Reference, translations: Array) -> None:
-        """Looks along the straight ways of the surfaces to translations (pairs, dim).
+    def before(self, increment: Increment) -> None:
+        """Refuses, as `SurfacePassed`, motions that are prescribed to lead through the body."""
+        past = increment.past
+        known = np.isfinite(increment.prescribed)
+        self._check_way(past, np.where(known, increment.prescribed, past.translations))
 
-        Raises:
-            SurfacePassed: where one goes through the body.
+    def after(self, increment: Increment, now: Iterate, before: ContactState) -> Smallness:
+        """How small the displacements of a solution are; logs what no longer is, once.
+
+        Refuses, as `SurfacePassed`, surfaces that have gone through the body or push it outwards.
         """
+        self._check_way(increment.past, now.translations)
+        strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
+        self._check_contact(now, strain)
+        smallness = Smallness(strain, rotation, self._slip(increment, now))
+        left = [
+            f"largest {name} {value:.3g} (above {limit:g})"
+            for name, value in vars(smallness).items()
+            if value > (limit := getattr(_SMALL, name)) >= getattr(before.smallness, name)
+        ]
+        if left and self._comm.rank == 0:
+            text = "increment %d leaves the range of small displacements: %s"
+            _logger.warning(text, before.increment, ", ".join(left))
+        return smallness
+
+    def _slip(self, increment: Increment, now: Iterate) -> float:
+        """Largest slip over the size of facets; of two bodies, that since the beginning."""
+        interface, contact, past = self._interface, now.contact, increment.past
+        moved = now.displacement - now.translations[interface.pair]
+        was = past.displacement - past.translations[interface.pair]
+        moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
+        slip = np.linalg.norm(np.einsum("nab,nb->na", contact.frame[:, 1:], moved), axis=1)
+        closed = contact.active_set().status != OPEN
+        largest = np.max(slip / self._sizes, where=closed, initial=0.0)
+        return float(self._comm.allreduce(largest, MPI.MAX))
+
+    def _cosines(self, normal: Array) -> Array:
+        """Least cosine (m,) between vectors (m, dim) and the outward normals around a point."""
+        least = np.full(len(normal), np.inf)
+        cosine = np.sum(normal[self._point] * self._outward, axis=1)
+        np.minimum.at(least, self._point, cosine)
+        return least
+
+    def _check_way(self, past: Reference, translations: Array) -> None:
+        """Looks along the straight ways of the surfaces to translations (pairs, dim)."""
         for k, rigid in enumerate(self._rigid):
             way = translations[k] - past.translations[k]
             if rigid and np.linalg.norm(way) > _WAY_STEP * self._finest[k]:
@@ -326,15 +265,11 @@ class SurfacePassage:
                 wrong[mine] = self._swallowed(k, past, way)
                 self._refuse(k, wrong, "passes through the body: it goes through the nodes at")
 
-    def check(self, now: Iterate, strain: float) -> None:
-        """Looks at the points in contact; `strain` is the body's largest.
-
-        Raises:
-            SurfacePassed: where a surface pushes the body outwards, or is through it.
-        """
+    def _check_contact(self, now: Iterate, strain: float) -> None:
+        """Looks at the points in contact; `strain` is the body's largest."""
         closed = now.contact.active_set().status != OPEN
         closed &= np.array(self._rigid)[self._interface.pair]
-        cosine = self._facets.cosines(now.contact.frame[:, 0])
+        cosine = self._cosines(now.contact.frame[:, 0])
         for k in range(self._interface.pairs):
             mine = closed & (self._interface.pair == k)
             self._refuse(k, mine & (cosine > _OUTWARDS), "pushes the body outwards at")
@@ -345,7 +280,7 @@ class SurfacePassage:
     def _swallowed(self, k: int, past: Reference, way: Array) -> Mask:
         """Points (m,) of a pair that its surface swallows from the wrong side on its way."""
         interface, mine = self._interface, self._interface.pair == k
-        surface, around, size = interface.surfaces[k], self._around[k], self._finest[k]
+        surface, size = interface.surfaces[k], self._finest[k]
         x, before = interface.position[mine] - past.translations[k], past.displacement[mine]
         length = float(np.linalg.norm(way))
         step = max(_WAY_STEP * size, length / _MOST_WAY_STEPS)
@@ -353,12 +288,15 @@ class SurfacePassage:
         x = x + 1e-7 * size * np.sqrt(np.arange(2, 2 + x.shape[1]))
 
         share, wrong = np.zeros(len(x)), np.zeros(len(x), dtype=bool)
+        pushed = np.zeros_like(interface.position)
         with collective(self._comm):
             while len(x):
                 place = x - share[:, None] * way
                 gap, normal = surface.gap(place), surface.normal(place)
                 depth = -(gap + np.sum(normal * before, axis=1))
-                wrong |= (depth > _SWALLOWED * size) & (around.cosines(normal) > _OUTWARDS)
+                pushed[mine] = normal
+                outwards = self._cosines(pushed)[mine] > _OUTWARDS
+                wrong |= outwards & (depth > _SWALLOWED * size)
                 if share.min() >= 1:
                     break
                 # outside, the surface is a gap away at least; half of it, if that is no distance
@@ -406,66 +344,22 @@ class SurfacePassage:
             )
 
 
-class SmallnessCheck:
-    """Checks that displacements stay small and surfaces outside of the body.
+def _facets_around(
+    node: Indices, space: fem.FunctionSpace, exterior: Exterior
+) -> tuple[Indices, Array, Array]:
+    """Facets (f,) around nodes (m,) of this process: the node's place, normals, and sizes.
 
-    Args:
-        interface: its contact points, nodes.
-        space: of the displacements.
+    A facet counts once for each of its nodes, those of other processes too.
     """
-
-    def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
-        exterior = Exterior.of(space)
-        facets = Facets.around(interface.node, space, exterior)
-        self._interface, self._sizes = interface, facets.sizes()
-        self._passage = SurfacePassage(interface, space, exterior, facets)
-        self._gradients = Gradients(space)
-
-    def before(self, increment: Increment) -> None:
-        """Looks at the motions that are prescribed, before anything is solved.
-
-        Raises:
-            SurfacePassed: if one of them leads through the body.
-        """
-        past = increment.past
-        known = np.isfinite(increment.prescribed)
-        translations = np.where(known, increment.prescribed, past.translations)
-        self._passage.check_way(past, translations)
-
-    def after(self, increment: Increment, now: Iterate, before: ContactState) -> Smallness:
-        """How small the displacements of a solution are; logs what no longer is, once.
-
-        Raises:
-            SurfacePassed: if a rigid surface has gone through the body, or pushes it outwards.
-        """
-        self._passage.check_way(increment.past, now.translations)
-        strain, rotation = self._gradients.largest(self._interface.field.part(now.full))
-        self._passage.check(now, strain)
-        smallness = Smallness(strain, rotation, self._slip(increment, now))
-        if self._interface.comm.rank == 0:
-            _warn(smallness, before.smallness, before.increment)
-        return smallness
-
-    def _slip(self, increment: Increment, now: Iterate) -> float:
-        """Largest slip over the size of facets; of two bodies, that since the beginning."""
-        interface, contact, past = self._interface, now.contact, increment.past
-        moved = now.displacement - now.translations[interface.pair]
-        was = past.displacement - past.translations[interface.pair]
-        moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
-        slip = np.linalg.norm(np.einsum("nab,nb->na", contact.frame[:, 1:], moved), axis=1)
-        closed = contact.active_set().status != OPEN
-        largest = np.max(slip / self._sizes, where=closed, initial=0.0)
-        return float(interface.comm.allreduce(largest, MPI.MAX))
-
-
-def _warn(smallness: Smallness, before: Smallness, increment: int) -> None:
-    """Logs what has left the range of small displacements in an increment, counted from 0."""
-    left = [
-        f"largest {name} {value:.3g} (above {limit:g})"
-        for name, value in vars(smallness).items()
-        if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
-    ]
-    if left:
-        _logger.warning(
-            "increment %d leaves the range of small displacements: %s", increment, ", ".join(left)
-        )
+    index_map, comm = space.dofmap.index_map, space.mesh.comm
+    number = index_map.local_to_global(exterior.nodes.ravel()).reshape(exterior.nodes.shape)
+    facet, place = np.nonzero(np.isin(number, np.concatenate(comm.allgather(node))))
+    touched = number[facet, place]
+    touched, outward, size = (
+        np.concatenate(comm.allgather(part))
+        for part in (touched, exterior.outward[facet], exterior.size[facet])
+    )
+    mine = np.isin(touched, node)
+    order = np.argsort(node)
+    point = order[np.searchsorted(node, touched[mine], sorter=order)]
+    return point, outward[mine], size[mine]

@@ -61,6 +61,7 @@ from study.judge.measures.contact import (
 )
 from study.judge.measures.general import (
     cells,
+    change_ratio,
     curve_at,
     curve_difference,
     difference_of,
@@ -71,7 +72,6 @@ from study.judge.measures.general import (
     least,
     lowest_order,
     ratio,
-    change_ratio,
     ratio_of,
     relative_difference,
     scalar,
