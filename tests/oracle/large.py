@@ -172,13 +172,12 @@ class Contact:
         force = max(np.abs(self.body.forces(u)).max() for u, _ in history)
         length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)
         mu, r, start = self.circle.friction, self.body.forces(u), self._place(first, was)
-        force, length = np.abs(r).max(), max(np.abs(u).max(), np.abs(U).max())
         free = ~self.held
         free[self.touching] = False
         r_n, r_t, g, v = self.circle.parts(self._place(u, U), r[self.touching], start)
         r_n, r_t, g, v = r_n / force, r_t / force, g / length, v / length
         lines = {
-            "supports": u[self.held] / length,
+            "supports": np.abs(u[self.held]) / length,
             "equilibrium": np.abs(r[free]) / force,
             "penetration": -g,
             "tension": -r_n,
