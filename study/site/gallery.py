@@ -27,6 +27,7 @@ ORDER = (
     "tuning_fork",
     "bar_impact",
     "rubber_punch",
+    "rubber_roller",
     "seal",
     "buckling",
     "seepage",

@@ -60,7 +60,7 @@ class Rubber:
 
 
 def above(x):
-    return np.isclose(x[1], 0.0) & (np.abs(x[0]) < 0.9)
+    return np.isclose(x[1], 0.0)
 
 
 def hardened(comm=MPI.COMM_SELF):

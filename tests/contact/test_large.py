@@ -11,8 +11,17 @@ import numpy as np
 import pytest
 import ufl
 
-from pw_elements import Reduction, assemble_matrix
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    SurfaceNodes,
+    assemble_matrix,
+    surface_stretch,
+)
 from pw_elements.contact import (
+    ContactFields,
     ContactProblem,
     FlatPunch,
     Motion,
@@ -24,7 +33,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.iteration import CellGuard, DeformedKinematics, Reference
-from tests.contact.large import STORED, WAY, Rubber, hardened, neo_hookean, saint_venant
+from tests.contact.large import STORED, WAY, Rubber, above, hardened, neo_hookean, saint_venant
 
 
 def _ellipse(x):
@@ -251,6 +260,44 @@ def test_processes_find_the_same_numbers(tmp_path):
         for name, values in other.items():
             away = np.abs(np.array(values) - found[0][name.removeprefix("resumed ")]).max()
             assert away < 1e-9, name
+
+
+def test_a_thin_tool_keeps_its_side():
+    """An increment in which nodes would find the tool's other side is cut until they do not."""
+    rubber = Rubber()
+
+    def plate(x):
+        return np.abs(x[:, 1] - 0.05) - 0.05
+
+    def slope(x):
+        return np.stack([0 * x[:, 0], np.sign(x[:, 1] - 0.05)], axis=1)
+
+    pair = replace(rubber.pair, surface=SignedDistance(plate, slope))
+    problem = ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+    state = problem.step(problem.undeformed, motions=Motion((0.0, -0.12)))
+    assert state.substates
+    (pair,) = state.pairs
+    assert (pair.position + pair.displacement)[:, 1].max() < -0.12 + 1e-9
+    assert pair.force[1] < 0
+
+
+def test_fields_and_pressures_of_a_state():
+    """Fields have the nominal pressure where a body tells areas; the stretch makes the true one."""
+    rubber = Rubber()
+    state = rubber.states(WAY)[-1]
+    body = Body(Spaces.petrov_galerkin(rubber.space.mesh), Material(1.0), "plane strain")
+    fields = ContactFields.of(state, body)
+    (pair,) = state.pairs
+    scalars = Spaces.petrov_galerkin(rubber.space.mesh, 0)
+    nominal, true = (
+        SurfaceNodes.scalar(scalars, above, stretch) for stretch in (1.0, surface_stretch(rubber.u))
+    )
+    assert np.array_equal(nominal.node, pair.node)
+    away = fields.pressure.x.array[pair.node] - nominal.pressure(pair.force_normal)
+    assert np.abs(away).max() < 1e-9
+    x = pair.position + pair.displacement
+    length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
+    assert abs(true.own_area.sum() / length - 1) < 0.02
 
 
 REFUSED = {

@@ -31,6 +31,7 @@ COARSE = {
     "press_fit": "size = 3.0",
     "roller_on_dome": "size, zone = 0.25, 1.6",
     "rubber_punch": "cells = 4",
+    "rubber_roller": "cells = 3",
     "seal": "cells = 8",
     "seepage": "size, permeability, head = 3.0, 1e-5, 6.0",
     "sphere_on_block": "size, side = 0.3, 4.0",
@@ -121,6 +122,15 @@ def test_rubber_punch(example):
     heights = found["mesh"].geometry.x[:, 1].max()
     assert found["forces"].force[:, 1].sum() < -2 * found["mu"] * found["depth"] * heights
     assert "force of the punch" in found["printed"]
+
+
+def test_rubber_roller(example):
+    """It drives, within friction, on about the width that a circle of this depth would cut."""
+    found = example("rubber_roller")
+    force, depth = found["pair"].force, found["depth"]
+    assert 0 < force[0] < found["friction"] * force[1]
+    assert np.ptp(found["x"]) == pytest.approx(2 * np.sqrt(2 * depth - depth**2), rel=0.4)
+    assert found["pressure"][found["closed"]].min() > 0
 
 
 def test_seal(example):

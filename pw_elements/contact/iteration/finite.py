@@ -47,6 +47,8 @@ _HALVINGS = 10
 _SMALL_TURN = 1e-3
 # Normals that turn further have jumped; s of a right angle, and one that is finite beyond it
 _RIGHT_ANGLE, _FARTHEST = np.sqrt(0.5), 0.99
+# Shares of a point's way at which it is looked for within the surface
+_WAY = np.linspace(0.05, 0.95, 19)
 
 
 @dataclass(frozen=True)
@@ -113,9 +115,9 @@ class DeformedKinematics:
     def __init__(self, interface: Interface, past: Reference) -> None:
         self._interface = interface
         self._point, self._normal = np.zeros((2, *interface.position.shape))
-        relative = past.displacement - past.translations[interface.pair]
-        gap, self._normal, _ = self._closest(relative)
-        self._point = interface.position + relative - gap[:, None] * self._normal
+        self._start = past.displacement - past.translations[interface.pair]
+        gap, self._normal, _ = self._closest(self._start)
+        self._point = interface.position + self._start - gap[:, None] * self._normal
 
     def __call__(self, translations: Array, displacement: Array, force: Array) -> DeformedPlace:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
@@ -146,6 +148,15 @@ class DeformedKinematics:
             np.concatenate(turned, axis=1),
             s > _RIGHT_ANGLE,
         )
+
+    def passed(self, place: DeformedPlace) -> npt.NDArray[np.bool_]:
+        """Points (m,) whose normals have turned over, on a straight way through the surface."""
+        within = np.zeros(len(place.gap), dtype=bool)
+        if not len(self._interface.gathered(place.jumped[place.jumped])):
+            return within
+        for share in _WAY:
+            within |= self._closest((1 - share) * self._start + share * place.at)[0] < 0
+        return place.jumped & within
 
     def _closest(self, at: Array) -> tuple[Array, Array, Array]:
         """Gap (m,), normal (m, dim) and its derivative (m, dim, dim) at a - U (m, dim)."""

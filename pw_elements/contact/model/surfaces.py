@@ -267,7 +267,7 @@ class SignedDistance:
         """
         n, dim = x.shape
         one, p, active = np.eye(dim), x.copy(), np.arange(n)
-        slope = self._slope(x)
+        slope, flat = self._directed(x)
         length = self._values(x) / np.sum(slope**2, axis=1)
         bend = np.full((n, dim, dim), np.nan)
         found = np.zeros(n, dtype=bool)
@@ -275,7 +275,7 @@ class SignedDistance:
         small *= np.abs(x).max(initial=0.0)
         for _ in range(_PROJECTIONS):
             at, level = p[active], length[active]
-            slope, bent = self._slope(at), self._bend(at)
+            slope, bent = self._directed(at)[0], self._bend(at)
             system = np.zeros((len(at), dim + 1, dim + 1))
             system[:, :dim, :dim] = one + level[:, None, None] * bent
             system[:, :dim, dim] = system[:, dim, :dim] = slope
@@ -290,7 +290,8 @@ class SignedDistance:
             active = active[~still]
             if not len(active):
                 break
-        slope = self._slope(p)
+        slope, flat_there = self._directed(p)
+        found &= ~(flat | flat_there)
         size = np.linalg.norm(slope, axis=1)
         normal, gap = slope / size[:, None], length * size
         across = one - normal[:, :, None] * normal[:, None, :]
@@ -311,6 +312,12 @@ class SignedDistance:
         steps = self.step * np.eye(x.shape[1])
         differences = [self._values(x + h) - self._values(x - h) for h in steps]
         return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
+
+    def _directed(self, x: Points) -> tuple[Points, npt.NDArray[np.bool_]]:
+        """Gradient (n, dim), any direction where it vanishes, and where (n,) that is."""
+        slope = self._slope(x)
+        flat = ~np.any(slope != 0, axis=1)
+        return np.where(flat[:, None], np.eye(x.shape[1])[-1], slope), flat
 
     def _bend(self, x: Points) -> npt.NDArray[np.float64]:
         """Second derivatives (n, dim, dim) of the function."""

@@ -199,7 +199,8 @@ class FiniteStepping:
         reporter.violation = increment.violation(now)
         end = now.place
         assert isinstance(end, DeformedPlace)
-        jumped = interface.gathered(interface.position[end.jumped & (now.contact.pressing > 0)])
+        pressed = end.jumped & (now.contact.pressing > 0)
+        jumped = interface.gathered(interface.position[pressed | kinematics.passed(end)])
         if len(jumped):
             raise NotFound(
                 f"contact nodes first at {listed(jumped)} have jumped to another sheet of their "

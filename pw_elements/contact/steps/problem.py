@@ -1,5 +1,6 @@
 """A contact problem as the user states it, checked, and solved increment after increment."""
 
+import logging
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -53,6 +54,8 @@ from pw_elements.solvers import (
 from pw_elements.spaces import is_hybrid
 
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
+
+log = logging.getLogger("pw_elements.contact")
 
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
@@ -243,6 +246,8 @@ def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
                     f"contact pair {k} has interference, which small displacements only can have: "
                     "start with the surface outside of the body, and move it in"
                 )
+            if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
+                log.warning("contact pair %d: differences stand in for a gradient function", k)
             if not isinstance(pair.surface, RigidBody):
                 raise ValueError(
                     f"contact pair {k}: deformed bodies cannot touch a "
