@@ -171,6 +171,7 @@ class Contact:
         (first, was), (u, U) = history[-2:]
         force = max(np.abs(self.body.forces(u)).max() for u, _ in history)
         length = max(max(np.abs(u).max(), np.abs(U).max()) for u, U in history)
+        force = force or 1.0  # the circle has not yet met the body
         mu, r, start = self.circle.friction, self.body.forces(u), self._place(first, was)
         free = ~self.held
         free[self.touching] = False
