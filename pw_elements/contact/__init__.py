@@ -16,6 +16,11 @@ A block is pressed on a rough floor, then a punch is pushed into its top by a fo
     write("punch.bp", states, body)  # for ParaView
     plot(states[-1], body, pair=1)
 
+Any residual at large strains, on surfaces along which it slides far:
+
+    problem = ContactProblem.of_residual(F, u, conditions, ContactPair(top, Sphere((0, 1), 1.0)))
+    pressed = problem.step(problem.undeformed, motions=Motion((0, -0.25)))
+
 A body that is thrown at a floor, by explicit dynamics:
 
     history = solve_impact(K, lumped, supports, floor, U, duration=1.0, velocity=thrown, frames=50)
