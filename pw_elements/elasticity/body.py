@@ -53,7 +53,7 @@ Scalar: TypeAlias = float | Expr
 Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
 
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
-# of natural frequencies is below 1e-4 of the mesh's own error, see tests/study/test_vibration.py
+# of natural frequencies is below 1e-4 of the mesh's own error, see section V8 of the study
 _RATIONAL_DEGREE = 8
 # Poisson's ratio above which `Body.on` adds a pressure, and above which displacements alone lock
 _HYBRID_NU = 0.48

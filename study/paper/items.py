@@ -158,7 +158,7 @@ _TESTED = {
         ("V4", "V5", "V6", "V7"), ("study/test_verification_friction", "oracle/test_sections")
     ),
     "V8": ("study/test_vibration", "oracle/test_sections"),
-    "V9": ("study/test_explicit",),
+    "V9": ("study/test_findings",),
     "V10": ("study/test_verification_space", "oracle/test_random_small"),
     "V11": ("study/test_verification_mortar", "contact/test_mortar"),
     "V12": ("contact/test_impact",),

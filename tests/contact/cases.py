@@ -1,4 +1,6 @@
-"""Contact problems that several tests solve."""
+"""Bodies and contact problems that several tests solve."""
+
+from functools import cached_property
 
 from mpi4py import MPI
 
@@ -14,44 +16,79 @@ from pw_elements import (
     boundary_measure,
     prescribe,
 )
-from pw_elements.contact import ContactPair, Parabola, Plane, solve_contact
-from pw_elements.elasticity import StressState
+from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, solve_contact
 from pw_elements.meshes import mapped, triangles
+from pw_elements.spaces import SubSpace
+
+PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
 
 
 def at(axis, value):
     return lambda x: np.isclose(x[axis], value)
 
 
-class Block:
-    """Block 4 x 2 on a rough plane, pressed by 200 and then pulled at its right side."""
+class Elastic:
+    """An elastic body on a mesh."""
 
-    def __init__(self, n, method=Spaces.petrov_galerkin, comm=MPI.COMM_SELF):
-        mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
-        self.body = Body(method(mesh), Material(1000.0, 0.3), StressState.PLANE_STRESS)
+    def __init__(
+        self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
+    ):
+        self.mesh, self.dim = mesh, mesh.geometry.dim
+        self.body = Body(method(mesh), material or Material(E, nu), state, thickness)
         self.space = self.body.spaces.trial
         self.K = assemble_matrix(self.body.stiffness())
-        self.free = Reduction.dirichlet(self.space, [])
-        self.pressure = self.load((0.0, -200.0), at(1, 2.0))
 
-    def owned(self):
-        """Positions of this process' nodes."""
-        count = self.space.dofmap.index_map.size_local
-        return self.space.tabulate_dof_coordinates()[:count]
+    @cached_property
+    def displacements(self):
+        return SubSpace.displacements(self.space).space
+
+    @cached_property
+    def x(self):
+        """Positions (n, dim) of nodes, ghosts' too."""
+        return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
+
+    @property
+    def nothing(self):
+        return self.K.createVecLeft()
 
     def load(self, traction, where):
-        surface = boundary_measure(self.body.spaces.mesh, where)
-        return assemble_vector(self.body.surface_load(traction, surface))
+        surface = boundary_measure(self.mesh, where)
+        return assemble_vector(self.body.surface_load(np.asarray(traction), surface))
+
+    def held(self, *conditions):
+        """Supports: component, marker and, where it is not zero, value of each."""
+        return Reduction.dirichlet(self.space, [prescribe(self.space, *c) for c in conditions])
+
+    def clamped(self, where, value=0.0):
+        return self.held(*((i, where, value) for i in range(self.dim)))
+
+    def contact(self, pairs, supports=None, loads=None, **options):
+        """States; without loads one for each motion of the (first) pair."""
+        supports = self.held() if supports is None else supports
+        if loads is None:
+            motions = (pairs if isinstance(pairs, ContactPair) else pairs[0]).motions
+            loads = [self.nothing] * max(1, len(motions))
+        return solve_contact(self.K, loads, supports, pairs, self.space, **options)
+
+    def problem(self, pairs, supports=None, **options):
+        supports = self.held() if supports is None else supports
+        return ContactProblem(self.K, supports, pairs, self.space, **options)
+
+
+class Block(Elastic):
+    """Block 4 x 2 on a rough plane, pressed by 200 and then pulled at its right side."""
+
+    def __init__(self, n, method=PW, comm=MPI.COMM_SELF):
+        mesh = triangles(comm, (0.0, 0.0), (4.0, 2.0), (n, n // 2))
+        super().__init__(mesh, method, "plane stress")
+        self.free = self.held()
+        self.pressure = self.load((0.0, -200.0), at(1, 2.0))
 
     def pulled(self, traction, increments=10):
         """Load vectors: pressure, then traction in steps."""
-        loads = [self.pressure]
         pull = self.load((traction, 0.0), at(0, 4.0))
-        for k in range(1, increments + 1):
-            f = self.pressure.copy()
-            f.axpy(k / increments, pull)
-            loads.append(f)
-        return loads
+        shares = [k / increments for k in range(1, increments + 1)]
+        return [self.pressure, *(self.pressure + share * pull for share in shares)]
 
     def pair(self, mu, smooth=0.2, shared_is_rough=True):
         edge = smooth - 1e-9 if shared_is_rough else smooth + 1e-9
@@ -63,51 +100,42 @@ class Block:
 
     def solve(self, mu, traction, increments=10, start=(), **pair):
         loads = self.pulled(traction, increments)
-        return solve_contact(self.K, loads, self.free, [self.pair(mu, **pair)], self.space, start)
+        return self.contact(self.pair(mu, **pair), self.free, loads, start=start)
 
 
-class Punch:
+class Punch(Elastic):
     """Parabolic punch of radius 8 on a block 8 x 4 with a fixed base, section 7.3."""
 
     def __init__(
-        self,
-        divisions=(19, 4),
-        method=Spaces.petrov_galerkin,
-        build=triangles,
-        grade=1.5,
-        comm=MPI.COMM_SELF,
+        self, divisions=(19, 4), method=PW, build=triangles, grade=1.5, comm=MPI.COMM_SELF
     ):
         def graded(x):
             s = x[:, 0]
             return np.column_stack([4 * (s + (grade - 1) * s**3) / grade, 4 * x[:, 1], x[:, 2]])
 
         mesh = mapped(build(comm, (-1.0, 0.0), (1.0, 1.0), divisions), graded)
-        body = Body(method(mesh), Material(1000.0, 0.25), StressState.PLANE_STRESS)
-        self.space = body.spaces.trial
-        self.K = assemble_matrix(body.stiffness())
-        foot = [prescribe(self.space, i, at(1, 0.0)) for i in range(2)]
-        self.foot = Reduction.dirichlet(self.space, foot)
+        super().__init__(mesh, method, "plane stress", nu=0.25)
+        self.foot = self.clamped(at(1, 0.0))
+
+    def pair(self, mu, motions=()):
+        return ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
 
     def solve(self, mu, motions, start=()):
-        pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), mu, motions)
-        loads = [self.K.createVecLeft()] * len(motions)
-        return solve_contact(self.K, loads, self.foot, [pair], self.space, start)
+        return self.contact(self.pair(mu, motions), self.foot, start=start)
 
 
-class Greco:
+class Greco(Elastic):
     """GRECO/Raous plate (code_aster SSNV128): friction 1, zones that are open, slip and stick."""
 
-    def __init__(self, n, method=Spaces.petrov_galerkin):
+    def __init__(self, n, method=PW):
         mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (0.04, 0.04), (n, n))
-        body = Body(method(mesh), Material(1.3e11, 0.2), StressState.PLANE_STRAIN)
-        self.space = body.spaces.trial
-        self.K = assemble_matrix(body.stiffness())
-        top, left = (boundary_measure(mesh, where) for where in (at(1, 0.04), at(0, 0.0)))
-        self.load = assemble_vector(body.surface_load((0.0, -5e7), top))
-        self.load.axpy(1.0, assemble_vector(body.surface_load((15e7, 0.0), left)))
-        self.symmetry = Reduction.dirichlet(self.space, [prescribe(self.space, 0, at(0, 0.04))])
+        super().__init__(mesh, method, E=1.3e11, nu=0.2)
+        self.push = self.load((0.0, -5e7), at(1, 0.04)) + self.load((15e7, 0.0), at(0, 0.0))
+        self.symmetry = self.held((0, at(0, 0.04)))
+
+    def pair(self, mu):
+        return ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)
 
     def solve(self, mu, **options):
-        pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), mu)
-        (state,) = solve_contact(self.K, self.load, self.symmetry, [pair], self.space, **options)
+        (state,) = self.contact(self.pair(mu), self.symmetry, self.push, **options)
         return state

@@ -5,39 +5,24 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    assemble_matrix,
-    assemble_vector,
-    boundary_measure,
-    prescribe,
-)
+from pw_elements import assemble_vector
 from pw_elements.contact import ContactPair, Motion, Plane, Sphere
-from tests.contact.cases import at
+from tests.contact.cases import PW, Elastic, at
 from tests.contact.two_bodies import Stack
 
 PUSHED = (1e-4, 5e-5, -1e-3)
 
 
-class Solid:
+FLOOR = Plane((0, 0, 0), (0, 0, 1))
+
+
+class Solid(Elastic):
     """Block 2 x 1 x 1, n cells high."""
 
-    def __init__(
-        self,
-        cell="tetrahedron",
-        method=Spaces.petrov_galerkin,
-        n=3,
-        comm=MPI.COMM_SELF,
-        nu=0.3,
-    ):
+    def __init__(self, cell="tetrahedron", method=PW, n=3, comm=MPI.COMM_SELF, nu=0.3):
         mesh = create_box(comm, [(0, 0, 0), (2, 1, 1)], (2 * n, n, n), CellType[cell])
-        self.body = Body(method(mesh), Material(1000.0, nu), "solid")
-        self.space = self.body.spaces.trial
-        self.K = assemble_matrix(self.body.stiffness())
-        self.free = Reduction.dirichlet(self.space, [])
+        super().__init__(mesh, method, "solid", nu=nu)
+        self.free = self.held()
 
     def arguments(self, case):
         """K, loads, supports and pairs of one of `CASES`, as `solve_contact` takes them."""
@@ -46,43 +31,27 @@ class Solid:
 
     def foot(self, moved=0.0):
         """Supports of the bottom, which they move in all directions."""
-        held = [prescribe(self.space, i, at(2, 0.0), moved * (i + 1)) for i in range(3)]
-        return Reduction.dirichlet(self.space, held)
+        return self.held(*((i, at(2, 0.0), moved * (i + 1)) for i in range(3)))
 
     def pushed(self):
         """Pressure on the top and a push at the side."""
-        mesh = self.body.spaces.mesh
-        load = assemble_vector(
-            self.body.surface_load((0.0, 0.0, -100.0), boundary_measure(mesh, at(2, 1.0)))
-        )
-        side = boundary_measure(mesh, at(0, 0.0))
-        load.axpy(1.0, assemble_vector(self.body.surface_load((20.0, 10.0, 0.0), side)))
-        return load
+        return self.load((0.0, 0.0, -100.0), at(2, 1.0)) + self.load((20.0, 10.0, 0.0), at(0, 0.0))
 
 
 def nearly_sliding(solid, push=0.57):
     """K, loads, supports and pairs of a block that is pressed on a floor, pushed, pushed by less.
 
-    The last nodes that stick let a singular tangent come near, on which GMRES gives up.
-
-    Args:
-        solid: the block.
-        push: over the pressure; the floor's friction bears 0.6.
+    The last nodes that stick let a singular tangent come near, on which GMRES gives up. The push
+    is over the pressure; the floor's friction bears 0.6.
     """
-    mesh = solid.body.spaces.mesh
-    side, top = (boundary_measure(mesh, at(*place)) for place in ((0, 0.0), (2, 1.0)))
-    loads = []
-    for share in (0.0, push, 0.3):
-        load = assemble_vector(solid.body.surface_load((0.0, 0.0, -1.0), top))
-        load.axpy(share, assemble_vector(solid.body.surface_load((1.0, 0.0, 0.0), side)))
-        loads.append(load)
-    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
-    return solid.K, loads, solid.free, floor, solid.space
+    pressed, side = solid.load((0.0, 0.0, -1.0), at(2, 1.0)), solid.load((1.0, 0, 0), at(0, 0.0))
+    loads = [pressed + share * side for share in (0.0, push, 0.3)]
+    return solid.K, loads, solid.free, ContactPair(at(2, 0.0), FLOOR, 0.3), solid.space
 
 
 def _rough_floor(solid):
-    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
-    return solid.pushed(), solid.free, floor  # held by contact alone
+    """Held by contact alone."""
+    return solid.pushed(), solid.free, ContactPair(at(2, 0.0), FLOOR, 0.3)
 
 
 def _corner(solid):
@@ -95,7 +64,7 @@ def _corner(solid):
         return np.isclose(x[0], 0) & (x[1] > 1e-9)
 
     pairs = [
-        ContactPair(below, Plane((0, 0, 0), (0, 0, 1)), 0.2),
+        ContactPair(below, FLOOR, 0.2),
         ContactPair(left, Plane((0, 0, 0), (1, 0, 0)), 0.2),
         ContactPair(at(1, 0.0), Plane((0, 0, 0), (0, 1, 0)), 0.0),
     ]
@@ -107,14 +76,14 @@ def _tilted(solid):
     normal = np.array([0.1, 0.05, -1.0]) / np.linalg.norm([0.1, 0.05, -1.0])
     plane = Plane((0, 0, 1), tuple(normal))
     pair = ContactPair(at(2, 1.0), plane, 0.4, [Motion((0.01, 0.0, -0.08))])
-    return solid.K.createVecLeft(), solid.foot(0.001), pair
+    return solid.nothing, solid.foot(0.001), pair
 
 
 def _sphere(solid):
     """Indented by its motion, then dragged."""
     motions = [Motion((0, 0, -0.05)), Motion((0.02, 0.01, -0.05))]
     pair = ContactPair(at(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
-    return [solid.K.createVecLeft()] * 2, solid.foot(0.001), pair
+    return [solid.nothing] * 2, solid.foot(0.001), pair
 
 
 def _sphere_by_forces(solid):
@@ -124,7 +93,7 @@ def _sphere_by_forces(solid):
         Motion((None, None, None), (1.0, 0.3, -5.0)),
     ]
     pair = ContactPair(at(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
-    return [solid.K.createVecLeft()] * 2, solid.foot(), pair
+    return [solid.nothing] * 2, solid.foot(), pair
 
 
 def _plate_by_forces(solid):
@@ -134,7 +103,7 @@ def _plate_by_forces(solid):
         Motion((None, 0, None), (3.0, 0, -20.0)),
     ]
     pair = ContactPair(at(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
-    return [solid.K.createVecLeft()] * 2, solid.foot(), pair
+    return [solid.nothing] * 2, solid.foot(), pair
 
 
 CASES = {
@@ -149,36 +118,31 @@ CASES = {
 
 def held_by_contact(stack: Stack, slave, surface=None):
     """The upper block rests on the lower one alone, pressed and pushed."""
-    base = [prescribe(stack.space, i, at(2, 0.0)) for i in range(3)]
     pair = stack.pair(slave, 0.2)
     if surface is not None:
         pair = ContactPair(pair.nodes, surface, pair.friction)
-    return stack.K, stack.load(PUSHED), Reduction.dirichlet(stack.space, base), pair, stack.space
+    return stack.K, stack.load(PUSHED), stack.clamped(at(2, 0.0)), pair, stack.space
 
 
 def _on_a_floor(stack, slave):
     """As before, and the lower one rests on a rigid plane alone."""
     K, load, _, pair, space = held_by_contact(stack, slave)
-    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
-    return K, load, Reduction.dirichlet(space, []), [floor, pair], space
+    return K, load, stack.held(), [ContactPair(at(2, 0.0), FLOOR, 0.3), pair], space
 
 
 def _smooth(stack, slave):
     """Without friction, guided on top."""
-    guided = [prescribe(stack.space, i, at(2, end)) for i in range(2) for end in (0.0, 2.0)]
-    guided.append(prescribe(stack.space, 2, at(2, 0.0)))
-    supports = Reduction.dirichlet(stack.space, guided)
+    guided = [(i, at(2, end)) for i in range(2) for end in (0.0, 2.0)]
+    supports = stack.held(*guided, (2, at(2, 0.0)))
     return stack.K, stack.load((0, 0, -1e-3)), supports, stack.pair(slave), stack.space
 
 
 def _through_contact(stack, slave):
     """Both clamped, a force between them presses and pushes."""
-    held = [prescribe(stack.space, i, at(2, end)) for i in range(3) for end in (0.0, 2.0)]
     sign = 1 if slave == "upper" else -1
     motion = Motion((None, 0.0, None), (1e-4, 0.0, sign * 1e-3))
-    supports = Reduction.dirichlet(stack.space, held)
-    pair = stack.pair(slave, 0.2, [motion])
-    return stack.K, stack.K.createVecLeft(), supports, pair, stack.space
+    supports = stack.moved_top((0.0, 0.0, 0.0))
+    return stack.K, stack.nothing, supports, stack.pair(slave, 0.2, [motion]), stack.space
 
 
 STACKED = {

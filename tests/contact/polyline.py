@@ -23,10 +23,6 @@ class Polyline:
     The body lies to the left when one walks from the first point to the last. Corners that
     protrude into the body are sharp (the normal at a point nearest to the corner is the
     line that joins them) or rounded from within; re-entrant ones stay sharp.
-
-    Args:
-        points: (m, 2), two at least.
-        radius: of the rounding; it has to fit the shorter segment at each corner.
     """
 
     points: Sequence[Sequence[float]]

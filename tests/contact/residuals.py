@@ -93,10 +93,7 @@ def residuals(
 ) -> list[dict[str, float]]:
     """Each condition's largest violation, for every step of a history from its beginning.
 
-    Args:
-        problem: it has `K`, `space`, `loads`, `conditions` (of the supports) and `pairs`.
-        steps: from the first increment on.
-        shares: of what supports and interference prescribe, in each step; all unless given.
+    Shares are of what supports and interference prescribe, in each step; all unless given.
     """
     space, comm = problem.space, problem.space.mesh.comm
     dim = space.mesh.geometry.dim
@@ -130,18 +127,8 @@ def residuals(
             place, still_inside = x[nodes] - moved, np.zeros(len(nodes))
             if pair.interference:
                 still_inside = (1 - share) * np.maximum(0.0, -pair.surface.gap(x[nodes]))
-            faced, values = _law(
-                pair,
-                place,
-                a[nodes],
-                slipped,
-                r[nodes],
-                ~held[nodes],
-                mu,
-                scale,
-                nodes,
-                still_inside,
-            )
+            known = (place, a[nodes], slipped, r[nodes], ~held[nodes], mu, nodes, still_inside)
+            faced, values = _law(pair.surface, scale, *known)
             balanced[nodes[faced]] = False
             motion = pair.motions[k] if pair.motions else None
             # what a support holds is its own reaction
@@ -181,18 +168,7 @@ class _Scale:
         return float(((values - self.lost_length) / self.length).max(initial=0.0))
 
 
-def _law(
-    pair: ContactPair,
-    place: Array,
-    a: Array,
-    slipped: Array,
-    r: Array,
-    free: npt.NDArray[np.bool_],
-    mu: Array,
-    scale: _Scale,
-    nodes: npt.NDArray,
-    still_inside: Array,
-) -> tuple[npt.NDArray[np.bool_], dict[str, float]]:
+def _law(surface, scale: _Scale, place, a, slipped, r, free, mu, nodes, still_inside):
     """Which nodes a surface faces, and how well its law holds there.
 
     Nodes may still be inside of it by some depth (n,), where interference is resolved in parts.
@@ -200,7 +176,7 @@ def _law(
     if not len(nodes):
         names = ("penetration", "tension", "complementarity", "cone", "stick", "direction")
         return np.zeros(0, dtype=bool), dict.fromkeys(names, 0.0)
-    gap, normal = pair.surface.gap(place) + still_inside, pair.surface.normal(place)
+    gap, normal = surface.gap(place) + still_inside, surface.normal(place)
     faced = np.isfinite(gap)
     gap, normal, a, slipped, r, free, mu, nodes = (
         values[faced] for values in (gap, normal, a, slipped, r, free, mu, nodes)

@@ -8,37 +8,24 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    assemble_matrix,
-    assemble_vector,
-    boundary_measure,
-    prescribe,
-)
+from pw_elements import assemble_vector, boundary_measure
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.meshes import curved
-from pw_elements.spaces import exterior_facets
 from study.verification.c_mesh_families import meshed
-from tests.contact.cases import at
-from tests.contact.two_bodies import joined
+from tests.contact.cases import Elastic, at
+from tests.contact.two_bodies import PLANE, joined, two_sides
 
 INNER, BETWEEN, OUTER, PRESSURE, NU = 1.0, 1.5, 2.2, 1e-3, 0.3
 
 
-def _tube_2d(low, high, n, cell):
-    size = (max(2, round(1.5 * n * (high - low))), 2 * n)
-    flat = create_rectangle(MPI.COMM_SELF, [(low, 0.0), (high, 1.0)], size, CellType[cell])
-    return curved(flat, _rolled)
-
-
-def _tube_3d(low, high, n, cell):
+def _tube(low, high, n, cell):
     size = (max(2, round(1.5 * n * (high - low))), 2 * n, max(1, n // 2))
-    flat = create_box(MPI.COMM_SELF, [(low, 0, 0), (high, 1.0, 0.5)], size, CellType[cell])
-    return curved(flat, _rolled)
+    if cell in PLANE:
+        ends = [(low, 0.0), (high, 1.0)]
+        return curved(create_rectangle(MPI.COMM_SELF, ends, size[:2], CellType[cell]), _rolled)
+    ends = [(low, 0, 0), (high, 1.0, 0.5)]
+    return curved(create_box(MPI.COMM_SELF, ends, size, CellType[cell]), _rolled)
 
 
 def _rolled(x):
@@ -87,15 +74,15 @@ def _octant_of_gmsh(low, high, n, cell):  # noqa: ARG001
 
 # How each is built, the number of coordinates that make the radius, and the power in its stresses
 _KINDS = {
-    "tube": (_tube_2d, 2, 2),
-    "tube in space": (_tube_3d, 2, 2),
+    "tube": (_tube, 2, 2),
+    "tube in space": (_tube, 2, 2),
     "sphere": (_octant, 3, 3),
     "sphere of Gmsh": (_octant_of_gmsh, 3, 3),
-    "revolved": (_tube_2d, 2, 3),
+    "revolved": (_tube, 2, 3),
 }
 
 
-class Shells:
+class Shells(Elastic):
     """One in the other, the outer one free outside; symmetry planes hold them.
 
     Args:
@@ -112,33 +99,29 @@ class Shells:
         mesh = joined(
             build(INNER, BETWEEN, divisions[0], cell), build(BETWEEN, OUTER, divisions[1], cell)
         )
-        dim = mesh.geometry.dim
         state = {"tube": "plane strain", "revolved": "axisymmetric"}.get(kind, "solid")
-        self.body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, NU), state)
-        space = self.space = self.body.spaces.trial
-        self.K = assemble_matrix(self.body.stiffness())
-        self.x = space.tabulate_dof_coordinates()[:, :dim]
+        super().__init__(mesh, state=state, E=1.0, nu=NU)
 
-        def radius(x):
-            return np.linalg.norm(x[:axes], axis=0)
+        def on(radius):
+            return lambda x: np.isclose(np.linalg.norm(x[:axes], axis=0), radius)
 
-        facets = exterior_facets(mesh, lambda x: np.isclose(radius(x), BETWEEN))
-        behind = mesh.topology.connectivity(dim - 1, dim)
-        middle = radius(self.x[space.dofmap.list].mean(axis=1).T)
-        outer = np.array([middle[behind.links(f)[0]] > BETWEEN for f in facets])
-        sides = {"inner": facets[~outer], "outer": facets[outer]}
-        self.own = sides.pop(slave)
-        (theirs,) = sides.values()
-        nodes = fem.locate_dofs_topological(space, dim - 1, self.own)
+        sides = two_sides(
+            self, on(BETWEEN), lambda x: np.linalg.norm(x[:, :axes], axis=1) > BETWEEN
+        )
+        own, theirs = sides if slave == "inner" else sides[::-1]
+        nodes = fem.locate_dofs_topological(self.space, self.dim - 1, own)
         surface = DeformableSurface(theirs, kind == "revolved", coincident)
-        self.pair = ContactPair(nodes, surface)
-        bore = boundary_measure(mesh, lambda x: np.isclose(radius(x), INNER), 6)
-        normal = ufl.FacetNormal(mesh)
-        self.load = assemble_vector(self.body.surface_load(-PRESSURE * normal, bore))
-        held = [prescribe(space, i, at(i, 0.0)) for i in range(dim)]
-        if kind == "tube in space":
-            held.append(prescribe(space, 2, at(2, 0.5)))
-        self.supports = Reduction.dirichlet(space, held)
+        self.pair, self.between = ContactPair(nodes, surface), on(BETWEEN)
+        self.inside = self.pushed(PRESSURE, on(INNER))
+        ends = [(i, at(i, 0.0)) for i in range(self.dim)]
+        self.supports = self.held(*ends, *[(2, at(2, 0.5))] * (kind == "tube in space"))
+
+    def pushed(self, pressure, where):
+        """Load vector of a pressure."""
+        surface = boundary_measure(self.mesh, where, 6)
+        return assemble_vector(
+            self.body.surface_load(-pressure * ufl.FacetNormal(self.mesh), surface)
+        )
 
     @property
     def pressure(self):

@@ -1,10 +1,5 @@
 """Contact results as functions, in files for ParaView, and in pictures."""
 
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
 from mpi4py import MPI
 
 import matplotlib as mpl
@@ -12,20 +7,9 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType
+from dolfinx.mesh import CellType, create_box
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    as_function,
-    assemble_matrix,
-    assemble_vector,
-    boundary_measure,
-    prescribe,
-    reactions,
-)
+from pw_elements import Spaces, as_function, reactions
 from pw_elements.contact import (
     OPEN,
     SLIP,
@@ -33,21 +17,17 @@ from pw_elements.contact import (
     ContactFields,
     ContactPair,
     Motion,
-    Parabola,
     Plane,
+    Sphere,
     plot,
-    solve_contact,
     write,
 )
 from pw_elements.contact.output.pictures import _chains
-from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from tests.contact.cases import Block, Punch, at
-from tests.contact.fields_parallel import ball, blocks_apart, unbalanced
+from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, Punch, at
+from tests.contact.test_matching import Blocks
 from tests.library import vtx
 
-PROJECT = Path(__file__).parents[2]
-PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
 PRESSURES = ["pressure", "tributary_pressure", "traction"]
 
@@ -61,27 +41,32 @@ def on(space, where):
     return fem.locate_dofs_geometrical(space, where)
 
 
+def ball(cell, method, comm=MPI.COMM_SELF):
+    """A sphere pressed on the top of a block and pushed sideways: body and states."""
+    mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (6, 6, 2), cell)
+    body = Elastic(mesh, method, "solid")
+    motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
+    pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
+    return body, body.contact(pair, body.clamped(at(2, 0.0)))
+
+
 @pytest.mark.parametrize(
     ("build", "method", "kind"),
     [
-        (triangles, PW, StressState.PLANE_STRESS),
-        (triangles, GALERKIN, StressState.PLANE_STRAIN),
-        (triangles, PW, StressState.AXISYMMETRIC),
-        (quadrilaterals, PW, StressState.PLANE_STRAIN),
-        (quadrilaterals, Q8, StressState.PLANE_STRESS),
+        (triangles, GALERKIN, "plane strain"),
+        (triangles, PW, "axisymmetric"),
+        (quadrilaterals, PW, "plane strain"),
+        (quadrilaterals, Q8, "plane stress"),
     ],
 )
 def test_even_pressure_is_a_constant_function(build, method, kind):
     """A block, or a cylinder, pressed on a smooth plane: p = 3, whatever the thickness."""
     mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2)), uneven)
-    thickness = 1.0 if kind is StressState.AXISYMMETRIC else 0.4
-    body = Body(method(mesh), Material(10.0, 0.3), kind, thickness)
-    U, K = body.spaces.trial, assemble_matrix(body.stiffness())
-    f = assemble_vector(body.surface_load((0.0, -3.0), boundary_measure(mesh, at(1, 1.0))))
-    held = Reduction.dirichlet(U, [prescribe(U, 0, at(0, 0.0))])
-    (state,) = solve_contact(K, f, held, ContactPair(at(1, 0.0), Plane((0, 0), (0, 1))), U)
-    fields = ContactFields.of(state, body)
-    below = on(U, at(1, 0.0))
+    body = Elastic(mesh, method, kind, 10.0, thickness=1.0 if kind == "axisymmetric" else 0.4)
+    held, load = body.held((0, at(0, 0.0))), body.load((0.0, -3.0), at(1, 1.0))
+    (state,) = body.contact(ContactPair(at(1, 0.0), Plane((0, 0), (0, 1))), held, load)
+    fields = ContactFields.of(state, body.body)
+    below = on(body.space, at(1, 0.0))
     elsewhere = np.setdiff1d(np.arange(len(fields.gap.x.array)), below)
     weighty = fields.surfaces[0].own_area > 0
     assert fields.pressure.x.array[below][weighty] == pytest.approx(3.0, rel=1e-9)
@@ -95,77 +80,49 @@ def test_even_pressure_is_a_constant_function(build, method, kind):
     assert (fields.status.x.array[below] != OPEN).all()
 
 
-def along(space, field, where, degree):
-    """Integral of a function over a line y = constant, piecewise of a degree between the nodes."""
-    nodes = on(space, where)
-    x = space.tabulate_dof_coordinates()[nodes, 0]
-    order = np.argsort(x)
-    x, values = x[order], field.x.array.reshape(-1, field.function_space.dofmap.index_map_bs)
-    values = values[nodes[order]]
-    if degree == 2:  # Simpson's rule
-        return (x[2::2] - x[:-2:2]) @ (values[:-2:2] + 4 * values[1::2] + values[2::2]) / 6
-    return (x[1:] - x[:-1]) @ (values[1:] + values[:-1]) / 2
-
-
-@pytest.mark.parametrize(("method", "degree"), [(PW, 1), (GALERKIN, 2)])
-def test_integrals_of_pressure_and_traction_are_the_total_force(method, degree):
-    """The load is 200 and 60 on lengths of 4 and 2; nodes' values in between as the weights."""
-    block = Block(12, method)
-    state = block.solve(0.3, 60.0, increments=2)[-1]
-    fields = ContactFields.of(state, block.body)
-    pressure, traction = (
-        along(block.space, field, at(1, 0.0), degree)
-        for field in (fields.pressure, fields.traction)
-    )
-    assert pressure == pytest.approx([800.0], rel=1e-9)
-    assert traction == pytest.approx([-120.0, 0.0], rel=1e-9, abs=1e-9)
-
-
-def test_integral_of_pressure_round_an_axis():
-    """A sphere pressed on a cylinder: uneven, and 2 pi r counts."""
-    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (8, 4)), uneven)
-    body = Body(PW(mesh), Material(100.0, 0.3), StressState.AXISYMMETRIC)
-    U, K = body.spaces.trial, assemble_matrix(body.stiffness())
-    held = [prescribe(U, 0, at(0, 0.0)), prescribe(U, 1, at(1, 0.0))]
-    pair = ContactPair(at(1, 1.0), Parabola((0, 1), 3.0), 0.0, [Motion((0, None), (0, -7.0))])
-    (state,) = solve_contact(K, K.createVecLeft(), Reduction.dirichlet(U, held), pair, U)
-    fields = ContactFields.of(state, body)
-    nodes = on(U, at(1, 1.0))
-    r, p = U.tabulate_dof_coordinates()[nodes, 0], fields.pressure.x.array[nodes]
-    order = np.argsort(r)
-    (r, p), h = (r[order], p[order]), np.diff(np.sort(r))
-    middle = (r[1:] + r[:-1]) * (p[1:] + p[:-1])
-    assert np.pi / 3 * h @ (r[1:] * p[1:] + r[:-1] * p[:-1] + middle) == pytest.approx(7, rel=1e-9)
-
-
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
-def test_fields_in_space(cell):
-    body, K, states = ball(cell, PW)
-    fields = ContactFields.of(states[-1], body)
+def test_fields_and_pictures_in_space(cell, tmp_path):
+    body, (*_, state) = ball(cell, PW)
+    (pair,), fields = state.pairs, ContactFields.of(state, body.body)
     force = fields.force.x.array.reshape(-1, 3)
-    assert force.sum(axis=0) == pytest.approx(states[-1].pairs[0].force, rel=1e-9)
+    assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
     assert force[:, 2].sum() == pytest.approx(-80.0, rel=1e-9)
     # sub-cells of the face are 1/6 wide, and there is no contact on its rim: each node has 1/36
-    top = on(body.spaces.trial, at(2, 1.0))
-    outwards = body.spaces.trial.tabulate_dof_coordinates()[top]
-    outwards -= np.array([0.0, 0.0, 3.0]) + states[-1].pairs[0].translation
+    top = on(body.space, at(2, 1.0))
+    outwards = body.x[top] - (np.array([0.0, 0.0, 3.0]) + pair.translation)
     normal = outwards / np.linalg.norm(outwards, axis=1)[:, None]
     traction = fields.traction.x.array.reshape(-1, 3)[top]
     traction += fields.pressure.x.array[top, None] * normal
     assert np.abs(traction / 36 - force[top]).max() < 1e-9 * np.abs(force).max()
     assert (fields.pressure.x.array[top] > 0).sum() > 20
-    x = body.spaces.trial.tabulate_dof_coordinates()
-    left = reactions(K, states[-1].displacement, K.createVecLeft()).array_r.reshape(-1, 3)
-    above = x[:, 2] > 1e-9
-    assert np.abs(left - force)[above].max() < 1e-9 * np.abs(force).max()
+    left = reactions(body.K, state.displacement, body.nothing).array_r.reshape(-1, 3)
+    assert np.abs(left - force)[body.x[:, 2] > 1e-9].max() < 1e-9 * np.abs(force).max()
+
+    axes = plot(state, body.body)
+    (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
+    corners, values = coloured._triangulation.triangles, coloured.get_array()
+    x, y = pair.position[:, :2][corners].transpose(2, 0, 1)
+    signed = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    assert np.abs(signed).sum() / 2 == pytest.approx(4.0)  # each place of the face is covered once
+    assert np.abs(signed).min() > 0.1 * np.abs(signed).max()
+    # the linear interpolation over the triangles is the weights': its integral is the force
+    total = (np.abs(signed) / 2 * values[corners].mean(axis=1)).sum()
+    near = 1e-9 if cell is CellType.tetrahedron else 0.02
+    assert total == pytest.approx(pair.force_normal.sum(), rel=near)
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels[0] == "edge of contact"
+    assert labels[-1].startswith("shear, at most")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
+    axes.figure.savefig(tmp_path / "face.png")
+    assert (tmp_path / "face.png").stat().st_size > 10_000
 
 
 def test_nodes_without_weight_have_no_own_pressure():
     """Corners of the standard 10-node tetrahedra's faces; by tributary area they have one."""
-    body, _, states = ball(CellType.tetrahedron, GALERKIN)
-    fields = ContactFields.of(states[0], body)
+    body, states = ball(CellType.tetrahedron, GALERKIN)
+    fields = ContactFields.of(states[0], body.body)
     unknown = np.isnan(fields.pressure.x.array)
-    corners = fem.functionspace(body.spaces.mesh, ("Lagrange", 1)).tabulate_dof_coordinates()
+    corners = fem.functionspace(body.mesh, ("Lagrange", 1)).tabulate_dof_coordinates()
     assert np.count_nonzero(unknown) == np.count_nonzero(np.isclose(corners[:, 2], 1.0))
     assert np.isfinite(fields.tributary_pressure.x.array).all()
 
@@ -179,7 +136,7 @@ def test_gap_slip_and_status_are_those_of_the_displacements():
     before = fields.displacement.x.array.reshape(-1, 2).copy()
     fields.fill(states[1])
     top = on(punch.space, at(1, 4.0))
-    x = punch.space.tabulate_dof_coordinates()[top, 0] - 0.1
+    x = punch.x[top, 0] - 0.1
     moved = fields.displacement.x.array.reshape(-1, 2)[top]
     apart, forces = fields.gap.x.array[top], fields.force.x.array.reshape(-1, 2)[top]
     assert apart == pytest.approx(x**2 / 16 - 0.2 - moved[:, 1], abs=1e-12)
@@ -197,15 +154,16 @@ def test_gap_slip_and_status_are_those_of_the_displacements():
 
 
 def test_both_sides_of_matching_nodes_have_opposite_forces():
-    blocks, problem, load = blocks_apart(MPI.COMM_SELF)
-    state = problem.step(problem.undeformed, load)
-    wrong, force = unbalanced(blocks, state, load)
-    assert wrong < 1e-9 * force
+    blocks = Blocks()
+    (state,) = blocks.contact(blocks.pair(), blocks.foot, blocks.load((0.0, -3.0)))
     fields = ContactFields.of(state, blocks.body)
-    for upper in (True, False):
+    left = reactions(blocks.K, state.displacement, blocks.load((0.0, -3.0))).array_r
+    foot = np.isclose(blocks.x, 0.0).any(axis=1)
+    wrong = (left - fields.force.x.array).reshape(-1, 2)[~foot]
+    assert np.abs(wrong).max() < 1e-9 * np.abs(left).max()
+    for upper, sign in ((True, 1.0), (False, -1.0)):
         nodes = blocks.nodes(upper)
         assert fields.pressure.x.array[nodes] == pytest.approx(3.0, rel=1e-9)
-        sign = 1.0 if upper else -1.0
         assert (sign * fields.force.x.array[2 * nodes + 1] > 0).all()
     assert np.count_nonzero(np.isfinite(fields.gap.x.array)) == 2 * len(nodes)
 
@@ -223,9 +181,8 @@ def test_a_space_alone_gives_all_but_the_pressures():
 def test_a_given_function_is_filled():
     block = Block(4)
     u = as_function(block.space, block.pressure, "load")
-    twice = block.pressure.copy()
-    twice.scale(2.0)
-    half = fem.Constant(block.space.mesh, 0.5)
+    twice = 2.0 * block.pressure
+    half = fem.Constant(block.mesh, 0.5)
     form = fem.form(half * ufl.inner(u, u) * ufl.dx)
     before = fem.assemble_scalar(form)
     assert as_function(block.space, twice, out=u) is u
@@ -242,9 +199,7 @@ def test_what_is_no_state_of_the_body():
     (state,) = block.solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="belongs to another space"):
         ContactFields.of(state, other.body)
-    moved = Spaces.petrov_galerkin(
-        mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven)
-    )
+    moved = PW(mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
     with pytest.raises(ValueError, match="belongs to another space"):
         ContactFields.of(state, moved.trial)
     for ask in (ContactFields.of, plot):
@@ -253,8 +208,7 @@ def test_what_is_no_state_of_the_body():
         with pytest.raises(TypeError, match=r"body is of the type Block: "):
             ask(state, block)
     pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
-    held = Reduction.dirichlet(block.space, [prescribe(block.space, 0, at(0, 0.0))])
-    (half,) = solve_contact(block.K, block.pressure, held, pair, block.space)
+    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
     ContactFields.of(half, block.space)
     with pytest.raises(ValueError, match="other contact nodes than the fields"):
         ContactFields.of(state, block.body).fill(half)
@@ -263,24 +217,7 @@ def test_what_is_no_state_of_the_body():
             ask(half, block.body)
 
 
-needs_reader = pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")
-
-
-def unique(values):
-    """A step's fields with each point once, in order of positions; ghosts have to agree."""
-    x = values["geometry"]
-    order = np.lexsort(np.round(x, 9).T)
-    first = np.append(True, np.any(np.abs(np.diff(x[order], axis=0)) > 1e-9, axis=1))
-    group = np.cumsum(first) - 1
-    found = {}
-    for name, field in values.items():
-        if name != "connectivity":
-            found[name] = field[order][first]
-            assert np.allclose(field[order], found[name][group], 1e-12, 1e-14, equal_nan=True), name
-    return found
-
-
-@needs_reader
+@pytest.mark.skipif(vtx.library() is None, reason="no C library of ADIOS2")
 def test_files_hold_the_states(tmp_path):
     block = Block(12)
     states = block.solve(0.3, 60.0, increments=2)
@@ -292,10 +229,9 @@ def test_files_hold_the_states(tmp_path):
     xml = vtx.scheme(tmp_path / "block.bp")
     for name in FIELDS + PRESSURES:
         assert f'Name="{name}"' in xml
-    nodes = block.space.tabulate_dof_coordinates()
     for (_, values), state in zip(steps, states, strict=True):
         assert values["connectivity"].shape == (len(block.space.dofmap.list), 7)
-        assert np.abs(values["geometry"] - nodes).max() < 1e-14
+        assert np.abs(values["geometry"][:, :2] - block.x).max() < 1e-14
         assert np.array_equal(values["displacement"][:, :2].ravel(), state.displacement.array_r)
         (pair,) = state.pairs
         x = values["geometry"]
@@ -311,38 +247,6 @@ def test_files_hold_the_states(tmp_path):
         assert np.array_equal(values["gap"][below, 0], pair.gap)
         assert np.isnan(np.delete(values["gap"], below, axis=0)).all()
         assert values["contact_force"][below, 1] == pytest.approx(pair.force_normal)
-
-
-@needs_reader
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-def test_files_of_one_two_and_three_processes_are_the_same(tmp_path):
-    _, problem, load = blocks_apart(MPI.COMM_SELF)
-    written = {}
-    for processes in (1, 2, 3):
-        folder = tmp_path / str(processes)
-        folder.mkdir()
-        problem.save(problem.step(problem.undeformed, load), folder / "serial.npz")
-        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
-        command += ["tests.contact.fields_parallel", str(folder)]
-        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
-        assert done.returncode == 0, done.stderr
-        names = "block", "ball", "triangle", "tetrahedron"
-        written[processes] = [step for n in names for step in vtx.read(folder / f"{n}.bp")]
-        ((time, stacked),) = vtx.read(folder / "blocks.bp")
-        assert time == 2.5
-        assert stacked["pressure"].max() == pytest.approx(3.0)
-    for processes in (2, 3):
-        for (time, one), (other, more) in zip(written[1], written[processes], strict=True):
-            assert time == other
-            one, more = unique(one), unique(more)
-            for name, values in one.items():
-                # a slip is a difference of displacements
-                of = one["displacement"] if name == "slip" else values
-                size = np.nanmax(np.abs(of)) if name != "gap" else 1.0
-                difference = np.abs(values - more[name])
-                assert np.array_equal(np.isnan(values), np.isnan(more[name])), name
-                # the law holds to 1e-9 of the largest force, and forces to a few times that
-                assert np.nanmax(difference) < 1e-8 * max(size, 1e-3), name
 
 
 def test_files_that_cannot_be_written(tmp_path):
@@ -376,21 +280,14 @@ def test_files_that_cannot_be_written(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["block.bp"]
 
 
-@pytest.fixture
-def drawn():
-    """Pictures without a screen, closed in the end."""
-    from matplotlib import pyplot
-
-    mpl.use("Agg")
-    yield pyplot
-    pyplot.close("all")
-
-
 def curves(axes):
     return [line.get_xydata() for line in axes.lines]
 
 
-def test_picture_of_a_line(drawn):
+def test_picture_of_a_line():
+    from matplotlib import pyplot
+
+    mpl.use("Agg")
     block = Block(12)
     state = block.solve(0.3, 60.0, increments=2)[-1]
     axes = plot(state, block.body)
@@ -410,7 +307,7 @@ def test_picture_of_a_line(drawn):
     assert marked["shear, stick"] == np.count_nonzero(pair.status == STICK)
     assert marked["shear, slip"] == np.count_nonzero(pair.status == SLIP)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("arc length", "traction")
-    again = drawn.subplots()[1]
+    again = pyplot.subplots()[1]
     assert plot(state, block.body, axes=again, along=0) is again
     assert again.get_xlabel() == "x"
     for old, new in zip(curves(axes), curves(again), strict=True):
@@ -420,31 +317,6 @@ def test_picture_of_a_line(drawn):
         plot(state, block.body, pair=1)
     with pytest.raises(ValueError, match="along = 2"):
         plot(state, block.body, along=2)
-
-
-@pytest.mark.usefixtures("drawn")
-@pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
-def test_picture_of_a_face(cell, tmp_path):
-    body, _, states = ball(cell, PW)
-    axes = plot(states[-1], body)
-    (coloured,) = (c for c in axes.collections if hasattr(c, "_triangulation"))
-    triangles, values = coloured._triangulation.triangles, coloured.get_array()
-    (pair,) = states[-1].pairs
-    x, y = pair.position[:, :2][triangles].transpose(2, 0, 1)
-    signed = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-    assert np.abs(signed).sum() / 2 == pytest.approx(4.0)  # each place of the face is covered once
-    assert np.abs(signed).min() > 0.1 * np.abs(signed).max()
-    # the linear interpolation over the triangles is the weights': its integral is the force
-    total = (np.abs(signed) / 2 * values[triangles].mean(axis=1)).sum()
-    if cell is CellType.tetrahedron:
-        assert total == pytest.approx(pair.force_normal.sum(), rel=1e-9)
-    assert total == pytest.approx(pair.force_normal.sum(), rel=0.02)
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels[0] == "edge of contact"
-    assert labels[-1].startswith("shear, at most")
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
-    axes.figure.savefig(tmp_path / "face.png")
-    assert (tmp_path / "face.png").stat().st_size > 10_000
 
 
 def test_lines_are_walked_from_an_end_and_round():

@@ -52,58 +52,55 @@ def hold(is_free):
     return LastHold(free_motions, np.zeros(N, dtype=np.int32), 1, SELF)
 
 
-def test_a_set_that_holds_is_taken_as_it_is():
-    policy = hold(lambda _: False)
-    new = active(OPEN, OPEN, STICK, STICK)
-    assert policy.kept(new, active(STICK, STICK, STICK, STICK), PULLED) is new
-    assert policy.rescues == 0
+ALL_OPEN, ALL_STICK = active(*[OPEN] * N), active(*[STICK] * N)
 
 
-def test_the_mildest_of_those_that_let_go_are_kept():
-    """All four would open: half of them, those that pull least, stay for an iteration."""
-    policy = hold(lambda a: np.all(a.status == OPEN))
-    new = policy.kept(active(*[OPEN] * N), active(*[STICK] * N), PULLED)
-    assert new.status.tolist() == [STICK, STICK, OPEN, OPEN]
-    assert policy.rescues == 0
+@pytest.mark.parametrize(
+    ("is_free", "new", "old", "state", "kept", "rescues"),
+    [
+        # a set that holds is taken as it is
+        (lambda _: False, active(OPEN, OPEN, STICK, STICK), ALL_STICK, PULLED, "OOSS", 0),
+        # all would open: half of them, those that pull least, stay for an iteration
+        (lambda a: np.all(a.status == OPEN), ALL_OPEN, ALL_STICK, PULLED, "SSOO", 0),
+        # the mildest alone holds in no case: three have to stay
+        (lambda a: np.sum(a.status == STICK) < 3, ALL_OPEN, ALL_STICK, PULLED, "SSSO", 0),
+        # points that slip grip before the body is let go
+        (
+            lambda a: not np.any(a.status[:3] == STICK),
+            active(SLIP, SLIP, SLIP, OPEN, direction=1.0),
+            active(SLIP, SLIP, SLIP, STICK, direction=1.0),
+            contact([[1.0, 0.3], [1.0, 0.3], [1.0, 0.3], [-1.0, 0.0]]),
+            "SSSO",
+            1,
+        ),
+        # the last point to stick yields; those that slid the other way come to rest one by one,
+        # the slowest first: forces against slip, and on the last more than friction can give
+        (
+            lambda a: not np.any(a.status == STICK),
+            replace(active(*[SLIP] * N), direction=np.array([[1.0], [1.0], [-1.0], [-1.0]])),
+            replace(
+                active(SLIP, SLIP, SLIP, STICK), direction=np.array([[1.0], [1.0], [-1.0], [0.0]])
+            ),
+            contact(
+                [[1.0, 0.3], [1.0, 0.3], [1.0, -0.3], [1.0, -0.8]], slip=[-2e-3, -1e-3, 1e-3, 0.0]
+            ),
+            "LSLL",
+            0,
+        ),
+    ],
+)
+def test_what_lets_the_body_go_is_kept(is_free, new, old, state, kept, rescues):
+    policy = hold(is_free)
+    found = policy.kept(new, old, state)
+    letters = {"O": OPEN, "S": STICK, "L": SLIP}
+    assert found.status.tolist() == [letters[letter] for letter in kept]
+    assert policy.rescues == rescues
 
 
-def test_more_are_kept_where_half_do_not_suffice():
-    """Only the mildest of them holds in no case; three have to stay."""
-    policy = hold(lambda a: np.sum(a.status == STICK) < 3)
-    new = policy.kept(active(*[OPEN] * N), active(*[STICK] * N), PULLED)
-    assert new.status.tolist() == [STICK, STICK, STICK, OPEN]
-
-
-def test_points_that_slip_grip_before_the_body_is_let_go():
-    sliding = active(SLIP, SLIP, SLIP, STICK, direction=1.0)
-    gone = active(SLIP, SLIP, SLIP, OPEN, direction=1.0)
-    dragged = contact([[1.0, 0.3], [1.0, 0.3], [1.0, 0.3], [-1.0, 0.0]])
-    policy = hold(lambda a: not np.any(a.status[:3] == STICK))
-    new = policy.kept(gone, sliding, dragged)
-    assert new.status.tolist() == [STICK, STICK, STICK, OPEN]
-    assert policy.rescues == 1
-
-
-def test_the_slowest_of_those_that_slip_the_other_way_sticks_next():
-    """The last point to stick yields; those that slid the other way come to rest one by one."""
-    sliding = ActiveSet(
-        np.array([SLIP, SLIP, SLIP, STICK], dtype=np.int8),
-        np.array([[1.0], [1.0], [-1.0], [0.0]]),
-        *np.zeros((3, N)),
-    )
-    gone = ActiveSet(
-        np.full(N, SLIP, dtype=np.int8), np.array([[1.0], [1.0], [-1.0], [-1.0]]), *np.zeros((3, N))
-    )
-    # forces of the surface: against slip, and on the last point more than friction can give
-    state = contact(
-        [[1.0, 0.3], [1.0, 0.3], [1.0, -0.3], [1.0, -0.8]], slip=[-2e-3, -1e-3, 1e-3, 0.0]
-    )
+def test_where_all_slip_one_way_nothing_brakes_the_body_but_what_it_overcomes():
     policy = hold(lambda a: not np.any(a.status == STICK))
-    assert policy.kept(gone, sliding, state).status.tolist() == [SLIP, STICK, SLIP, SLIP]
-    assert policy.rescues == 0
-    # where all slip one way, nothing brakes the body but what it overcomes
     one_way = contact([[1.0, -0.3]] * 3 + [[1.0, -0.8]], slip=[1e-3, 2e-3, 3e-3, 0.0])
-    dragged = replace(gone, direction=np.full((N, 1), -1.0))
+    dragged = active(*[SLIP] * N, direction=-1.0)
     assert policy._pivoted(dragged, one_way, np.arange(N) == 3) is None
 
 
@@ -134,19 +131,8 @@ def test_what_nothing_holds_is_named_and_no_more_than_three_rescues_are_tried():
         alone.kept(new, old, slid)
 
 
-def test_nothing_is_asked_where_nothing_lets_go():
-    policy = hold(lambda _: 1 / 0)
-    closing = active(STICK, SLIP, STICK, STICK, direction=1.0)
-    assert policy.kept(closing, active(OPEN, OPEN, SLIP, STICK, direction=1.0), PULLED) is closing
-    in_space = replace(closing, direction=np.repeat(closing.direction, 2, axis=1))
-    frame = np.tile(np.eye(3), (N, 1, 1))
-    with pytest.raises(ZeroDivisionError):  # where slip turns, what it leaves free turns, too
-        LastHold(lambda *_: 1 / 0, np.zeros(N, dtype=np.int32), 1, SELF).kept(
-            in_space, in_space, replace(PULLED, frame=frame)
-        )
-
-
 def test_points_that_cycle_change_one_at_a_time():
+    """Points that swap their states: the remedy lets the worst one go first."""
     cycles = Cycles(SELF)
     a, b = active(STICK, STICK, OPEN, OPEN), active(OPEN, OPEN, STICK, STICK)
     assert not cycles.repeats(a)
@@ -155,6 +141,10 @@ def test_points_that_cycle_change_one_at_a_time():
     wrong = contact([[-1.0, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1])
     assert wrong.active_set(a).status.tolist() == b.status.tolist()
     assert cycles.slowed(a, wrong).status.tolist() == [STICK, OPEN, OPEN, OPEN]
+    assert not cycles.repeats(a)
+    assert not cycles.repeats(b)
+    with pytest.raises(NotFound, match="2 active sets"):
+        cycles.repeats(a)
 
 
 def test_a_policy_is_both():

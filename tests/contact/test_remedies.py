@@ -3,22 +3,11 @@
 from collections import Counter
 from itertools import product
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 
-from pw_elements import Body, Direct, Material, Reduction, Spaces, assemble_matrix, prescribe
-from pw_elements.contact import (
-    OPEN,
-    ContactPair,
-    ContactProblem,
-    Motion,
-    NotFound,
-    Parabola,
-    Plane,
-    solve_contact,
-)
+from pw_elements import Direct
+from pw_elements.contact import OPEN, Motion, NotFound
 from pw_elements.contact.interface import NoContactStated
 from pw_elements.contact.iteration import (
     ContactSystem,
@@ -36,21 +25,17 @@ from pw_elements.contact.rescue.condensed import (
     lemke,
     scattered,
     sprung,
-    without_active_sets,
 )
 from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
-from pw_elements.elasticity import StressState
-from pw_elements.meshes import on_lines
-from study.verification.mesh_lines import growing
-from tests.contact.cases import Block, Greco, Punch, at
+from tests.contact.cases import Block, Greco, Punch
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
 # Random problems on which the iteration cycles, crawls or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING = [158, 287, 264, 681, 991, 1134, 927, 132]
+FAILING = [158, 287, 264, 991, 1134, 132]
 # and on which it lets go of a surface or a body that friction can hold
-LOST = [667, 740, 799, 1441]
+LOST = [667, 1441]
 
 
 # -- the complementarity problem -------------------------------------------------------------
@@ -98,20 +83,6 @@ def test_lemke_finds_what_enumeration_finds():
         assert min(np.abs(x - other).max() for other in every) < 1e-9
 
 
-def test_lemke_solves_every_friction_problem_with_a_compliance():
-    """The matrix is copositive: a theorem says so, for any friction."""
-    rng = np.random.default_rng(2)
-    for _ in range(40):
-        M = friction_matrix(rng, 15)
-        q = rng.normal(size=len(M))
-        q[45:] = 0.0
-        x = lemke(M, q)
-        w = M @ x + q
-        assert x.min() >= 0
-        assert w.min() > -1e-8
-        assert np.abs(x * w).max() < 1e-8 * max(1.0, np.abs(x).max())
-
-
 def test_lemke_ends_on_a_ray_where_there_is_no_solution():
     assert lemke(np.array([[-1.0]]), np.array([-1.0])) is None
     assert lemke(np.zeros((2, 2)), np.array([-1.0, 1.0])) is None
@@ -123,7 +94,7 @@ def test_lemke_ends_on_a_ray_where_there_is_no_solution():
 
 def started(case, pair, reduction, load, motions=(), free=()):
     """An increment from the undeformed body, its first place, and the condensed body."""
-    stated = ContactProblem(case.K, reduction, pair, case.space)
+    stated = case.problem(pair, reduction)
     interface = stated._stepping.interface
     system, rigid = stated._stepping._bound(free)
     target = Target.of(load, motions, interface)
@@ -142,10 +113,8 @@ def started(case, pair, reduction, load, motions=(), free=()):
 
 def test_condensed_stiffness_is_the_schur_complement():
     greco = Greco(4)
-    pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 1.0)
-    _, _, _, condensation, _ = started(greco, pair, greco.symmetry, greco.load)
-    K = greco.K[:, :]
-    x = greco.space.tabulate_dof_coordinates()[:, :2]
+    _, _, _, condensation, _ = started(greco, greco.pair(1.0), greco.symmetry, greco.push)
+    K, x = greco.K[:, :], greco.x
     base = np.flatnonzero(np.isclose(x[:, 1], 0.0))
     base = base[np.argsort(x[base, 0])]
     held = np.flatnonzero(np.isclose(x[:, 0], 0.04)) * 2
@@ -156,22 +125,12 @@ def test_condensed_stiffness_is_the_schur_complement():
     assert np.abs(condensation.stiffness - schur).max() < 1e-10 * np.abs(schur).max()
 
 
-def test_a_body_that_floats_has_a_condensed_stiffness_of_nearly_no_translation():
-    block = Block(8)
-    _, _, _, condensation, _ = started(block, block.pair(0.3), block.free, block.pressure)
-    S = condensation.stiffness
-    for axis in (0, 1):
-        together = np.tile(np.eye(2)[axis], len(S) // 2)
-        assert np.abs(S @ together).max() < 1e-10 * np.abs(S).max()
-
-
 def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
     case = Punch()
     motion = Motion((0, None), (0, -217.3))
-    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
-    nothing = case.K.createVecLeft()
+    nothing = case.nothing
     stated, increment, place, condensation, _ = started(
-        case, pair, case.foot, nothing, [motion], ((0, 1),)
+        case, case.pair(0.6), case.foot, nothing, [motion], ((0, 1),)
     )
     state = stated.step(stated.undeformed, nothing, [motion])
     known = state.pairs[0]
@@ -197,18 +156,6 @@ def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
     assert gathered(interface, scattered(interface, order)).tolist() == order.tolist()
 
 
-def test_the_remedy_alone_finds_what_the_iteration_finds():
-    greco = Greco(8)
-    pair = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 1.0)
-    stated, increment, place, condensation, policy = started(
-        greco, pair, greco.symmetry, greco.load
-    )
-    found = without_active_sets(increment, lambda: condensation, place, policy, 50)
-    known = stated.step(stated.undeformed, greco.load)
-    difference = (found.full - known.displacement).norm()
-    assert difference < 1e-12 * known.displacement.norm()
-
-
 # -- problems on which the iteration fails ---------------------------------------------------
 
 
@@ -221,94 +168,29 @@ def test_cycling_and_crawling_problems_are_solved_without_active_sets(seed):
     assert worst(residuals(stated, [Step.of(state) for state in states])) < 1e-8
 
 
-def test_too_many_contact_points_are_left_alone(monkeypatch, caplog):
-    monkeypatch.setattr(condensed, "_MOST_UNKNOWNS", 10)
-    with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound):
-        problem(158).solve(remedies=("condensed",))
+def test_remedies_say_what_they_do(monkeypatch, caplog):
+    with caplog.at_level("INFO", "pw_elements.contact"):
+        problem(158).solve()
+        assert "solved without active sets, from springs of 1e-03" in caplog.text
+        monkeypatch.setattr(condensed, "_MOST_UNKNOWNS", 10)
+        with pytest.raises(NotFound):
+            problem(158).solve(remedies=("condensed",))
     assert "too many contact points" in caplog.text
 
 
-def test_remedies_say_what_they_do(caplog):
-    with caplog.at_level("INFO", "pw_elements.contact"):
-        problem(158).solve()
-    assert "solved without active sets, from springs of 1e-03" in caplog.text
-
-
-@pytest.mark.parametrize("mu", [10.0, 30.0])
-def test_large_friction_from_a_cold_start(mu):
+def test_large_friction_from_a_cold_start():
     greco = Greco(16)
     with pytest.raises(NotFound):
-        greco.solve(mu, remedies=())
-    assert greco.solve(mu).residuals.largest() < 1e-11
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "build", "n"),
-    [
-        (Spaces.galerkin, "quadrilateral", 15),
-        (Spaces.galerkin, "quadrilateral", 30),
-        (Spaces.petrov_galerkin, "quadrilateral", 15),
-        (Spaces.petrov_galerkin, "right_left", 30),
-    ],
-)
-def test_nearly_incompressible_half_plane_is_pressed_and_pushed(method, build, n):
-    """A block 150 a wide for a half plane, nu = 0.4999, Q/(mu P) = 0.4 in two steps."""
-    modulus, nu, radius, mu, P, growth = 1000.0, 0.4999, 20.0, 0.35, 4.0, 1.2
-    a = np.sqrt(4 * P * radius * (1 - nu**2) / (np.pi * modulus))
-    zone = 1.3 * a
-    beside = zone + growing(zone / n * growth, 75 * a - zone, growth)[1:]
-    right = np.concatenate([np.linspace(0, zone, n + 1), beside])
-    lines = np.concatenate([-right[:0:-1], right]), -growing(zone / n, 75 * a, growth)[::-1]
-    cut = () if build == "quadrilateral" else (build,)
-    cell = "triangle" if cut else build
-    body = Body(
-        method(on_lines(MPI.COMM_SELF, *lines, cell, *cut)),
-        Material(modulus, nu),
-        StressState.PLANE_STRAIN,
-    )
-    space = body.spaces.trial
-    K = assemble_matrix(body.stiffness())
-    base = [prescribe(space, i, at(1, lines[1][0])) for i in (0, 1)]
-    motions = [Motion((0, None), (0, -P))]
-    motions += [Motion((None, None), (share * mu * P, -P)) for share in (0.2, 0.4)]
-    punch = ContactPair(
-        lambda x: np.isclose(x[1], 0) & (np.abs(x[0]) < zone * (1 + 1e-9)),
-        Parabola((0, 0), radius),
-        mu,
-        motions,
-    )
-    arguments = K, [K.createVecLeft()] * 3, Reduction.dirichlet(space, base), punch, space
-    with pytest.raises(NotFound):
-        solve_contact(*arguments, remedies=())
-    states = solve_contact(*arguments)
-    assert not any(state.substates for state in states)
-    assert states[-1].pairs[0].force == pytest.approx((0.4 * mu * P, -P), rel=1e-8)
-    assert max(state.residuals.largest() for state in states) < 1e-8
-
-
-def test_remedies_have_names():
-    with pytest.raises(ValueError, match="give some of 'condensed', 'cutback'"):
-        Greco(4).solve(1.0, remedies=("prayer",))
+        greco.solve(30.0, remedies=())
+    assert greco.solve(30.0).residuals.largest() < 1e-11
 
 
 # -- increments in parts ---------------------------------------------------------------------
 
 
-def test_increments_in_parts_have_a_true_history():
+def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(monkeypatch):
     """Every part obeys the law with the slip since the part before, at its own loads."""
-    stated = problem(1088)
-    with pytest.raises(NotFound):
-        stated.solve(remedies=("condensed",))
-    states = stated.solve()
-    assert any(state.substates for state in states)
-    assert worst(residuals(*walked(stated, states))) < 1e-8
-    # the parts are needed for it: the ends alone are no solution of whole increments
-    assert worst(residuals(stated, [Step.of(state) for state in states])) > 1e-8
-
-
-def test_linear_systems_of_failed_attempts_are_counted(monkeypatch):
-    solved, factorised = Counter(), Counter()
+    solved, factorised, stated = Counter(), Counter(), problem(1088)
     solve, solve_one = ContactSystem.solve, Tangent.solve
 
     def counted(system, *arguments):
@@ -322,8 +204,11 @@ def test_linear_systems_of_failed_attempts_are_counted(monkeypatch):
 
     monkeypatch.setattr(ContactSystem, "solve", counted)
     monkeypatch.setattr(Tangent, "solve", told)
-    states = problem(1088).solve()
+    states = stated.solve()
     (cut,) = (state for state in states if state.substates)
+    assert worst(residuals(*walked(stated, states))) < 1e-8
+    # the parts are needed for it: the ends alone are no solution of whole increments
+    assert worst(residuals(stated, [Step.of(state) for state in states])) > 1e-8
     assert cut.iterations > sum(part.iterations for _, part in cut.substates)
     condensing = max(solved, key=lambda system: (system.free == (), solved[system]))
     assert sum(state.iterations for state in states) == solved.total() - solved[condensing]
@@ -333,9 +218,7 @@ def test_linear_systems_of_failed_attempts_are_counted(monkeypatch):
 def test_parts_are_the_increments_that_a_user_would_make():
     """A step that is refused beyond a third of the way is made in quarters."""
     case = Punch()
-    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
-    stated = ContactProblem(case.K, case.foot, pair, case.space)
-    nothing = case.K.createVecLeft()
+    stated, nothing = case.problem(case.pair(0.6), case.foot), case.nothing
     pressed = stated.step(stated.undeformed, nothing, [Motion((0, -0.1))])
     start = held_by(pressed, case.K, stated._stepping.interface)
     end = Target.of(nothing, [Motion((0.08, -0.2))], stated._stepping.interface)
@@ -373,7 +256,7 @@ def test_parts_are_the_increments_that_a_user_would_make():
 def test_a_state_holds_its_load():
     """K a - H r is the load, but for what supports carry."""
     case = Block(8)
-    stated = ContactProblem(case.K, case.free, case.pair(0.3), case.space)
+    stated = case.problem(case.pair(0.3))
     state = stated.step(stated.undeformed, case.pressure)
     start = held_by(state, case.K, stated._stepping.interface)
     assert (start.load - case.pressure).norm() < 1e-10 * case.pressure.norm()
@@ -387,9 +270,8 @@ def test_a_state_holds_its_load():
 
 def test_a_part_of_a_step_without_gaps_is_like_the_whole():
     case = Block(8)
-    stated = ContactProblem(case.K, case.free, case.pair(0.3), case.space)
+    stated = case.problem(case.pair(0.3))
     assert homogeneous(stated.undeformed)
     assert not homogeneous(stated.step(stated.undeformed, case.pressure))
     punch = Punch()
-    pair = ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6)
-    assert not homogeneous(ContactProblem(punch.K, punch.foot, pair, punch.space).undeformed)
+    assert not homogeneous(punch.problem(punch.pair(0.6), punch.foot).undeformed)

@@ -1,17 +1,9 @@
 from decimal import Decimal, getcontext
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from pw_elements.contact import (
-    FlatPunch,
-    Motion,
-    Parabola,
-    Plane,
-    SignedDistance,
-    Sphere,
-)
+from pw_elements.contact import FlatPunch, Motion, Parabola, Plane, SignedDistance, Sphere
 from tests.contact.polyline import Polyline
 
 RANDOM = np.random.default_rng(5)
@@ -45,28 +37,6 @@ def test_normal_is_the_gradient_of_the_gap(name):
     smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1) < 1e-4  # not across a medial line
     assert smooth.mean() > 0.98
     assert normal[smooth] == pytest.approx(gradient[smooth], abs=1e-4)
-
-
-@pytest.mark.parametrize("radius", [0.0, 0.2])
-def test_gap_to_a_broken_line(radius):
-    line = Polyline(STEP, radius)
-    far = [(-30.0, 0.0), *STEP[1:-1], (2.0 + 20, -1.0 - 40)]
-    samples = np.concatenate([np.linspace(a, b, 20001) for a, b in pairwise(far)])
-    gap = line.gap(samples)
-    assert gap.min() > -1e-12  # rounding takes material away
-    assert gap.max() == pytest.approx(radius * (np.sqrt(2) - 1), rel=1e-3)
-    x = RANDOM.uniform(-3, 3, (300, 2))
-    nearest = np.array([np.linalg.norm(samples - p, axis=1).min() for p in x])
-    deviation = line.gap(x) - np.sign(line.gap(x)) * nearest
-    assert np.all(deviation > -3e-3)
-    assert np.all(deviation < radius * 0.42 + 3e-3)
-
-
-def test_corners_that_stick_out_push_towards_the_point():
-    assert Polyline(STEP).gap(np.array([[-0.3, 1.4]])) == pytest.approx(0.5)
-    assert Polyline(STEP).normal(np.array([[-0.3, 1.4]])) == pytest.approx(np.array([[-0.6, 0.8]]))
-    assert Polyline(STEP).gap(np.array([[0.2, 0.9], [-1.0, -3.0]])) == pytest.approx([-0.1, -3.0])
-    assert Polyline(STEP).gap(np.array([[0.3, -0.4]])) == pytest.approx(-0.5)
 
 
 def test_parabola_measures_along_its_axis():

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Body, Material, Reduction, Spaces, assemble_matrix, prescribe
+from pw_elements import Spaces
 from pw_elements.contact import (
     ContactPair,
-    ContactProblem,
     FlatPunch,
     Motion,
     Parabola,
@@ -22,32 +21,27 @@ from pw_elements.contact import (
     SignedDistance,
     Sphere,
     SurfacePassed,
-    solve_contact,
 )
 from pw_elements.contact.iteration import results
 from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import Exterior, Gradients
-from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from tests.contact.cases import Block, Punch, at
+from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import Blocks
 from tests.oracle.random_contact import outcome
 
 BLOCK = Block(16)  # 4 x 2, on a clamped base in these tests
-FOOT = Reduction.dirichlet(
-    BLOCK.space, [prescribe(BLOCK.space, axis, at(1, 0.0)) for axis in (0, 1)]
-)
+FOOT = BLOCK.clamped(at(1, 0.0))
 BALL = Sphere((2, 3), 1)
 PLATE = Plane((0, 2), (0, -1))
 
 
-def driven(surface, *motions, friction=0.0):
+def driven(surface, *motions, friction=0.0, body=BLOCK, supports=FOOT, level=2.0):
     """States of the block under a surface that takes these translations."""
     motions = [m if isinstance(m, Motion) else Motion(m) for m in motions]
-    loads = [BLOCK.K.createVecLeft()] * len(motions)
-    pair = ContactPair(at(1, 2.0), surface, friction, motions)
-    return solve_contact(BLOCK.K, loads, FOOT, [pair], BLOCK.space)
+    up = at(len(motions[0].translation) - 1, level)
+    return body.contact(ContactPair(up, surface, friction, motions), supports)
 
 
 # -- strain and rotation ---------------------------------------------------------------------
@@ -56,10 +50,6 @@ def driven(surface, *motions, friction=0.0):
 def bent(x):
     """Smooth and invertible on the unit square and cube."""
     return x + 0.08 * np.sin(2 * x[:, [1, 0, 2]] + np.array([0.0, 1.0, 2.0]))
-
-
-def distorted(mesh):
-    return mapped(mesh, bent)
 
 
 def flat(build):
@@ -71,13 +61,13 @@ def cube(cell):
 
 
 SPACES = {
-    "triangles": lambda: Spaces.galerkin(distorted(flat(triangles))),
+    "triangles": lambda: Spaces.galerkin(mapped(flat(triangles), bent)),
     "curved triangles": lambda: Spaces.petrov_galerkin(curved(flat(triangles), bent)),
-    "quadrilaterals": lambda: Spaces.petrov_galerkin(distorted(flat(quadrilaterals))),
+    "quadrilaterals": lambda: Spaces.petrov_galerkin(mapped(flat(quadrilaterals), bent)),
     "8 nodes": lambda: Spaces.serendipity(flat(quadrilaterals)),
-    "composite": lambda: Spaces.composite(distorted(flat(triangles))),
-    "tetrahedra": lambda: Spaces.petrov_galerkin(distorted(cube(CellType.tetrahedron))),
-    "hexahedra": lambda: Spaces.galerkin(distorted(cube(CellType.hexahedron))),
+    "composite": lambda: Spaces.composite(mapped(flat(triangles), bent)),
+    "tetrahedra": lambda: Spaces.petrov_galerkin(mapped(cube(CellType.tetrahedron), bent)),
+    "hexahedra": lambda: Spaces.galerkin(mapped(cube(CellType.hexahedron), bent)),
 }
 
 
@@ -137,44 +127,25 @@ def test_what_is_largest_within_a_cell_is_seen():
     assert 0.7 * np.abs(across).max() / 2 < rotation <= np.abs(across).max() / 2
 
 
-def test_a_turned_body_is_turned_by_its_angle():
-    """The theory's rotation is the sine of the angle, and strains are cosine - 1."""
-    space = SPACES["curved triangles"]().trial
-    angle = 0.01
-    c, s = np.cos(angle) - 1, np.sin(angle)
-    turned = in_space(space, lambda x: x @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 0]]).T)
-    assert Gradients(space).largest(turned) == pytest.approx((-c, s), rel=1e-9)
-
-
 # -- what states report ----------------------------------------------------------------------
-
-
-def pressed_evenly(shorter, aside):
-    """A block on rollers, shortened by a plate of friction 0 that also moves aside."""
-    sides = [prescribe(BLOCK.space, 1, at(1, 0.0)), prescribe(BLOCK.space, 0, at(0, 0.0))]
-    pair = ContactPair(at(1, 2.0), PLATE, 0.0)
-    problem = ContactProblem(BLOCK.K, Reduction.dirichlet(BLOCK.space, sides), pair, BLOCK.space)
-    return problem, Motion((aside, -shorter))
 
 
 def test_states_report_strain_rotation_and_slip():
     """Uniaxial stress: strain d/h, no rotation; the plate slips along and the block widens."""
-    problem, motion = pressed_evenly(0.02, -0.3)
-    state = problem.step(problem.undeformed, BLOCK.K.createVecLeft(), [motion])
-    widened = 0.3 * 0.01 * 4
-    edge = 4 / 16
+    sides = BLOCK.held((1, at(1, 0.0)), (0, at(0, 0.0)))
+    aside = Motion((-0.3, -0.02))
+    state, rested, lifted = driven(PLATE, aside, aside, (3.0, 1.0), supports=sides)
+    widened, edge = 0.3 * 0.01 * 4, 4 / 16
     expected = Smallness(0.01, 0.0, (0.3 + widened) / edge)
     assert vars(state.smallness) == pytest.approx(vars(expected), abs=1e-12)
-    rested = problem.step(state, BLOCK.K.createVecLeft(), [motion])
     assert rested.smallness.slip == pytest.approx(0.0, abs=1e-12)  # of this increment
-    lifted = problem.step(rested, BLOCK.K.createVecLeft(), [Motion((3.0, 1.0))])
     assert lifted.smallness.slip == 0.0  # of what touches
 
 
 def test_matching_nodes_slip_away_from_their_partners():
     """They keep them, so that all slip counts that there ever was."""
     blocks = Blocks()
-    problem = blocks.problem(blocks.pair(0.0))
+    problem = blocks.problem(blocks.pair(0.0), blocks.foot)
     state, slips = problem.undeformed, []
     for aside in (0.02, 0.05):
         state = problem.step(state, blocks.load((0.0, -0.1)), [Motion((aside, 0.0))])
@@ -227,16 +198,6 @@ def test_surfaces_do_not_pass_through(name):
     assert len(caught.value.states) < len(motions)
 
 
-def test_a_surface_that_goes_through_by_force_is_found():
-    """Nothing says beforehand where a force takes it."""
-    slack = Material(1.0, 0.3)
-    body = Body(BLOCK.body.spaces, slack, StressState.PLANE_STRESS)
-    K = assemble_matrix(body.stiffness())
-    pair = ContactPair(at(1, 2.0), PLATE, 0.0, [Motion((0, None), (0, -50.0))])
-    with pytest.raises(SurfacePassed, match="whole thickness"):
-        solve_contact(K, K.createVecLeft(), FOOT, [pair], BLOCK.space)
-
-
 ALLOWED = {
     "deep": (PLATE, [(0, -1.9)]),
     "far along": (PLATE, [(1e4, -0.1)]),
@@ -260,68 +221,20 @@ def test_surfaces_may_go_where_they_like_outside(name):
     assert all(state.residuals.largest() < 1e-10 for state in states)
 
 
-def test_a_body_may_go_along_as_far_as_it_likes():
-    """Between two plates that both move by twenty heights."""
-    pairs = [
-        ContactPair(at(1, 2.0), PLATE, 0.3, [Motion((0, -40.01))]),
-        ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)), 0.3, [Motion((0, -40.0))]),
-    ]
-    (state,) = solve_contact(BLOCK.K, BLOCK.K.createVecLeft(), BLOCK.free, pairs, BLOCK.space)
-    assert state.smallness.strain < 0.01
-    assert state.pairs[0].displacement[:, 1] == pytest.approx(-40.01)
-
-
-def test_a_surface_may_go_where_the_body_was():
-    """A ball comes under a block that has been lifted by its supports."""
-    lifted = [prescribe(BLOCK.space, axis, at(1, 0.0), 5.0 * axis) for axis in (0, 1)]
-    pair = ContactPair(at(1, 2.0), BALL, 0.3, [Motion((20, 0)), Motion((0, -2.2))])
-    states = solve_contact(
-        BLOCK.K,
-        [BLOCK.K.createVecLeft()] * 2,
-        Reduction.dirichlet(BLOCK.space, lifted),
-        [pair],
-        BLOCK.space,
-    )
-    assert not states[-1].pairs[0].status.any()
-
-
-def test_a_slender_beam_may_bend_by_more_than_its_height():
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (40.0, 1.0), (40, 2))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.PLANE_STRESS)
-    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
-    wall = Reduction.dirichlet(space, [prescribe(space, axis, at(0, 0.0)) for axis in (0, 1)])
-
-    def top(x):
-        return np.isclose(x[1], 1.0) & (x[0] > 30.0)
-
-    pair = ContactPair(top, Sphere((38.0, 2.0), 1.0), 0.0, [Motion((0, -8.0))])
-    with pytest.raises(SurfacePassed):  # gap and normal are taken where the beam was
-        solve_contact(K, K.createVecLeft(), wall, [pair], space)
-    pair = ContactPair(top, Plane((40, 1), (-0.05, -1)), 0.0, [Motion((0, -3.0))])
-    (state,) = solve_contact(K, K.createVecLeft(), wall, [pair], space)
-    assert state.residuals.largest() < 1e-8
-    assert state.smallness.strain < 0.01
-
-
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_thickness_in_space(cell):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (2, 2, 1)], (4, 4, 2), cell)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1000.0, 0.3), StressState.SOLID)
-    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
-    foot = Reduction.dirichlet(space, [prescribe(space, axis, at(2, 0.0)) for axis in range(3)])
-
-    def pushed(surface, depth):
-        pair = ContactPair(at(2, 1.0), surface, 0.0, [Motion((0, 0, -depth))])
-        return solve_contact(K, K.createVecLeft(), foot, [pair], space)
-
+    body = Elastic(mesh, state="solid")
+    options = {"body": body, "supports": body.clamped(at(2, 0.0)), "level": 1.0}
     plate, ball = Plane((0, 0, 1), (0, 0, -1)), Sphere((1, 1, 1.5), 0.5)
-    assert pushed(plate, 0.9)[0].smallness.strain > 0.9
-    with pytest.raises(SurfacePassed, match="whole thickness"):
-        pushed(plate, 1.01)
-    assert pushed(ball, 0.02)
-    for depth in (0.6, 1.6, 10.0):
-        with pytest.raises(SurfacePassed, match="passes through"):
-            pushed(ball, depth)
+    assert driven(plate, (0, 0, -0.9), **options)[0].smallness.strain > 0.9
+    assert driven(ball, (0, 0, -0.02), **options)
+    for surface, depth, words in (
+        (plate, 1.01, "whole thickness"),
+        *((ball, depth, "passes through") for depth in (0.6, 1.6, 10.0)),
+    ):
+        with pytest.raises(SurfacePassed, match=words):
+            driven(surface, (0, 0, -depth), **options)
 
 
 EXITS = {
@@ -362,26 +275,22 @@ def test_rays_leave_through_the_other_side(name):
 def test_thickness_is_that_of_the_piece_that_is_pushed():
     """Of two slabs, half a thickness apart; what lies behind a surface or beyond is no matter."""
     blocks = Blocks(gap=0.5)
-    held = [prescribe(blocks.space, axis, at(1, y)) for axis in (0, 1) for y in (0.0, 1.5)]
-    foot = Reduction.dirichlet(blocks.space, held)
-
-    def pushed(level, depth):
-        pair = ContactPair(at(1, level), Plane((0, level), (0, -1)), 0.0, [Motion((0, -depth))])
-        return solve_contact(blocks.K, blocks.K.createVecLeft(), foot, [pair], blocks.space)
-
+    foot = blocks.held(*((axis, at(1, y)) for axis in (0, 1) for y in (0.0, 1.5)))
     for level in (1.0, 2.5):
-        assert pushed(level, 0.9)[0].smallness.strain > 0.9
+        options = {"body": blocks, "supports": foot, "level": level}
+        plate = Plane((0, level), (0, -1))
+        assert driven(plate, (0, -0.9), **options)[0].smallness.strain > 0.9
         with pytest.raises(SurfacePassed, match="whole thickness"):
-            pushed(level, 1.1)
+            driven(plate, (0, -1.1), **options)
 
 
 def test_ways_through_the_body_by_brute_force():
     """Random ways of balls above and below the top: a dense sampling of each says the same."""
     rng = np.random.default_rng(1)
-    problem = ContactProblem(BLOCK.K, FOOT, ContactPair(at(1, 2.0), BALL), BLOCK.space)
-    x = problem.undeformed.pairs[0].position[1:-1]  # sides of the block see the outermost ones
+    # sides of the block see the outermost ones
+    x = BLOCK.x[np.isclose(BLOCK.x[:, 1], 2.0) & (np.abs(BLOCK.x[:, 0] - 2) < 1.99)]
     found = []
-    for _ in range(60):
+    for _ in range(40):
         way = rng.uniform((-3, -3), (3, 0.2))
         centres = np.array([2.0, 3.0]) + np.linspace(0, 1, 4001)[:, None] * way
         away = x[:, None] - centres
@@ -399,17 +308,14 @@ def test_ways_through_the_body_by_brute_force():
         assert passed >= clearly
         assert passed <= hardly
         found.append(passed)
-    assert 10 < sum(found) < 50
+    assert 7 < sum(found) < 33
 
 
 # -- residuals of unloaded states ------------------------------------------------------------
 
-# Of the 1 600 random problems those in which a state without contact force had residuals above
+# Of the 1 600 random problems some in which a state without contact force had residuals above
 # 1e-8, up to 0.08, when these were measured with its own force and displacement
-UNLOADED = (
-    *(194, 219, 280, 429, 434, 621, 659, 718, 780, 856, 905, 931, 999, 1003, 1025, 1075),
-    *(1103, 1197, 1211, 1213, 1280),
-)
+UNLOADED = (194, 219, 434, 621, 780, 905, 1025, 1211)
 
 
 @pytest.mark.random
@@ -428,13 +334,11 @@ def test_unloaded_states_have_small_residuals(seed):
 def test_histories_carry_their_scale(tmp_path):
     """Pressed, and released by a ten-thousandth at a time until nothing is left."""
     case = Punch()
-    problem = ContactProblem(
-        case.K, case.foot, ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6), case.space
-    )
+    problem = case.problem(case.pair(0.6), case.foot)
     depths, states = (-0.2, -0.1, -1e-5, -1e-9, -1e-13, 0.0, 5.0, -0.05), [problem.undeformed]
     for depth in depths:
         motion = [Motion((0.01 if depth < -0.01 else 0.0, depth))]
-        states.append(problem.step(states[-1], case.K.createVecLeft(), motion))
+        states.append(problem.step(states[-1], case.nothing, motion))
     for before, after in pairwise(states):
         assert after.scale.force >= before.scale.force
         assert after.residuals.largest() < 1e-10
@@ -451,10 +355,7 @@ def test_histories_carry_their_scale(tmp_path):
 def test_a_wrong_state_after_unloading_is_still_told(monkeypatch):
     """What is left when one node is given a force of a millionth of the largest there was."""
     case = Punch()
-    problem = ContactProblem(
-        case.K, case.foot, ContactPair(at(1, 4.0), Parabola((0, 4), 8.0), 0.6), case.space
-    )
-    nothing = case.K.createVecLeft()
+    problem, nothing = case.problem(case.pair(0.6), case.foot), case.nothing
     pressed = problem.step(problem.undeformed, nothing, [Motion((0, -0.2))])
     measured = results._residuals
 

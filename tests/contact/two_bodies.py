@@ -13,10 +13,14 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from pw_elements import Body, Material, Spaces, assemble_matrix, assemble_vector, boundary_measure
+from pw_elements import Material, Spaces
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
-from pw_elements.spaces import SubSpace, exterior_facets
+from pw_elements.spaces import exterior_facets
+from tests.contact.cases import Elastic, at
+
+PRESSURE = 1e-3
+PLANE = ("triangle", "quadrilateral")
 
 
 def joined(lower, upper, comm=MPI.COMM_SELF):
@@ -29,7 +33,16 @@ def joined(lower, upper, comm=MPI.COMM_SELF):
     return create_mesh(comm, cells=cells, x=x, e=lower.ufl_domain().ufl_coordinate_element())
 
 
-class Stack:
+def two_sides(elastic, marker, is_beyond):
+    """Facets of a marker, of the cells whose middles (n, dim) are on this side, and beyond."""
+    facets = exterior_facets(elastic.mesh, marker)
+    beyond = is_beyond(elastic.x[elastic.displacements.dofmap.list].mean(axis=1))
+    cells = elastic.mesh.topology.connectivity(elastic.dim - 1, elastic.dim)
+    behind = np.array([beyond[cells.links(f)[0]] for f in facets], dtype=bool)
+    return facets[~behind], facets[behind]
+
+
+class Stack(Elastic):
     """A block on another one; they meet near x_up = 1.
 
     Args:
@@ -58,36 +71,30 @@ class Stack:
         state=None,
         comm=MPI.COMM_SELF,
     ):
-        self.dim = 3 if cell in ("tetrahedron", "hexahedron") else 2
-        self.up = self.dim - 1
+        dim = 2 if cell in PLANE else 3
+        self.up = dim - 1
 
         def block(n, sides, bottom):
             low = [sides[0]] * self.up + [bottom]
             high = [sides[1]] * self.up + [bottom + 1.0]
-            build = create_box if self.dim == 3 else create_rectangle
-            return build(MPI.COMM_SELF, [low, high], [n, n + 1, n][: self.dim], CellType[cell])
+            build = create_box if dim == 3 else create_rectangle
+            return build(MPI.COMM_SELF, [low, high], [n, n + 1, n][:dim], CellType[cell])
 
         below, above = block(divisions[0], lower, 0.0), block(divisions[1], upper, 1.0)
         if shape is not None:
             above.geometry.x[:] = shape(above.geometry.x)
-        mesh = joined(below, above, comm)
-        state = state or ("solid" if self.dim == 3 else "plane strain")
-        material = Material(1.0, nu)
+        mesh, material = joined(below, above, comm), Material(1.0, nu)
         if ratio != 1:
-            cells = np.arange(mesh.topology.index_map(self.dim).size_local, dtype=np.int32)
-            above = compute_midpoints(mesh, self.dim, cells)[:, self.up] > 1
-            tags = meshtags(mesh, self.dim, cells, above.astype(np.int32))
+            cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+            above = compute_midpoints(mesh, dim, cells)[:, self.up] > 1
+            tags = meshtags(mesh, dim, cells, above.astype(np.int32))
             material = Material.by_tag(mesh, tags, {0: material, 1: Material(ratio, nu)})
-        self.body = Body(getattr(Spaces, element)(mesh), material, state)
-        self.mesh, self.space = mesh, self.body.spaces.trial
-        self.K = assemble_matrix(self.body.stiffness())
-        self.displacements = SubSpace.displacements(self.space).space
-        self.x = self.displacements.tabulate_dof_coordinates()[:, : self.dim]
-        of_upper = self.x[self.displacements.dofmap.list].mean(axis=1)[:, self.up] > 1.0
-        facets = exterior_facets(mesh, lambda x: np.abs(x[self.up] - 1.0) < 0.1)
-        cells = mesh.topology.connectivity(self.up, self.dim)
-        above = np.array([of_upper[cells.links(f)[0]] for f in facets], dtype=bool)
-        self.sides = {"upper": facets[above], "lower": facets[~above]}
+        state = state or ("solid" if dim == 3 else "plane strain")
+        super().__init__(mesh, getattr(Spaces, element), state, material=material)
+        low, high = two_sides(
+            self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
+        )
+        self.sides = {"upper": high, "lower": low}
 
     def nodes(self, side):
         """Mask of the nodes of one body's part."""
@@ -96,13 +103,35 @@ class Stack:
         mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
         return mask
 
-    def load(self, traction):
-        """Load vector of a traction on top."""
-        top = boundary_measure(self.mesh, lambda x: np.isclose(x[self.up], 2.0))
-        return assemble_vector(self.body.surface_load(np.asarray(traction), top))
+    def load(self, traction, where=None):
+        """Load vector of a traction, on top unless told otherwise."""
+        return super().load(traction, where or at(self.up, 2.0))
 
     def pair(self, slave="upper", friction=0.0, motions=()):
         """A mortar pair."""
         master = "lower" if slave == "upper" else "upper"
         surface = DeformableSurface(self.sides[master], self.body.state.value == "axisymmetric")
         return ContactPair(self.nodes(slave), surface, friction, motions)
+
+    def moved_top(self, by, sides=()):
+        """Supports: the base held, the top moved."""
+        ends = [(i, at(self.up, 2.0), by[i]) for i in range(self.dim)]
+        return self.held(*((i, at(self.up, 0.0)) for i in range(self.dim)), *ends, *sides)
+
+    def askew(self, slave="upper", friction=0.2, **options):
+        """The state of an uneven contact: pressed and pushed on by the top."""
+        supports = self.moved_top([0.01, -0.02] if self.dim == 2 else [0.01, -0.02, -0.02])
+        return self.contact(self.pair(slave, friction), supports, **options)[0]
+
+    def pressed(self, slave="upper", friction=0.0, load=None):
+        """The state of uniaxial stress: symmetry planes, a base that slides, pressure on top."""
+        load = self.load(-PRESSURE * np.eye(self.dim)[self.up]) if load is None else load
+        supports = self.held(*((i, at(i, 0.0)) for i in range(self.dim)))
+        return self.contact(self.pair(slave, friction), supports, load)[0]
+
+    def uniaxial(self, nu=0.3):
+        """Its displacements (nodes, dim)."""
+        modulus = 1.0
+        if self.body.state.value == "plane strain":
+            modulus, nu = 1 / (1 - nu**2), nu / (1 - nu)
+        return PRESSURE / modulus * self.x * ([nu] * self.up + [-1.0])

@@ -4,8 +4,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
 from dolfinx.mesh import create_unit_square
 
 from pw_elements import (
@@ -18,7 +16,6 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     prescribe,
-    reactions,
     solve,
 )
 from pw_elements.algebra import factorise, symmetric_part
@@ -60,17 +57,6 @@ def test_prescribed_values_against_dense_algebra(problem):
     assert np.abs(a - np.linalg.solve(A, b)).max() < 1e-12
 
 
-def test_reactions_balance_the_load(problem):
-    body, K, f = problem
-    U = body.spaces.trial
-    a = solve(K, f, Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)]))
-    r = reactions(K, a, f).array.reshape(-1, 2)
-    held = fem.locate_dofs_geometrical(U, left)
-    assert r[held].sum(axis=0) == pytest.approx([-1.0, -0.2], abs=1e-12)
-    free = np.setdiff1d(np.arange(len(r)), held)
-    assert np.abs(r[free]).max() < 1e-12
-
-
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_end_in_an_error(problem, components):
     # one component held on one side leaves a translation (and a rotation) free
@@ -108,26 +94,6 @@ def test_bad_conditioning_alone_is_no_singularity():
     assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
 
 
-def test_refuses_what_is_not_finite_or_leaves_nothing_free(problem):
-    body, K, f = problem
-    U = body.spaces.trial
-    with pytest.raises(ValueError, match="finite"):
-        Reduction.dirichlet(U, [prescribe(U, 0, left, np.nan)])
-    with pytest.raises(ValueError, match="no degree of freedom"):
-        Reduction.dirichlet(U, [prescribe(U, i, lambda x: x[0] > -1) for i in (0, 1)])
-    finer = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 6, 6)).trial
-    linear = fem.functionspace(body.spaces.mesh, ("Lagrange", 1, (2,)))
-    twin = Spaces.galerkin(create_unit_square(MPI.COMM_SELF, 3, 3)).trial
-    for other in (finer, linear, twin):
-        with pytest.raises(ValueError, match="made on another space"):
-            Reduction.dirichlet(U, [prescribe(other, 0, left)])
-    Reduction.dirichlet(U, [prescribe(body.spaces.test, 0, left)])  # its nodes are the same
-    f.setValue(0, np.inf)
-    f.assemble()
-    with pytest.raises(ValueError, match="finite"):
-        solve(K, f, Reduction.dirichlet(U, [prescribe(U, i, right) for i in (0, 1)]))
-
-
 def test_symmetric_part_and_inertia(problem):
     body, K, _ = problem
     part = dense(symmetric_part(K))
@@ -153,16 +119,3 @@ def test_matrices_and_vectors_outlive_their_mesh():
     gc.collect()
     solutions = [solve(*system).norm() for system in systems]
     assert solutions == pytest.approx([solutions[0]] * 5, rel=1e-12)
-
-
-def test_forms_of_another_rank_are_refused_before_they_are_assembled(problem):
-    """DOLFINx would write a bilinear form's entries beyond a vector's end."""
-    body, _, _ = problem
-    U = body.spaces.trial
-    v, function = ufl.TestFunction(U), fem.Function(U)
-    with pytest.raises(ValueError, match="a vector needs a linear form; this one is bilinear"):
-        assemble_vector(body.stiffness())
-    with pytest.raises(ValueError, match="a matrix needs a bilinear form; this one is linear"):
-        assemble_matrix(ufl.inner(function, v) * ufl.dx)
-    with pytest.raises(ValueError, match="a vector needs a linear form; this one is a number"):
-        assemble_vector(ufl.inner(function, function) * ufl.dx)

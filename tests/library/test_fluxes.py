@@ -107,30 +107,3 @@ def test_a_depth_divides():
     spaces, r, _ = solved(CellType.triangle, Spaces.petrov_galerkin)
     thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
     assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)
-
-
-def test_what_is_no_flux_is_refused():
-    spaces, r, _ = solved(CellType.triangle, Spaces.petrov_galerkin)
-    standard = Spaces.galerkin(spaces.mesh, 0)
-    vectors = Spaces.petrov_galerkin(spaces.mesh)
-    with pytest.raises(TypeError, match=r"spaces is of the type FunctionSpace: Spaces\.petrov"):
-        nodal_flux(spaces.trial, r, side)
-    with pytest.raises(TypeError, match="the vector of reactions is of the type ndarray"):
-        nodal_flux(spaces, r.array, side)
-    with pytest.raises(ValueError, match="the vector of reactions has 49 degrees of freedom"):
-        nodal_flux(vectors, r, side)
-    with pytest.raises(ValueError, match="area 'mine': it is 'geometric' or 'own'"):
-        nodal_flux(spaces, r, side, area="mine")
-    with pytest.raises(TypeError, match="evened is 1: it has to be True or False"):
-        nodal_flux(standard, r, side, evened=1)
-    composite = Spaces.composite(spaces.mesh, 0)
-    for wrong, options in ((spaces, {}), (composite, {}), (standard, {"area": "own"})):
-        with pytest.raises(ValueError, match="T evens out reactions of the standard quadratic"):
-            nodal_flux(wrong, r, side, evened=True, **options)
-    with pytest.raises(ValueError, match=r"depth = 0.0: has to be positive"):
-        nodal_flux(spaces, r, side, depth=0.0)
-    with pytest.raises(ValueError, match="no exterior facet"):
-        nodal_flux(spaces, r, lambda x: x[0] > 2.0)
-    r.array[0] = np.nan
-    with pytest.raises(ValueError, match="reactions is not finite"):
-        nodal_flux(spaces, r, side)

@@ -34,7 +34,6 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
-from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import SubSpace
 from pw_elements.spaces.hybrid import mixed_element
@@ -116,65 +115,34 @@ def test_in_the_plane_both_blocks_are_galerkins_with_equations_shared_out():
     assert (K - standard).norm() > 1e-2 * K.norm()
 
 
-def ring(method, n, state):
-    """An incompressible thick ring under inner pressure: relative errors of u and p."""
+def ring(method, n):
+    """An incompressible ring under inner pressure, in axisymmetry: relative errors of u and p."""
     inner, outer, load, E = 1.0, 2.0, 3.0, 5.0
-    mu = E / 3
-    C = load / (2 * mu * (1 / inner**2 - 1 / outer**2))
-    exact_p = -2 * mu * C / outer**2
-    if state == "axisymmetric":
-        mesh = create_unit_square(COMM, n, n)
-        mesh.geometry.x[:, 0] += inner
-    else:
-        mesh = create_unit_square(COMM, n, n, CellType.triangle)
-        r, angle = inner + mesh.geometry.x[:, 0], np.pi / 2 * mesh.geometry.x[:, 1]
-        mesh.geometry.x[:, 0], mesh.geometry.x[:, 1] = r * np.cos(angle), r * np.sin(angle)
-    body = Body(MAKERS[method](mesh), Material(E, 0.5), state)
+    C = load / (2 * E / 3 * (1 / inner**2 - 1 / outer**2))
+    exact_p = -2 * E / 3 * C / outer**2
+    mesh = create_unit_square(COMM, n, n)
+    mesh.geometry.x[:, 0] += inner
+    body = Body(MAKERS[method](mesh), Material(E, 0.5), "axisymmetric")
     W = body.spaces.trial
     x = ufl.SpatialCoordinate(mesh)
-    if state == "axisymmetric":
-        supports = [prescribe(W, 1, side(1, 0.0)), prescribe(W, 1, side(1, 1.0))]
-        here, push = side(0, inner), ufl.as_vector([load, 0])
-    else:
-        supports = [prescribe(W, 1, side(1, 0.0)), prescribe(W, 0, side(0, 0.0))]
-
-        def here(x):
-            return np.hypot(x[0], x[1]) < inner + 1e-9
-
-        push = -load * ufl.FacetNormal(mesh)
-    f = assemble_vector(body.surface_load(push, boundary_measure(mesh, here)))
-    u, p = split(W, solve(assemble_matrix(body.stiffness()), f, Reduction.dirichlet(W, supports)))
-    if state == "axisymmetric":
-        exact, volume = ufl.as_vector([C / x[0], 0]), x[0]
-    else:
-        exact, volume = C * x / ufl.dot(x, x), 1
+    held = Reduction.dirichlet(W, [prescribe(W, 1, side(1, end)) for end in (0.0, 1.0)])
+    f = assemble_vector(body.surface_load((load, 0), boundary_measure(mesh, side(0, inner))))
+    u, p = split(W, solve(assemble_matrix(body.stiffness()), f, held))
+    exact, dx = ufl.as_vector([C / x[0], 0]), ufl.dx(metadata={"quadrature_degree": 8})
 
     def norm(value):
-        form = fem.form(
-            ufl.inner(value, value) * volume * ufl.dx(metadata={"quadrature_degree": 8})
-        )
-        return np.sqrt(COMM.allreduce(fem.assemble_scalar(form)))
+        return np.sqrt(assemble_scalar(ufl.inner(value, value) * x[0] * dx))
 
     return norm(u - exact) / norm(exact), norm(p - exact_p) / abs(exact_p)
 
 
 @pytest.mark.parametrize("method", MAKERS)
 def test_an_incompressible_ring_in_axisymmetry_has_the_exact_pressure(method):
-    coarse, fine = ring(method, 4, "axisymmetric"), ring(method, 8, "axisymmetric")
+    coarse, fine = ring(method, 4), ring(method, 8)
     assert fine[0] < 1e-4
     assert coarse[0] / fine[0] > 2**2.8
     assert fine[1] < 2e-2
     assert coarse[1] / fine[1] > 2**1.7
-
-
-@pytest.mark.parametrize("method", MAKERS)
-def test_an_incompressible_ring_in_plane_strain(method):
-    # straight sides for a circle: second order
-    coarse, fine = ring(method, 8, "plane strain"), ring(method, 16, "plane strain")
-    assert fine[0] < 3e-3
-    assert coarse[0] / fine[0] > 2**1.9
-    assert fine[1] < 5e-2
-    assert coarse[1] / fine[1] > 2**1.4
 
 
 def enclosed(fixed):
@@ -187,6 +155,9 @@ def enclosed(fixed):
     ]
     corner = prescribe(W, "pressure", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0), 2.0)
     K = assemble_matrix(body.stiffness())
+    if not fixed:
+        with pytest.raises(SingularSystem, match="prescribe it at a vertex"):
+            vibration_modes(K, assemble_matrix(body.mass()), Reduction.dirichlet(W, rim))
     f = assemble_vector(body.body_load((0.0, -3.0)))
     return W, solve(K, f, Reduction.dirichlet(W, [*rim, *([corner] if fixed else [])]))
 
@@ -199,20 +170,6 @@ def test_an_enclosed_incompressible_body_needs_its_pressure_fixed():
     depth = p.function_space.tabulate_dof_coordinates()[:, 1]
     assert np.abs(p.x.array - (2 - 3 * depth)).max() < 1e-12
     assert np.abs(u.x.array).max() < 1e-13
-
-
-def test_refused_are_plane_stress_and_materials_without_pressure():
-    spaces = Spaces.hybrid(create_unit_square(COMM, 2, 2))
-    with pytest.raises(ValueError, match="of no use in plane stress"):
-        Body(spaces, Material(1.0, 0.4), "plane stress")
-    with pytest.raises(ValueError, match="has to be positive in hybrid spaces"):
-        Body(spaces, Material(1.0, 0.0), "plane strain")
-    with pytest.raises(ValueError, match="component 2: the space has 2"):
-        prescribe(spaces.trial, 2, side(0, 0.0))
-    one = Spaces.petrov_galerkin(spaces.mesh).trial
-    load = nodal_load(one, side(0, 0.0), (1.0, 0.0))
-    with pytest.raises(ValueError, match="the space has no pressure"):
-        split(one, load)
 
 
 @pytest.mark.parametrize(
@@ -255,17 +212,6 @@ def test_a_split_pressure_has_to_be_tied():
     assert tied == whole.right.getSize()[1]
 
 
-def test_frequencies_are_those_of_displacements_alone_where_nothing_locks():
-    found = []
-    for method in (Spaces.petrov_galerkin, Spaces.hybrid):
-        body = Body(method(create_unit_square(COMM, 8, 8)), Material(2e11, 0.3), "plane strain")
-        W = body.spaces.trial
-        foot = Reduction.dirichlet(W, [prescribe(W, k, side(0, 0.0)) for k in (0, 1)])
-        K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-        found.append(vibration_modes(K, M, foot, 4).eigenvalues)
-    assert np.allclose(*found, rtol=1e-3)
-
-
 def test_shear_vibrations_of_an_incompressible_block_are_exact():
     """u_x = sin(pi y / 2), u_y = 0 keeps volumes: omega^2 = mu (pi / 2)^2 / rho."""
     E, rho = 7e9, 2e3
@@ -282,38 +228,6 @@ def test_shear_vibrations_of_an_incompressible_block_are_exact():
         found.append(np.abs(values / (E / 3 / rho * (np.pi / 2) ** 2) - 1).min())
     assert found[1] < 1e-4
     assert found[0] < 1e-2
-
-
-def test_enclosed_bodies_have_no_modes_without_a_pressure():
-    mesh = create_unit_square(COMM, 3, 3)
-    body = Body(Spaces.hybrid(mesh), Material(1e-3, 0.5), "plane strain")
-    W = body.spaces.trial
-    rim = [
-        prescribe(W, k, lambda x: np.any(np.isclose(np.abs(x[:2] - 0.5), 0.5), axis=0))
-        for k in (0, 1)
-    ]
-    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    with pytest.raises(SingularSystem, match="prescribe it at a vertex"):
-        vibration_modes(K, M, Reduction.dirichlet(W, rim))
-    with pytest.raises(ValueError, match="no symmetrised twin"):
-        vibration_modes(K, M, Reduction.dirichlet(W, rim[:1]), symmetrised=True)
-
-
-@pytest.mark.parametrize(
-    ("nu", "state", "hybrid"),
-    [
-        (0.48, "plane strain", False),
-        (0.481, "plane strain", True),
-        (0.5, "solid", True),
-        (0.5, "plane stress", False),
-    ],
-)
-def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, hybrid):
-    caplog.set_level("INFO", logger="pw_elements")
-    mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
-    body = Body.on(mesh, Material(1.0, nu), state)
-    assert body.spaces.is_hybrid is hybrid
-    assert (f"hybrid: nu = {nu:g}" in caplog.text) is hybrid
 
 
 def test_a_body_takes_the_element_that_the_softest_of_its_materials_needs(caplog):
@@ -384,3 +298,20 @@ def test_von_mises_stress_and_materials_by_tag_know_the_pressure():
     shear = (3 / 2.6 + 3 / 2.998) / 2 * 0.1
     mean = assemble_scalar(body.von_mises(w) * ufl.dx)
     assert mean == pytest.approx(np.sqrt(3) * shear, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("nu", "state", "hybrid"),
+    [
+        (0.48, "plane strain", False),
+        (0.481, "plane strain", True),
+        (0.5, "solid", True),
+        (0.5, "plane stress", False),
+    ],
+)
+def test_a_body_takes_the_element_that_its_material_needs(caplog, nu, state, hybrid):
+    caplog.set_level("INFO", logger="pw_elements")
+    mesh = block("tetrahedron" if state == "solid" else "triangle", 2)
+    body = Body.on(mesh, Material(1.0, nu), state)
+    assert body.spaces.is_hybrid is hybrid
+    assert (f"hybrid: nu = {nu:g}" in caplog.text) is hybrid

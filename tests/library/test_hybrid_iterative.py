@@ -76,7 +76,7 @@ def differences(case):
     return max(off), report.krylov_iterations
 
 
-@pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
+@pytest.mark.parametrize("nu", [0.3, 0.5])
 @pytest.mark.parametrize("method", [Spaces.hybrid, Spaces.taylor_hood])
 @pytest.mark.parametrize("cell", CELLS)
 def test_both_fields_are_those_of_factors(cell, method, nu):
@@ -88,16 +88,10 @@ def test_both_fields_are_those_of_factors(cell, method, nu):
 
 def test_iterations_do_not_grow_with_the_mesh():
     counts = [
-        Clamped(block("tetrahedron", n)).solved(Iterative())[1].krylov_iterations for n in (3, 6, 9)
+        Clamped(block("tetrahedron", n)).solved(Iterative())[1].krylov_iterations for n in (2, 4, 6)
     ]
     assert max(counts) < 60
     assert counts[2] <= counts[1] + 3
-
-
-def test_a_hybrid_stiffness_has_no_blocks():
-    case = Clamped(block("tetrahedron", 2))
-    (plain, _), case.K = case.solved(Iterative()), assemble_matrix(case.body.stiffness(), True)
-    assert np.array_equal(plain[0], case.solved(Iterative())[0][0])
 
 
 def test_units_do_not_matter():
@@ -115,18 +109,12 @@ def test_units_do_not_matter():
 
 
 def test_a_modulus_that_varies_by_four_powers_of_ten_is_known():
-    mesh = block("tetrahedron", 6)
+    mesh = block("tetrahedron", 4)
     E = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)))
     E.interpolate(lambda x: 10.0 ** (4 * x[0]))
     off, iterations = differences(Clamped(mesh, 0.4999, E))
     assert off < 1e-7
     assert iterations < 90
-
-
-def test_radius_and_thickness_are_known():
-    mesh = block("triangle", 12)
-    mesh.geometry.x[:, 0] += 0.01
-    assert differences(Clamped(mesh, state="axisymmetric"))[1] < 60
 
 
 def test_enclosed_bodies_need_a_pressure():
@@ -156,8 +144,7 @@ def test_free_motions_are_refused():
         body.solved(Iterative())
 
 
-@pytest.mark.parametrize("nu", [0.4, 0.5])
-@pytest.mark.parametrize("held", ["clamped", "free"])
+@pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
 def test_modes_are_those_of_factors(held, nu):
     """Pressures, too; at a given shift the matrix that is inverted is another one."""
     mesh = block("tetrahedron", 3)
@@ -202,6 +189,12 @@ def test_a_split_pressure_needs_factors():
     K = assemble_matrix(Body(spaces, Material(1.0, 0.4), "solid").stiffness())
     with pytest.raises(ValueError, match="a pressure that is split, need Direct"):
         solve(K, K.createVecLeft(), held, Iterative())
+
+
+def test_radius_and_thickness_are_known():
+    mesh = block("triangle", 12)
+    mesh.geometry.x[:, 0] += 0.01
+    assert differences(Clamped(mesh, state="axisymmetric"))[1] < 60
 
 
 def test_auto_takes_it_for_large_bodies_in_space():

@@ -16,7 +16,6 @@ from pw_elements import (
     assemble_matrix,
     assemble_vector,
     boundary_measure,
-    buckling,
     prescribe,
     solve,
     vibration_modes,
@@ -132,19 +131,6 @@ def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver):
     assert modes.eigenvalues == pytest.approx(vibration_modes(K, M, held, 3).eigenvalues, rel=1e-9)
     assert modes.report.method == method(solver)
     assert modes.report.factorisations in (1, 2)  # slender bodies take a second shift
-
-
-def test_buckling_takes_a_solver(beam):
-    body, K, _, f, held = beam
-    from pw_elements import as_function
-
-    prestress = body.stress(as_function(body.spaces.trial, solve(K, f, held)))
-    K_sigma = assemble_matrix(body.initial_stress(prestress))
-    modes, reference = (buckling(K, K_sigma, held, 2, solver=s) for s in (PACKAGES[2], None))
-    assert modes.factors == pytest.approx(reference.factors, rel=1e-9)
-    assert (modes.report.method, modes.report.factorisations) == ("LU by superlu_dist", 1)
-    symmetric = buckling(K, K_sigma, held, 1, symmetrised=True)
-    assert symmetric.report.method == "LDL^T by mumps"
 
 
 def test_a_symmetric_pair_wants_its_pivots_counted(beam):

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -11,9 +10,7 @@ from dolfinx.mesh import (
     CellType,
     compute_midpoints,
     create_box,
-    create_mesh,
     create_rectangle,
-    create_unit_interval,
     exterior_facet_indices,
     meshtags,
 )
@@ -49,34 +46,18 @@ def cube(cell):
     return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [2, 2, 2], cell)
 
 
-SETTINGS = {
-    "T6": (lambda: mapped(square(), distorted), StressState.PLANE_STRESS),
-    "T6 strain": (lambda: mapped(square(), distorted), StressState.PLANE_STRAIN),
-    "T6 curved": (lambda: curved(square(), distorted), StressState.PLANE_STRESS),
-    "Q9": (lambda: mapped(quadrilaterals(), distorted), StressState.PLANE_STRESS),
-    "T10": (lambda: cube(CellType.tetrahedron), StressState.SOLID),
-    "H27": (lambda: cube(CellType.hexahedron), StressState.SOLID),
-}
-
-
 @pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_constant_strain_is_met(setting, method):
+def test_constant_strain_is_met_by_curved_cells(method):
     # patch test: boundary displacements of a linear field, which must come back inside
-    make_mesh, state = SETTINGS[setting]
-    spaces = method(make_mesh())
-    body = Body(spaces, MATERIAL, state)
-    d = spaces.mesh.geometry.dim
-    gradient = np.array([[1.0, 0.4, -0.2], [-0.3, 0.7, 0.5], [0.1, 0.6, -0.8]])[:d, :d]
+    spaces = method(curved(square(), distorted))
+    body = Body(spaces, MATERIAL, "plane stress")
     exact = fem.Function(spaces.trial)
-    exact.interpolate(lambda x: gradient @ x[:d])
-    spaces.mesh.topology.create_connectivity(d - 1, d)
-    rim = fem.locate_dofs_topological(
-        spaces.trial, d - 1, exterior_facet_indices(spaces.mesh.topology)
-    )
-    K = assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load(np.zeros(d)))
-    a = solve(K, f, Reduction.dirichlet(spaces.trial, [fem.dirichletbc(exact, rim)]))
+    exact.interpolate(lambda x: np.array([[1.0, 0.4], [-0.3, 0.7]]) @ x[:2])
+    spaces.mesh.topology.create_connectivity(1, 2)
+    rim = fem.locate_dofs_topological(spaces.trial, 1, exterior_facet_indices(spaces.mesh.topology))
+    f = assemble_vector(body.body_load((0.0, 0.0)))
+    held = Reduction.dirichlet(spaces.trial, [fem.dirichletbc(exact, rim)])
+    a = solve(assemble_matrix(body.stiffness()), f, held)
     assert np.abs(a.array - exact.x.array).max() < 1e-12
 
 
@@ -123,60 +104,25 @@ def test_mass_and_loads_add_up():
         assert P.sum() == 3.0
 
 
-def test_lumped_mass_is_positive_for_the_new_element_only():
-    lumped = {}
-    for method in (Spaces.galerkin, Spaces.petrov_galerkin):
-        M = assemble_matrix(Body(method(square()), MATERIAL, StressState.PLANE_STRESS).mass())
-        ones = M.createVecRight()
-        ones.set(1.0)
-        lumped[method] = (M * ones).array.min()
-    assert lumped[Spaces.petrov_galerkin] > 1e-3
-    assert lumped[Spaces.galerkin] < 1e-15
-
-
-def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains():
-    # uniaxial stress, u = v = stretch: G gives S, J gives S - 2 S
-    body = Body(Spaces.galerkin(square()), MATERIAL, StressState.PLANE_STRESS)
-    stress = ufl.as_tensor([[5.0, 0.0], [0.0, 0.0]])
-    stretch = fem.Function(body.spaces.trial)
-    stretch.interpolate(lambda x: np.array([x[0], 0 * x[0]]))
-    energy = {}
-    for form in ("G", "J"):
-        K = assemble_matrix(body.initial_stress(stress, form))
-        image = K.createVecLeft()
-        K.mult(stretch.x.petsc_vec, image)
-        energy[form] = image.dot(stretch.x.petsc_vec)
-    assert energy["G"] == pytest.approx(5.0, rel=1e-13)
-    assert energy["J"] == pytest.approx(-5.0, rel=1e-13)
-
-
-def test_rotation_costs_no_energy_but_the_geometric_one():
-    body = Body(Spaces.galerkin(square()), MATERIAL, StressState.PLANE_STRESS)
-    rotation = fem.Function(body.spaces.trial)
-    rotation.interpolate(lambda x: np.array([-x[1], x[0]]))
-    r = rotation.x.petsc_vec
-    stress = ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
-    for form in ("G", "J"):
-        image = r.duplicate()
-        assemble_matrix(body.initial_stress(stress, form)).mult(r, image)
-        assert image.dot(r) == pytest.approx(7.0, rel=1e-13)
-    image = r.duplicate()
-    assemble_matrix(body.stiffness()).mult(r, image)
-    assert abs(image.dot(r)) < 1e-12
-
-
 @pytest.mark.parametrize(
-    ("arguments", "name"),
+    ("field", "energies"),
     [
-        ({"youngs_modulus": 0.0}, "youngs_modulus"),
-        ({"youngs_modulus": float("nan")}, "youngs_modulus"),
-        ({"youngs_modulus": 1.0, "poissons_ratio": 0.501}, "poissons_ratio"),
-        ({"youngs_modulus": 1.0, "density": -1.0}, "density"),
+        (lambda x: [x[0], 0 * x[0]], (5.0, -5.0)),  # a stretch: G gives S, J gives S - 2 S
+        (lambda x: [-x[1], x[0]], (7.0, 7.0)),  # a rotation, which strains nothing
     ],
 )
-def test_refuses_impossible_materials(arguments, name):
-    with pytest.raises(ValueError, match=name):
-        Material(**arguments)
+def test_geometric_stiffness_forms_differ_by_twice_the_stress_times_strains(field, energies):
+    body = Body(Spaces.galerkin(square()), MATERIAL, "plane stress")
+    moved = fem.Function(body.spaces.trial)
+    moved.interpolate(lambda x: np.array(field(x)))
+    u = moved.x.petsc_vec
+    stress = ufl.as_tensor([[5.0, 0.0], [0.0, 2.0]])
+    for form, energy in zip(("G", "J"), energies, strict=True):
+        assert u.dot(assemble_matrix(body.initial_stress(stress, form)) * u) == pytest.approx(
+            energy
+        )
+    strained = u.dot(assemble_matrix(body.stiffness()) * u)
+    assert strained > 1.0 if energies[1] < 0 else abs(strained) < 1e-12
 
 
 @pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
@@ -278,35 +224,6 @@ def test_materials_that_do_not_go_with_tags_are_named():
     refused({3: soft}, "28 of 32 cells have no tag, so no material", few)
 
 
-def test_refuses_bodies_that_make_no_sense():
-    spaces = Spaces.galerkin(square())
-    with pytest.raises(ValueError, match="solid"):
-        Body(spaces, MATERIAL, StressState.SOLID)
-    with pytest.raises(ValueError, match="thickness"):
-        Body(spaces, MATERIAL, StressState.PLANE_STRESS, thickness=0.0)
-    body = Body(spaces, MATERIAL, StressState.PLANE_STRESS)
-    with pytest.raises(ValueError, match="'G' and 'J'"):
-        body.initial_stress(ufl.Identity(2), "K")
-    nowhere = lambda x: np.isclose(x[0], 7.0)  # noqa: E731
-    with pytest.raises(ValueError, match="no exterior facet"):
-        boundary_measure(spaces.mesh, nowhere)
-    with pytest.raises(ValueError, match="no node"):
-        prescribe(spaces.trial, 0, nowhere)
-    for force in ((np.inf, 0.0), (1.0, 0.0, 0.0), (1.0,)):
-        with pytest.raises(ValueError, match="needs 2 finite components"):
-            nodal_load(spaces.trial, lambda x: np.isclose(x[0], 0), force)
-    for component in (-1, 2):
-        with pytest.raises(ValueError, match=f"component {component}: the space has 2"):
-            prescribe(spaces.trial, component, lambda x: np.isclose(x[0], 0))
-
-
-def test_state_may_be_a_word():
-    spaces = Spaces.galerkin(square())
-    assert Body(spaces, MATERIAL, "axisymmetric").state is StressState.AXISYMMETRIC
-    with pytest.raises(ValueError, match="'plane stres': the states are 'plane stress', "):
-        Body(spaces, MATERIAL, "plane stres")
-
-
 def test_incompressible_in_plane_stress_only():
     spaces, rubber = Spaces.petrov_galerkin(square()), Material(2.0, 0.5)
     K = assemble_matrix(Body(spaces, rubber, StressState.PLANE_STRESS).stiffness())
@@ -314,20 +231,6 @@ def test_incompressible_in_plane_stress_only():
     assert (K - assemble_matrix(near.stiffness())).norm() < 1e-8 * K.norm()
     with pytest.raises(ValueError, match="in plane stress only"):
         Body(spaces, rubber, StressState.PLANE_STRAIN)
-
-
-def test_refuses_meshes_that_are_no_bodies():
-    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    geometry = basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))
-    shell = create_mesh(MPI.COMM_SELF, cells=np.array([[0, 1, 2]]), x=corners, e=geometry)
-    with pytest.raises(ValueError, match=r"2-D cells in 3-D space is no body.*dim=2"):
-        Body(Spaces.galerkin(shell), MATERIAL, StressState.SOLID)
-    line = create_unit_interval(MPI.COMM_SELF, 3)
-    with pytest.raises(ValueError, match="a 1-D mesh cannot be in the state 'plane stress'"):
-        Body(Spaces.galerkin(line), MATERIAL, StressState.PLANE_STRESS)
-    across = triangles(MPI.COMM_SELF, (-1.0, 0.0), (1.0, 1.0), (4, 2))
-    with pytest.raises(ValueError, match=r"crosses the axis of rotation: its least r is -1\.0"):
-        Body(Spaces.galerkin(across), MATERIAL, StressState.AXISYMMETRIC)
 
 
 @pytest.mark.parametrize(

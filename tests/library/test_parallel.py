@@ -1,42 +1,359 @@
-"""The library's results on one, two and three processes."""
-
-import json
-import shutil
-import subprocess
-import sys
-from pathlib import Path
+"""The library's results on several processes are those on one."""
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box
 
-PROJECT = Path(__file__).parents[2]
+from pw_elements import (
+    Body,
+    Iterative,
+    Material,
+    NotConverged,
+    PetrovGalerkinProblem,
+    Reduction,
+    Sibling,
+    SingularSystem,
+    Spaces,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    boundary_measure,
+    buckling,
+    force_transfer,
+    forces_along,
+    lumped_mass,
+    nodal_flux,
+    prescribe,
+    reactions,
+    solve,
+    split,
+    vibration_modes,
+)
+from pw_elements.algebra import symmetric_part
+from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
+from pw_elements.contact.iteration import krylov
+from pw_elements.elasticity import StressState, nodal_load
+from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.solvers import iterative
+from pw_elements.spaces import macro_element
+from study.discretisation import discretise
+from study.verification.t_identity import distorted
+from study.verification.v15_layers import error, layered
+from tests.contact.cases import at
+from tests.contact.iterative import CASES, STACKED, Solid, nearly_sliding
+from tests.contact.two_bodies import Stack
+from tests.parallel import same_numbers
 
 
-def numbers(module, processes):
-    # by mpi4py an exception in one process ends them all, which would else wait for it
-    python = [sys.executable, "-m", "mpi4py", "-m"]
-    command = ["mpirun", "-n", str(processes), *python, f"tests.{module}"]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=1800)
-    assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout)
+def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
+    return create_box(comm, [(0, 0, 0), size], cells, CellType[cell])
 
 
-def size(name, value):
-    """What differences of a number are compared with."""
-    if name == "identity":  # a relative difference itself
-        return 1e-4
-    # displacements are of this size in all contact problems, gaps and slips may all be zero
-    return 0.1 if name.endswith((" gap", " slip")) else np.abs(value).max()
+def held(U, axis, values=(0.0, 0.0, 0.0)):
+    """Conditions at the lower end of an axis."""
+    dim = U.mesh.geometry.dim
+    return [prescribe(U, i, at(axis, 0.0), values[i]) for i in range(dim)]
 
 
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-@pytest.mark.parametrize("module", ["parallel_numbers", "contact_numbers", "impact_numbers"])
-def test_same_numbers_on_one_two_and_three_processes(module):
-    serial = numbers(module, 1)
-    assert serial.get("identity", 0.0) < 1e-14
-    for processes in (2, 3):
-        parallel = numbers(module, processes)
-        assert parallel.keys() == serial.keys()
-        for name, value in serial.items():
-            difference = np.abs(np.subtract(parallel[name], value)).max()
-            assert difference <= 1e-10 * size(name, value), name
+def sizes(W, a):
+    """Norms of a hybrid element's displacement and pressure."""
+    fields = zip(("displacement", "pressure"), split(W, a), strict=True)
+    return {field: function.x.petsc_vec.norm() for field, function in fields}
+
+
+# -- linear problems -------------------------------------------------------------------------------
+
+
+def beam(comm, method):
+    mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
+    body = Body(method(mesh), Material(2.0, 0.3), "plane stress")
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, at(0, 8.0))))
+    f.axpy(1.0, nodal_load(U, lambda x: at(0, 8.0)(x) & at(1, 0.0)(x), (0, 1e-3)))
+    supports = Reduction.dirichlet(U, held(U, 0, (0.0, 0.01)))
+    a = solve(K, f, supports)
+    u = fem.Function(U)
+    u.x.array[: a.getLocalSize()] = a.array_r
+    u.x.scatter_forward()
+    stresses = {
+        form: assemble_matrix(body.initial_stress(body.stress(u), form)) for form in ("G", "J")
+    }
+    M = assemble_matrix(body.mass())
+    free = vibration_modes(K, M, Reduction.dirichlet(U, []), 4)
+    S = symmetric_part(stresses["J"])
+    symmetrised = buckling(symmetric_part(K), S, supports, 1, symmetrised=True)
+    return {
+        "displacement norm": a.norm(),
+        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0), axis=1).force,
+        "stiffness norm": K.norm(),
+        "mass norm": M.norm(),
+        "rigid": free.rigid,
+        "free frequencies": free.eigenvalues[3:],
+        "symmetrised": symmetrised.factors,
+        **{f"buckling {form}": buckling(K, S, supports, 2).factors for form, S in stresses.items()},
+        **{
+            f"frequencies {way}": vibration_modes(K, M, supports, 3, way).eigenvalues
+            for way in (False, True)
+        },
+    }
+
+
+def identity(comm):
+    """The transfer of the standard element's forces gives the new one's; and a layered block."""
+    mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
+    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
+    K, K_pw = (
+        assemble_matrix(Body(spaces, Material(1.0, 0.3), "plane stress").stiffness())
+        for spaces in (galerkin, pw)
+    )
+    assert (force_transfer(galerkin.trial).matMult(K) - K_pw).norm() < 1e-14 * K_pw.norm()
+    for cell in (CellType.triangle, CellType.tetrahedron):
+        assert error(Spaces.hybrid, layered(comm, cell), split_pressure=True) < 1e-12
+    return {}
+
+
+def element(comm, name):
+    def build(cell):
+        make = quadrilaterals if cell == "quadrilateral" else triangles
+        return mapped(make(comm, (0.0, 0.0), (1.0, 1.0), (7, 5)), distorted)
+
+    body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
+    U, K = body.space, body.K
+    f = assemble_vector(body.body.body_load((0.3, -1.0)))
+    supports = body.supports(held(U, 0, (0.0, 0.01)))
+    a = solve(K, f, supports)
+    wall = ContactPair(at(0, 0.0), Plane((0.0, 0.0), (1.0, 0.0)), 0.4)
+    pushed = assemble_vector(body.body.body_load((-1.0, -0.35)))
+    (state,) = solve_contact(K, pushed, body.supports([]), [wall], U)
+    M = assemble_matrix(body.body.mass())
+    found = {
+        f"guyan {left}": vibration_modes(K, M, supports.guyan(left), 3).eigenvalues
+        for left in ("transposed", "same")
+    }
+    if name == "pw-Q8":
+        lumped = vibration_modes(K, lumped_mass(M, U), supports.guyan("transposed"), 3)
+        found["lumped"] = lumped.eigenvalues
+    return found | {
+        "displacement norm": a.norm(),
+        "stiffness norm": supports.matrix(K).norm(),
+        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0), axis=1).force,
+        "contact": state.pairs[0].force_normal,
+        "contact displacement norm": state.displacement.norm(),
+    }
+
+
+def solid(comm):
+    body = Body(Spaces.petrov_galerkin(box(comm)), Material(1.0, 0.3), "solid")
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
+    nodes = fem.locate_dofs_geometrical(U, at(2, 0.0))
+    whole = [fem.dirichletbc(np.zeros(3), nodes, U)]
+    free = vibration_modes(K, assemble_matrix(body.mass()), Reduction.dirichlet(U, []), 8)
+    return {
+        "held": solve(K, f, Reduction.dirichlet(U, held(U, 2))).norm(),
+        "held as vectors": solve(K, f, Reduction.dirichlet(U, whole)).norm(),
+        "rigid": free.rigid,
+        "frequencies": free.eigenvalues[6:],
+    }
+
+
+def tube(comm):
+    mesh = curved(triangles(comm, (1.0, 0.0), (2.0, 1.0), (6, 5)), distorted)
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "axisymmetric")
+    w = fem.Function(fem.functionspace(mesh, macro_element("triangle")))
+    w.interpolate(lambda x: np.sin(x[0]) * x[1])
+    return {
+        "stiffness norm": assemble_matrix(body.stiffness()).norm(),
+        "mass norm": assemble_matrix(body.mass()).norm(),
+        "macro integral": assemble_scalar(w**2 * ufl.dx),
+    }
+
+
+def rubber(comm):
+    mesh = box(comm, (1, 1, 1), (3, 3, 3))
+    spaces = Spaces.petrov_galerkin(mesh)
+    U, u, v = spaces.trial, fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    F = ufl.Identity(3) + ufl.grad(u)
+    inverse = ufl.inv(F).T
+    stress = F - inverse + ufl.ln(ufl.det(F)) * inverse
+    residual = ufl.inner(stress, ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": 3})
+    depth = fem.Constant(mesh, -0.3)
+    conditions = [*held(U, 2), prescribe(U, 2, at(2, 1.0), depth)]
+    problem = PetrovGalerkinProblem(residual, u, conditions)
+    problem.solve(depth, increments=2)
+    return {
+        "reactions": problem.reactions().norm(),
+        "tractions": nodal_flux(spaces, problem.reactions(), at(2, 0.0)).flux,
+        "volume": assemble_scalar(ufl.det(F) * ufl.dx),
+        "iterations": [len(part.corrections) for part in problem.increments],
+    }
+
+
+def hybrid(comm, state):
+    square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
+    mesh = box(comm) if state == "solid" else mapped(square, distorted)
+    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), state)
+    W, dim = body.spaces.trial, mesh.geometry.dim
+    K, f = assemble_matrix(body.stiffness()), assemble_vector(body.body_load([3e6] * dim))
+    f.axpy(1.0, nodal_load(W, at(0, 0.0), [2e6] * dim))
+    a = solve(K, f, Reduction.dirichlet(W, held(W, 0, (0.0, 0.01, 0.02))))
+    return sizes(W, a) | {"reactions": reactions(K, a, f).norm()}
+
+
+def impact(comm):
+    body = Body(Spaces.galerkin(box(comm, (2, 1, 1), (6, 3, 3))), Material(10.0, 0.3), "solid")
+    U = body.spaces.trial
+    sibling = Sibling.of(U)
+    K = sibling.matrix(assemble_matrix(body.stiffness()))
+    M = lumped_mass(sibling.matrix(assemble_matrix(body.mass())), U)
+    weight = sibling.load(assemble_vector(body.body_load((0.0, 0.0, -0.5))))
+    thrown = K.createVecRight()
+    thrown.array.reshape(-1, 3)[:] = (0.5, 0.1, -1.0)
+    floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    ball = ContactPair(at(2, 1.0), Sphere((1, 0.5, 4), 2.9), 0.2)
+    history = solve_impact(
+        K, M, sibling.dirichlet([]), [floor, ball], U, 1.5, thrown,
+        load=lambda time: weight * (1 + time),
+        paths=[None, lambda time: (0.2 * time, 0.0, -0.4 * time)],
+        step=0.025, frames=2,
+    )  # fmt: skip
+    cut = comm.allgather(np.any(at(2, 0.0)(U.tabulate_dof_coordinates().T)))
+    assert comm.size == 1 or sum(cut) > 1, "the partition spares the contact"
+    fields = ("force_normal", "force_tangential", "status", "gap", "slip", "displacement")
+    # the sibling at rest: supports with values, contact on its gaps
+    foot = sibling.dirichlet(held(U, 2, (0.0, 0.02, 0.04)))
+    near = ContactPair(at(2, 1.0), Sphere((1, 0.5, 3.91), 2.9), 0.2)
+    (state,) = solve_contact(K, weight, foot, near, U)
+    return {
+        "critical step": history.critical_step,
+        "energy": list(vars(history.energies).values()),
+        "displacement": history.displacement.norm(),
+        "velocity": history.velocity.norm(),
+        **{f"force {k}": pair.force for k, pair in enumerate(history.pairs)},
+        **{
+            f"frame {n} {k} {field}": getattr(pair, field)
+            for n, frame in enumerate(history.frames)
+            for k, pair in enumerate(frame.pairs)
+            for field in fields
+        },
+        "held": sibling.displacement(solve(K, weight, foot)).norm(),
+        "static force": state.pairs[0].force_normal,
+        "static gap": state.pairs[0].gap,
+    }
+
+
+# -- the iterative solver --------------------------------------------------------------------------
+
+
+def supported(comm, cell):
+    body = Body(
+        Spaces.petrov_galerkin(box(comm, (2, 1, 1), (4, 2, 2), cell)), Material(1.0, 0.3), "solid"
+    )
+    U = body.spaces.trial
+    K = assemble_matrix(body.stiffness())
+    f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
+    foot = held(U, 0, (0.0, 0.1, 0.2))
+    supports = Reduction.dirichlet(U, foot)
+    with pytest.raises(SingularSystem):
+        solve(K, f, Reduction.dirichlet(U, foot[:2]), Iterative())
+    modes = vibration_modes(K, assemble_matrix(body.mass()), supports, 3, solver=Iterative())
+    displacement = solve(K, f, supports, Iterative())
+    return {"displacement norm": displacement.norm(), "frequencies": modes.eigenvalues}
+
+
+def incompressible(comm, cell):
+    mesh = box(comm, (2, 1, 1), (4, 2, 2), cell)
+    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), "solid")
+    W = body.spaces.trial
+    f = assemble_vector(body.body_load((0.0, 3e8, -1e9)))
+    supports = Reduction.dirichlet(W, held(W, 0, (0.0, 0.1, 0.2)))
+    return sizes(W, solve(assemble_matrix(body.stiffness()), f, supports, Iterative()))
+
+
+def summed(states):
+    """Numbers of contact states; forces themselves would be in another order."""
+    found = {}
+    for k, state in enumerate(states):
+        found[f"{k} displacement norm"] = state.displacement.norm()
+        for number, pair in enumerate(state.pairs):
+            found[f"{k} {number} statuses"] = np.bincount(pair.status, minlength=3)
+            found[f"{k} {number} force"] = pair.force
+            found[f"{k} {number} normal"] = pair.force_normal
+    return found
+
+
+def nested(comm):
+    (coarse,) = solve_contact(*Solid(n=2, comm=comm).arguments("rough floor"), solver=Iterative())
+    solid = Solid(n=3, comm=comm)
+    solid.K = assemble_matrix(solid.body.stiffness(), blocked=True)
+    fine = solid.arguments("rough floor")
+    (state,) = solve_contact(*fine, solver=Iterative(), start=coarse)
+    return {
+        "contact": state.displacement.norm(),
+        "of K": solve(solid.K, solid.pushed(), solid.foot(), Iterative()).norm(),
+        "users of K": solid.K.getRefCount(),  # solvers have let go of it
+    }
+
+
+def by_auto(comm):
+    """Without anchors Krylov's method gives up in the second increment."""
+    arguments = nearly_sliding(Solid(n=2, comm=comm))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(iterative, "_MANY", 1)
+        patch.setattr(krylov, "_ENOUGH", 0)
+        states = solve_contact(*arguments)
+        patch.setattr(iterative, "free_memory", lambda _: 1e6)
+        with pytest.raises(NotConverged) as caught:
+            solve_contact(*arguments)
+    assert len(set(comm.allgather(str(caught.value)))) == 1
+    return {"factorisations": [state.report.factorisations for state in states], **summed(states)}
+
+
+# -- all of them -----------------------------------------------------------------------------------
+
+
+def named(cases):
+    return {f"{case} {key}": n for case, found in cases.items() for key, n in found.items()}
+
+
+def direct_numbers(comm):
+    return named(
+        {"galerkin": beam(comm, Spaces.galerkin), "pw": beam(comm, Spaces.petrov_galerkin)}
+        | {"identity": identity(comm), "solid": solid(comm), "tube": tube(comm)}
+        | {name: element(comm, name) for name in ("pw-Q8", "pw-Q9", "composite-T6")}
+        | {"rubber": rubber(comm), "impact": impact(comm)}
+        | {f"hybrid {s}": hybrid(comm, s) for s in ("plane strain", "axisymmetric", "solid")}
+    )
+
+
+def iterative_numbers(comm):
+    def contact(arguments):
+        return summed(solve_contact(*arguments, solver=Iterative()))
+
+    def stacked(case, **body):
+        """The upper one is the slave."""
+        stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), comm=comm, **body)
+        return contact(STACKED[case](stack, "upper"))
+
+    rubber = Solid(method=Spaces.hybrid, n=2, comm=comm, nu=0.5)
+    return named(
+        {cell: supported(comm, cell) for cell in ("tetrahedron", "hexahedron")}
+        | {f"hybrid {cell}": incompressible(comm, cell) for cell in ("tetrahedron", "hexahedron")}
+        | {case: contact(Solid(n=2, comm=comm).arguments(case)) for case in CASES}
+        | {f"hybrid {c}": contact(rubber.arguments(c)) for c in ("sphere", "plate by forces")}
+        | {case: stacked(case, ratio=0.5) for case in STACKED}
+        | {"hybrid stacked": stacked("held by contact", element="hybrid", nu=0.5)}
+        | {"sliding": contact(nearly_sliding(Solid(n=2, comm=comm)))}
+        | {"nested": nested(comm), "auto": by_auto(comm)}
+    )
+
+
+@pytest.mark.parametrize(
+    ("numbers", "processes", "rel"), [(direct_numbers, 3, 1e-10), (iterative_numbers, 2, 1e-8)]
+)
+def test_same_numbers_on_several_processes(numbers, processes, rel):
+    same_numbers(numbers, processes=[processes], rel=rel)

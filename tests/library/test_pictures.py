@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_interval, create_rectangle
+from dolfinx.mesh import CellType, create_box, create_rectangle
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -101,36 +101,6 @@ def test_a_label_makes_a_colour_bar_and_limits_are_kept():
         assert bar.get_ylim() == (-1, 3)
     finally:
         plt.close(axes.figure)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"values": lambda x: x}, "shape \\(2,\\): draw one component"),
-        ({"scale": np.nan}, "scale"),
-        ({"view": (1, 2, 3)}, "view"),
-        ({"limits": (1,)}, "limits"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(axes, change, words):
-    mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
-    if "values" in change:
-        change = {"values": ufl.SpatialCoordinate(mesh)}
-    with pytest.raises(ValueError, match=words):
-        draw(mesh, axes=axes, **change)
-
-
-def test_things_of_another_kind_are_refused(axes):
-    mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
-    with pytest.raises(TypeError, match="displacement"):
-        draw(mesh, displacement=np.zeros(3), axes=axes)
-    with pytest.raises(ValueError, match="1-D cells"):
-        draw(create_interval(COMM, 3, [0, 1]), axes=axes)
-    scalar = fem.Function(fem.functionspace(mesh, ("Lagrange", 2)))
-    with pytest.raises(ValueError, match="displacement has the shape"):
-        draw(mesh, displacement=scalar, axes=axes)
-    with pytest.raises(ValueError, match="another mesh"):
-        draw(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2)), scalar, axes=axes)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,12 @@
 """Problems stated by a residual: known solutions, increments, and what is refused."""
 
-from inspect import signature
-
 from mpi4py import MPI
 
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc
 from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
-from dolfinx.nls.petsc import NewtonSolver
 
 from pw_elements import (
     Direct,
@@ -133,28 +129,6 @@ def test_a_linear_residual_has_the_solution_and_reactions_of_solve():
     assert (increment.share, increment.corrections) == (1.0, ())
 
 
-def test_dolfinx_own_problems_do_not_serve():
-    V, u, v, rim = scalar_problem(unit_mesh(CellType.triangle, 4))
-    condition, w = fem.dirichletbc(0.0, rim, V), ufl.TrialFunction(V)
-    a, L = ufl.inner(ufl.grad(w), ufl.grad(v)) * ufl.dx, 10.0 * v * ufl.dx
-    F = ufl.inner((1 + u**2) * ufl.grad(u), ufl.grad(v)) * ufl.dx - L
-    newer = "petsc_options_prefix" in signature(petsc.LinearProblem).parameters
-    prefix = {"petsc_options_prefix": "own_"} if newer else {}
-    options = {"ksp_type": "preonly", "pc_type": "lu"}
-    found = petsc.LinearProblem(a, L, bcs=[condition], petsc_options=options, **prefix).solve()
-    assert not np.isfinite(found.x.array).any()  # and nobody said so
-    if newer:
-        own = petsc.NonlinearProblem(F, u, bcs=[condition], **prefix)
-        own.solve()
-        assert own.solver.getConvergedReason() < 0
-    else:
-        with pytest.raises(RuntimeError, match="did not converge"):
-            NewtonSolver(MPI.COMM_SELF, petsc.NonlinearProblem(F, u, [condition])).solve(u)
-    for residual in (a - L, F):
-        u.x.array[:] = 0
-        assert np.isfinite(PetrovGalerkinProblem(residual, u, condition).solve().x.array).all()
-
-
 @pytest.mark.parametrize("cell", [CellType.triangle, CellType.tetrahedron, CellType.hexahedron])
 def test_homogeneous_deformation_is_exact(cell):
     mesh = unit_mesh(cell, 2)
@@ -178,42 +152,6 @@ def test_homogeneous_deformation_is_exact(cell):
     P = fem.Constant(mesh, stress)
     forces = assemble_vector(ufl.inner(ufl.dot(P, ufl.FacetNormal(mesh)), v) * ufl.ds)
     assert (problem.reactions() - forces).norm() < 1e-12 * forces.norm()
-
-
-def test_neo_hookean_nodal_forces_turn_with_the_body():
-    angle = 0.7
-    Q = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    problem, move = pressed(-0.2)
-    u = problem.solve(move)
-    V, turned, F = rubber(u.function_space.mesh)
-    x = V.tabulate_dof_coordinates()[:, :2]
-    expected = (x + u.x.array.reshape(-1, 2)) @ Q.T - x
-    held = np.isclose(x[:, 1], 0.0) | (np.isclose(x[:, 1], 1.0) & (x[:, 0] < 0.5 + 1e-9))
-    g = fem.Function(V)
-
-    def load(share):  # it turns first, and is pressed while it does
-        angles = share * angle
-        c, s = np.cos(angles), np.sin(angles)
-        now = (x + share * u.x.array.reshape(-1, 2)) @ np.array([[c, s], [-s, c]]) - x
-        g.x.array[:] = now.ravel()
-
-    condition = fem.dirichletbc(g, np.flatnonzero(held).astype(np.int32))
-    again = PetrovGalerkinProblem(F, turned, condition)
-    again.solve(load, increments=2)
-    assert np.abs(turned.x.array - expected.ravel()).max() < 1e-13
-    forces = problem.reactions().array.reshape(-1, 2) @ Q.T
-    assert np.abs(again.reactions().array.reshape(-1, 2) - forces).max() < 1e-13
-
-
-def test_newtons_method_is_quadratic():
-    problem, move = pressed(-0.1)
-    problem.solve(move)
-    (increment,) = problem.increments
-    c = np.array(increment.corrections)
-    assert len(c) <= 6
-    assert c[-1] < 1e-8
-    assert np.all(c[2:] < 20 * c[1:-1] ** 2)
-    assert increment.residuals[-1] < 1e-12 * increment.residuals[0]
 
 
 def test_an_increment_is_cut_where_it_fails_as_a_whole():

@@ -2,15 +2,13 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_rectangle, create_unit_square
+from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import (
     Body,
     Material,
     Spaces,
     SurfaceNodes,
-    as_function,
     assemble_vector,
     boundary_measure,
     force_transfer,
@@ -19,7 +17,7 @@ from pw_elements import (
 from pw_elements.elasticity import StressState, by_position
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.spaces import exterior_facets
-from tests.contact.cases import Block, at
+from tests.contact.cases import at
 
 PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
 PLANE = [
@@ -87,14 +85,6 @@ def test_pressures_of_an_even_pressure(build, method, state):
     assert surface.tributary_pressure(np.column_stack([force, 2 * force]))[:, 1] == pytest.approx(6)
 
 
-def test_edges_and_rim_of_a_line():
-    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
-    assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
-    assert np.flatnonzero(surface.rim).tolist() == [0, 10]
-    halves = np.diff(surface.position[:, 0]) / 2
-    assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
-
-
 @pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
 def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
@@ -139,17 +129,6 @@ def test_faces_in_space(cell, method):
         assert surface.tributary_pressure(force)[corner] == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
-def test_sawtooth_under_the_block(method, expected):
-    block = Block(20, method)
-    contact = block.solve(0.3, 60.0)[-1].pairs[0]
-    surface = SurfaceNodes.of(block.body, at(1, 0.0))
-    assert surface.position == pytest.approx(contact.position)
-    assert surface.sawtooth(contact.force_normal) == pytest.approx(expected, abs=0.02)
-    rough = surface.unevenness(surface.tributary_pressure(contact.force_normal))
-    assert rough > 0.6 if method == GALERKIN else rough < 0.01
-
-
 def test_surface_by_facets_is_that_of_the_marker():
     body = body_of(triangles, PW, StressState.PLANE_STRAIN)
     mesh = body.spaces.mesh
@@ -164,22 +143,6 @@ def test_surface_by_facets_is_that_of_the_marker():
     assert (loads[0] - loads[1]).norm() < 1e-14
     with pytest.raises(ValueError, match="counted from 0"):
         boundary_measure(mesh, np.array([-1]))
-
-
-def test_values_of_another_length_are_refused():
-    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRAIN), at(1, 0.0))
-    force = np.ones(len(surface.position) + 1)
-    for measure in (surface.pressure, surface.tributary_pressure, surface.sawtooth):
-        with pytest.raises(ValueError, match="12 values for the 11 nodes of the surface"):
-            measure(force)
-
-
-def test_vector_as_a_function():
-    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
-    f = assemble_vector(body.body_load((1.0, 2.0)))
-    function = as_function(body.spaces.trial, f, "load")
-    assert function.name == "load"
-    assert function.x.array == pytest.approx(f.array_r)
 
 
 @pytest.mark.parametrize(
@@ -211,7 +174,9 @@ def test_transferred_loads_are_those_of_the_weights(cell):
     assert given.array == pytest.approx(1.0, abs=1e-15)  # nothing is lost
 
 
-def test_transfer_needs_a_quadratic_space():
-    space = fem.functionspace(create_unit_square(MPI.COMM_SELF, 2, 2), ("Lagrange", 1, (2,)))
-    with pytest.raises(ValueError, match="quadratic Lagrange spaces only"):
-        force_transfer(space)
+def test_edges_and_rim_of_a_line():
+    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
+    assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
+    assert np.flatnonzero(surface.rim).tolist() == [0, 10]
+    halves = np.diff(surface.position[:, 0]) / 2
+    assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))

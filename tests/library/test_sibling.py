@@ -20,7 +20,6 @@ from pw_elements import (
     lumped_mass,
     prescribe,
     solve,
-    vibration_modes,
 )
 from pw_elements.contact import (
     OPEN,
@@ -92,30 +91,6 @@ def test_lumped_mass_falls_evenly(cell):
     mass = lumped_mass(sibling.matrix(assemble_matrix(body.mass())), U).getDiagonal()
     load = sibling.load(assemble_vector(body.body_load(np.ones(dim))))
     assert load.array == pytest.approx(mass.array, rel=1e-12)
-
-
-def test_row_sums_on_a_tetrahedron_are_a_fortieth_and_three_twentieths():
-    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (1, 1, 1), CellType.tetrahedron)
-    body = Body(Spaces.galerkin(mesh), Material(1.0), StressState.SOLID)
-    U = body.spaces.trial
-    mass = lumped_mass(Sibling.of(U).matrix(assemble_matrix(body.mass())), U).getDiagonal()
-    expected = np.zeros(mass.getSize() // 3)
-    for cell in U.dofmap.list:  # six of the volume 1/6
-        expected[cell] += np.repeat([1 / 40, 3 / 20], (4, 6)) / 6
-    assert mass.array[::3] == pytest.approx(expected)
-
-
-def test_lumped_frequencies_are_real_and_near():
-    body = body_on("tetrahedron", 2)
-    U = body.spaces.trial
-    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    foot = [prescribe(U, i, at(1, 0.0)) for i in range(3)]
-    sibling = Sibling.of(U)
-    lumped = lumped_mass(sibling.matrix(M), U)
-    modes = vibration_modes(sibling.matrix(K), lumped, sibling.dirichlet(foot), 3)
-    exact = vibration_modes(K, M, Reduction.dirichlet(U, foot), 3)
-    assert modes.imaginary == 0
-    assert modes.eigenvalues == pytest.approx(exact.eigenvalues, rel=0.1)
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -33,20 +33,7 @@ class At(NamedTuple):
 
 @dataclass(frozen=True)
 class Body:
-    """An elastic body.
-
-    Args:
-        nodes: (n, dim).
-        cells: (c, nodes of a cell) in Basix's order.
-        element: "T6", "Q8", "Q9" or "T10".
-        linear_weights: whether test functions are piecewise linear.
-        state: "plane stress", "plane strain", "axisymmetric" (r, z) or "solid".
-        E: Young's modulus.
-        nu: Poisson's ratio.
-        rho: density.
-        thickness: of plane bodies.
-        count: Gauss points in each direction of a cell, or of a sub-cell.
-    """
+    """An elastic body."""
 
     nodes: np.ndarray
     cells: np.ndarray

@@ -37,17 +37,7 @@ Points = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Pair:
-    """Nodes that face one rigid surface, or nodes of another body.
-
-    Args:
-        nodes: (m,) numbers.
-        gap: to the surface at its initial place, (m, dim) to (m,).
-        normal: from the surface into the body, (m, dim) to (m, dim).
-        mu: friction, a number or (m,).
-        motions: of each increment: translation (dim,), None where it is free, and the surface's
-            total force on the body (dim,); at rest where there are none.
-        opposite: (m,) nodes of another body that carry the surface.
-    """
+    """Nodes that face one rigid surface, or nodes of another body."""
 
     nodes: np.ndarray
     gap: Points
@@ -59,15 +49,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class State:
-    """The end of an increment.
-
-    Args:
-        displacement: (nodes, dim).
-        forces: of each pair, nodal forces (m, dim) on its nodes.
-        translations: (pairs, dim) of the surfaces.
-        error: how far from the law, over what is allowed (`ACCURACY`).
-        gaps: of each pair, (m,).
-    """
+    """The end of an increment."""
 
     displacement: np.ndarray
     forces: list[np.ndarray]
@@ -88,20 +70,7 @@ def solve(
     nodes: np.ndarray,
     tie: float = 1.0,
 ) -> list[State]:
-    """States at the end of increments.
-
-    Args:
-        K: stiffness, (n dim, n dim).
-        loads: (n dim,) at the end of each increment.
-        held: mask (n, dim) of displacements that are zero. If those of a contact node are
-            tangential, the law is without friction there (in the plane).
-        pairs: contact pairs.
-        nodes: positions (n, dim).
-        tie: factor of alpha, which the answer does not depend on.
-
-    Raises:
-        NotFound: if no state obeys the law within `ACCURACY` in the end.
-    """
+    """States at the end of increments."""
     count = sum(len(pair.nodes) for pair in pairs)
     past, translations = np.zeros((count, nodes.shape[1])), np.zeros((len(pairs), nodes.shape[1]))
     system, s, states = None, np.zeros_like(past), []
@@ -120,13 +89,7 @@ def solve(
 
 
 def law_error(r: np.ndarray, y: np.ndarray, mu: np.ndarray) -> float:
-    """Largest violation of the law's lines over the largest force.
-
-    Args:
-        r: forces (m, dim) in the nodes' frames, normal first.
-        y: gaps and slips (m, dim), times stiffnesses, so that they are forces.
-        mu: (m,).
-    """
+    """Largest violation of the law's lines over the largest force."""
     size = np.abs(r).max() or 1.0
     (r_n, r_t), (g, v) = ((x[:, 0] / size, x[:, 1:] / size) for x in (r, y))
     friction, slip = np.linalg.norm(r_t, axis=1), np.linalg.norm(v, axis=1)
@@ -255,13 +218,7 @@ class _System:
 
 
 class _Law:
-    """The law at m nodes in their frames, where dy = C ds and r = s - alpha w.
-
-    Args:
-        C: compliance (m dim, m dim).
-        alpha: of the springs.
-        mu: (m,).
-    """
+    """The law at m nodes in their frames, where dy = C ds and r = s - alpha w."""
 
     def __init__(self, C, alpha, mu) -> None:
         self.C, self.alpha, self.mu = C, alpha, mu

@@ -8,15 +8,7 @@ from scipy.sparse.linalg import LinearOperator, eigs, splu
 def smallest(
     K: sparse.spmatrix, M: sparse.spmatrix, held: np.ndarray, count: int, shift: float = 0.0
 ) -> np.ndarray:
-    """Eigenvalues (count,) of K x = lambda M x nearest to the shift, sorted by their real parts.
-
-    Args:
-        K: (n, n).
-        M: (n, n).
-        held: mask of n unknowns that are zero, of any shape.
-        count: how many.
-        shift: a number that is none of them.
-    """
+    """Eigenvalues (count,) of K x = lambda M x nearest to the shift, sorted by their real parts."""
     kept = np.flatnonzero(~held.ravel())
     K, M = (matrix.tocsc()[kept][:, kept] for matrix in (K, M))
     factors = splu((K - shift * M).tocsc())
@@ -32,11 +24,6 @@ def condensed(
     """K and M by Guyan's reduction: inner nodes follow the others as they do in statics.
 
     Rows are combined as K's rows ask, columns as its columns do, so that M may be unsymmetric.
-
-    Args:
-        K: (2 n, 2 n).
-        M: (2 n, 2 n).
-        inner: numbers of the nodes that go.
     """
     out = (2 * inner[:, None] + [0, 1]).ravel()
     kept = np.setdiff1d(np.arange(K.shape[0]), out)

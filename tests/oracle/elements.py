@@ -16,17 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Element:
-    """A reference element with n nodes in d dimensions.
-
-    Args:
-        simplex: whether it is one; a tensor product of unit intervals otherwise.
-        nodes: coordinates (n, d), in halves.
-        powers: exponents (n, d) of the monomials that span the shape functions.
-        parts: nodes of its sub-cells (s, corners); none where weights are never linear.
-        facets: nodes of its facets, in the order of the element `facet`.
-        facet: name of that element.
-        centre: nodes whose mean is node n of the sub-cells, in its place and its weights.
-    """
+    """A reference element with n nodes in d dimensions."""
 
     simplex: bool
     nodes: tuple

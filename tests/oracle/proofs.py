@@ -28,14 +28,8 @@ Array = npt.NDArray[np.float64]
 def flaws(problem, increment: int, error: NoEquilibrium) -> dict[str, float]:
     """What the proof lacks, each as a small number if it lacks nothing; in serial.
 
-    Args:
-        problem: it has `K`, `space`, `loads`, `conditions` (of the supports) and `pairs`.
-        increment: that was refused.
-        error: with the velocity.
-
-    Returns:
-        Strain forces, motion of supports and overstepping of cones over what velocities of that
-        size could do, and turning of normals; under "work" the work over the sum of magnitudes.
+    Strain forces, motion of supports and overstepping of cones over what velocities of that size
+    could do, and turning of normals; under "work" the work over the sum of magnitudes.
     """
     space = problem.space
     dim = space.mesh.geometry.dim

@@ -53,7 +53,6 @@ from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import PATTERNS, mapped, quadrilaterals, triangles
 from tests.contact.polyline import Polyline
-from tests.contact.residuals import _contact_nodes
 
 Array = npt.NDArray[np.float64]
 Side = tuple[int, int]  # axis and end of the box
@@ -74,21 +73,7 @@ PATHS = {
 
 @dataclass(frozen=True)
 class PairSketch:
-    """One pair in numbers; lengths over the body's size, mu phi F is the tangential force.
-
-    Args:
-        side: of the box.
-        part: of the side along its first axis, two numbers within 0 and 1.
-        kind: of surface.
-        shape: numbers that the surface of this kind takes.
-        gap: initial distance over the press.
-        mu: largest friction coefficient.
-        friction: "constant", "graded" or "half smooth".
-        drive: "rest", "moved" by translations or "pushed" by forces.
-        along: what a driven surface does tangentially: "held", "moved" or "free" (by force).
-        press: depth over the body's height, or force over modulus and area.
-        drag: tangential motion over the press, or force over mu times normal force.
-    """
+    """One pair in numbers; lengths over the body's size, mu phi F is the tangential force."""
 
     side: Side
     kind: str
@@ -105,30 +90,7 @@ class PairSketch:
 
 @dataclass(frozen=True)
 class Sketch:
-    """A problem in numbers, in the frame of the body.
-
-    Args:
-        seed: it follows from.
-        cell: of the mesh.
-        element: method of `Spaces`.
-        state: of the body.
-        divisions: cells along each axis (boxes, before they are cut).
-        pattern: of triangles.
-        size: lengths of the box.
-        lower: its lower corner.
-        waves: numbers of the mesh's distortion.
-        crown: by how much a side falls off from its middle to its edges, over the height.
-        modulus: E.
-        nu: Poisson's ratio.
-        thickness: of plane bodies.
-        support: name of the kind.
-        held: (side, component, prescribed value) of the supports.
-        pairs: at least one.
-        loads: (side, "traction" or "nodal", pressing, dragging) over modulus and strain.
-        path: its name.
-        steps: (press, drag) at the end of each increment.
-        strain: size of what is prescribed.
-    """
+    """A problem in numbers, in the frame of the body."""
 
     seed: int
     cell: str
@@ -180,19 +142,7 @@ class Sketch:
 
 @dataclass(frozen=True)
 class Problem:
-    """All that is stated, and `solve`.
-
-    Args:
-        sketch: what it was made of.
-        body: spaces, material and state.
-        K: stiffness.
-        space: of displacements.
-        loads: one per increment.
-        conditions: of the supports.
-        reduction: by them.
-        pairs: contact pairs.
-        turned: (dim, dim) from the sketch's frame to this one.
-    """
+    """All that is stated, and `solve`."""
 
     sketch: Sketch
     body: Body
@@ -203,11 +153,6 @@ class Problem:
     reduction: Reduction
     pairs: list[ContactPair]
     turned: Array
-
-    @property
-    def description(self) -> str:
-        """Cell, element, state, material, supports, pairs, loads and path in one line."""
-        return self.sketch.description
 
     def solve(self, **options) -> list[ContactState]:
         """States of all increments, or one of the library's four refusals."""
@@ -260,28 +205,12 @@ def sketch(seed: int) -> Sketch:
         nu = 0.5 - 10 ** rng.uniform(-4, -1.5)
     elif _chance(rng, 0.05):
         nu = -rng.uniform(0.0, 0.5)
-    return Sketch(
-        seed,
-        cell,
-        element,
-        state,
-        tuple(divisions.tolist()),
-        pattern,
-        tuple(size.tolist()),
-        tuple(lower.tolist()),
-        tuple(waves.tolist()),
-        crown,
-        10 ** rng.uniform(-3, 11),
-        nu,
-        10 ** rng.uniform(-1, 1),
-        support,
-        held,
-        tuple(pairs),
-        tuple(loads),
-        path,
-        steps,
-        strain,
-    )
+    modulus, thickness = 10 ** rng.uniform(-3, 11), 10 ** rng.uniform(-1, 1)
+    shape = (tuple(numbers.tolist()) for numbers in (divisions, size, lower, waves))
+    divided, size, lower, waves = shape
+    kinds = (seed, cell, element, state, divided, pattern)
+    made = (*kinds, size, lower, waves, crown, modulus, nu, thickness, support, held)
+    return Sketch(*made, tuple(pairs), tuple(loads), path, steps, strain)
 
 
 def _pick(rng: np.random.Generator, weights: dict[str, float], rest: str = "") -> str:
@@ -296,9 +225,7 @@ def _chance(rng: np.random.Generator, probability: float) -> bool:
     return bool(rng.random() < probability)
 
 
-def _supports(
-    rng: np.random.Generator, dim: int, state: str, hollow: bool
-) -> tuple[str, tuple[tuple[Side, int, float], ...]]:
+def _supports(rng, dim, state, hollow):
     up = dim - 1
     base, left = (up, 0), (0, 0)
     lines: list[tuple[Side, int, float]] = [((axis, 0), axis, 0.0) for axis in range(up)]
@@ -319,9 +246,7 @@ def _supports(
     return kind, tuple(held)
 
 
-def _pairs_and_loads(
-    rng: np.random.Generator, dim: int, state: str, hollow: bool, support: str, strain: float
-) -> tuple[list[PairSketch], list]:
+def _pairs_and_loads(rng, dim, state, hollow, support, strain):
     up = dim - 1
     top, base, right, left = (up, 1), (up, 0), (0, 1), (0, 0)
     round_axis = state == "axisymmetric" and not hollow  # nothing may slide over the axis
@@ -429,15 +354,7 @@ def _friction(rng: np.random.Generator) -> float:
     return float(10 ** rng.uniform(np.log10(low), np.log10(high)))
 
 
-def _surface(
-    rng: np.random.Generator,
-    side: Side,
-    dim: int,
-    steep: float,
-    centred: bool,
-    flat: bool,
-    strain: float,
-) -> tuple[str, dict[str, float]]:
+def _surface(rng, side, dim, steep, centred, flat, strain):
     """Kind and numbers of a surface, lengths over the width of the side.
 
     `place` is the middle along the part's axes, `steep` the largest slope, and a `flat` one
@@ -480,9 +397,7 @@ def _flatness(rng: np.random.Generator, strain: float) -> float:
     return min(1.0, strain * 10 ** rng.uniform(0.0, 1.3)) if _chance(rng, 0.65) else 1.0
 
 
-def _path(
-    rng: np.random.Generator, support: str, pairs: Sequence[PairSketch]
-) -> tuple[str, tuple[tuple[float, float], ...]]:
+def _path(rng, support, pairs):
     weights = {
         "one step": 0.2,
         "press, then drag": 0.2,
@@ -529,15 +444,7 @@ def problem(
     stiffer: float = 1.0,
     backwards: bool = False,
 ) -> Problem:
-    """The problem of a seed.
-
-    Args:
-        seed: or a sketch.
-        comm: the mesh is distributed over.
-        turned: (dim, dim), turns or mirrors it; rows and columns of the identity, with signs.
-        stiffer: factor of the modulus, and of all forces.
-        backwards: lists the pairs in the other order.
-    """
+    """The problem of a seed."""
     plan = seed if isinstance(seed, Sketch) else sketch(seed)
     turn = np.eye(plan.dim) if turned is None else np.asarray(turned, dtype=float)
     return _Maker(plan, comm, turn, stiffer).problem(backwards)
@@ -569,16 +476,11 @@ class _Maker:
             taken |= mine
             nodes.append(mine)
         pairs = [self._pair(pair, mine) for pair, mine in zip(plan.pairs, nodes, strict=True)]
+        pairs = pairs[::-1] if backwards else pairs
+        supports = Reduction.dirichlet(self.space, conditions)
+        loads = self._loads(K)
         return Problem(
-            plan,
-            self.body,
-            K,
-            self.space,
-            self._loads(K),
-            conditions,
-            Reduction.dirichlet(self.space, conditions),
-            pairs[::-1] if backwards else pairs,
-            self.turn,
+            plan, self.body, K, self.space, loads, conditions, supports, pairs, self.turn
         )
 
     # -- the body ----------------------------------------------------------------------------
@@ -846,7 +748,7 @@ def outcome(seed: int) -> dict:
     from tests.oracle.search import search
 
     stated = problem(seed)
-    result: dict = {"seed": seed, "description": stated.description, "outcome": "solved"}
+    result: dict = {"seed": seed, "description": stated.sketch.description, "outcome": "solved"}
     try:
         states = stated.solve()
     except ContactFailed as error:
@@ -886,6 +788,8 @@ def outcome(seed: int) -> dict:
 
 def _is_searchable(stated: Problem) -> bool:
     """Whether gaps are linear in all motions, in the plane, and contact nodes are few."""
+    from tests.contact.residuals import _contact_nodes
+
     nodes = sum(len(_contact_nodes(pair, stated.space)[0]) for pair in stated.pairs)
     linear = all(
         pair.kind == "plane" or (pair.drive != "pushed" and pair.along != "free")
@@ -901,55 +805,48 @@ def _pressed(stated: Problem, states: Sequence[ContactState]) -> list[float]:
     """
     x = np.abs(stated.space.tabulate_dof_coordinates()).max()
     stiffness = np.abs(stated.K.getValuesCSR()[2]).max()
-    round_off = [np.finfo(float).eps * stiffness * (x + _largest(state)) for state in states]
+    lengths = np.array([x + np.abs(state.displacement.array_r).max() for state in states])
     forces = [max(np.abs(pair.force_normal).max() for pair in state.pairs) for state in states]
-    return (np.array(forces) / np.array(round_off)).tolist()
-
-
-def _largest(state: ContactState) -> float:
-    return float(np.abs(state.displacement.array_r).max())
+    return (np.array(forces) / (np.finfo(float).eps * stiffness * lengths)).tolist()
 
 
 def summary(outcomes: Sequence[dict]) -> str:
-    """A table of counts, iterations and residuals."""
-    counts = Counter(result["outcome"] for result in outcomes)
+    """Counts, iterations, residuals, and what was a bug."""
     iterations = np.array([n for result in outcomes for n in result["iterations"]] or [0])
-    forced = sum(result["driven by force"] for result in outcomes)
-    lines = [f"{len(outcomes)} seeds, {forced} driven by force"]
-    lines += [f"  {name:20} {count}" for name, count in counts.most_common()]
-    lines.append(
-        f"linear systems per increment: median {np.median(iterations):.0f}, 99th percentile "
-        f"{np.percentile(iterations, 99):.0f}, largest {iterations.max()}"
-    )
     alarms = sum(
         residual > 1e-8 and pressed < 1e3
         for result in outcomes
         for pressed, residual in zip(result["pressed"], result["library"], strict=True)
     )
-    lines.append(
-        f"states without contact force but round-off whose own residuals are above 1e-8: {alarms}"
-    )
     proved = Counter(result["proved"] for result in outcomes if "proved" in result)
-    lines.append(f"proofs against an equilibrium: {proved[True]}, flawed ones: {proved[False]}")
     searched = Counter(f"{r['outcome']}: {r['search']}" for r in outcomes if "search" in r)
-    lines.append(f"refusals by a search of all statuses: {dict(searched)}")
-    lines.append("worst residuals:")
-    for result in sorted(outcomes, key=lambda result: -result["residual"])[:5]:
-        lines.append(f"  {result['residual']:.1e}  {result['description']}")
-    lines += [
-        f"{result['outcome']}: {result['message']}\n  {result['description']}"
-        for result in outcomes
-        if result["outcome"].startswith("BUG")
-    ]
-    return "\n".join(lines)
+    worst = sorted(outcomes, key=lambda result: -result["residual"])[:5]
+    counts = dict(Counter(result["outcome"] for result in outcomes))
+    forced = sum(result["driven by force"] for result in outcomes)
+    tail = f"{np.percentile(iterations, 99):.0f}, largest {iterations.max()}"
+    return "\n".join(
+        [
+            f"{len(outcomes)} seeds, {forced} driven by force: {counts}",
+            f"systems of an increment: median {np.median(iterations):.0f}, 99 % up to {tail}",
+            f"states without contact force whose own residuals are above 1e-8: {alarms}",
+            f"proofs against an equilibrium: {proved[True]}, flawed ones: {proved[False]}",
+            f"refusals by a search of all statuses: {dict(searched)}",
+            *(f"  {result['residual']:.1e}  {result['description']}" for result in worst),
+            *(
+                f"{result['outcome']}: {result['message']}\n  {result['description']}"
+                for result in outcomes
+                if result["outcome"].startswith("BUG")
+            ),
+        ]
+    )
 
 
 def differences(old: Sequence[dict], new: Sequence[dict], tolerance: float = 1e-9) -> list[str]:
     """Seeds of which another thing came, and how the iterations changed."""
     before = {result["seed"]: result for result in old}
     lines, fewer, more = [], 0, 0
-    both = [(before[result["seed"]], result) for result in new if result["seed"] in before]
-    for a, b in both:
+    for b in new:
+        a = before.get(b["seed"], b)
         if a["description"] != b["description"]:
             lines.append(f"{b['seed']}: another problem, made by another generator")
             continue
@@ -963,10 +860,7 @@ def differences(old: Sequence[dict], new: Sequence[dict], tolerance: float = 1e-
         more += sum(y > x for x, y in pairs)
         if any(y > x + 5 or y > 2 * x for x, y in pairs):
             lines.append(f"{b['seed']}: iterations {a['iterations']} -> {b['iterations']}")
-    lines.append(
-        f"{len(both)} seeds compared; iterations fewer in {fewer} increments, more in {more}"
-    )
-    return lines
+    return [*lines, f"iterations fewer in {fewer} increments, more in {more}"]
 
 
 def main(arguments: Sequence[str]) -> int:

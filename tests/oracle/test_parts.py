@@ -37,18 +37,6 @@ def test_weight_functions_are_those_of_the_library(name):
     np.testing.assert_allclose(functions.weight_slopes, slopes, atol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("name", "linear_weights"),
-    [(name, False) for name in ELEMENTS] + [(name, True) for name in CELLS],
-)
-def test_functions_sum_to_one_and_the_rule_to_the_volume(name, linear_weights):
-    functions = table(name, linear_weights, 3)
-    np.testing.assert_allclose(functions.shapes.sum(axis=1), 1.0)
-    np.testing.assert_allclose(functions.weights.sum(axis=1), 1.0)
-    volume = {"L3": 1.0, "T6": 1 / 2, "Q8": 1.0, "Q9": 1.0, "T10": 1 / 6}[name]
-    np.testing.assert_allclose(functions.measure.sum(), volume)
-
-
 def one_square(linear_weights):
     """A unit square of one 9-node quadrilateral, plane stress, E = 1, nu = 0."""
     nodes, cells = np.array(ELEMENTS["Q9"].nodes) / 2, np.arange(9)[None]

@@ -9,7 +9,7 @@ import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, Motion
 from tests.contact.residuals import Step, residuals, worst
-from tests.oracle.random_contact import PairSketch, outcome, problem, sketch
+from tests.oracle.random_contact import PATHS, PairSketch, outcome, problem, sketch
 
 SUITE, NIGHTLY = 60, 1600
 PROVED = ("NoEquilibrium",)
@@ -46,15 +46,6 @@ def test_law_holds_in_every_state(seed):
 
 
 @pytest.mark.random
-def test_a_search_of_all_statuses_finds_no_state_where_statics_rule_one_out(seed):
-    """It shares nothing with the proof; where the library finds none, it may find one."""
-    result = outcome(seed)
-    judged = result.get("search")
-    assert judged != "a flawed proof"
-    assert judged != "a state" or result["outcome"] != "NoEquilibrium", result["description"]
-
-
-@pytest.mark.random
 def test_most_problems_are_solved(request):
     """The least share was set after it was seen: 91 % of 8 000 seeds."""
     nightly = request.config.getoption("--nightly")
@@ -63,51 +54,40 @@ def test_most_problems_are_solved(request):
     assert counts["solved"] >= (0.88 if nightly else 0.85) * len(outcomes), counts
 
 
-@pytest.mark.parametrize("count", [SUITE, NIGHTLY])
-def test_what_occurs(count):
-    """Everything the issue names, and force drives 40 % at least."""
+OF_PROBLEMS = {
+    "cell": {"triangle", "quadrilateral", "tetrahedron", "hexahedron"},
+    "state": {"plane stress", "plane strain", "axisymmetric", "solid"},
+    "element": {"galerkin", "petrov_galerkin", "serendipity", "composite"},
+    "support": {"clamped", "roller", "cantilever", "symmetry", "contact alone"},
+    "path": set(PATHS),
+}
+OF_PAIRS = {
+    "kind": {"plane", "sphere", "parabola", "flat punch", "polyline", "signed distance"},
+    "friction": {"constant", "graded", "half smooth"},
+    "drive": {"rest", "moved", "pushed"},
+    "along": {"held", "moved", "free"},
+}
+
+
+@pytest.mark.parametrize(("count", "most"), [(SUITE, 2), (NIGHTLY, 0.02 * NIGHTLY)])
+def test_what_occurs(count, most):
+    """Force drives 40 % at least."""
     sketches = [sketch(seed) for seed in range(count)]
     pairs = [pair for plan in sketches for pair in plan.pairs]
-
-    def share(chosen):
-        return sum(chosen) / len(chosen)
-
-    assert share([plan.driven_by_force for plan in sketches]) >= 0.4
-    assert share([pair.drive == "pushed" for pair in pairs]) >= 0.15
-    most = 2 if count == SUITE else 0.02 * count
-    for field, names in {
-        "cell": {"triangle", "quadrilateral", "tetrahedron", "hexahedron"},
-        "state": {"plane stress", "plane strain", "axisymmetric", "solid"},
-        "element": {"galerkin", "petrov_galerkin", "serendipity", "composite"},
-        "support": {"clamped", "roller", "cantilever", "symmetry", "contact alone"},
-        "path": {
-            *("one step", "press, then drag", "proportional", "reversal", "wandering"),
-            *("unloading", "total unloading"),
-        },
-    }.items():
-        counts = Counter(getattr(plan, field) for plan in sketches)
-        assert set(counts) == names
-        assert min(counts.values()) >= (1 if field == "element" else most)
-    for field, names in {
-        "kind": {"plane", "sphere", "parabola", "flat punch", "polyline", "signed distance"},
-        "friction": {"constant", "graded", "half smooth"},
-        "drive": {"rest", "moved", "pushed"},
-        "along": {"held", "moved", "free"},
-    }.items():
-        counts = Counter(getattr(pair, field) for pair in pairs)
-        assert set(counts) == names
-        assert min(counts.values()) >= most
-    mu = np.array([pair.mu for pair in pairs])
+    assert np.mean([plan.driven_by_force for plan in sketches]) >= 0.4
+    for of, fields in ((sketches, OF_PROBLEMS), (pairs, OF_PAIRS)):
+        for field, names in fields.items():
+            counts = Counter(getattr(one, field) for one in of)
+            assert set(counts) == names
+            assert min(counts.values()) >= (1 if field == "element" else most)
+    mu, nu = np.array([pair.mu for pair in pairs]), np.array([plan.nu for plan in sketches])
     assert 0.05 < np.mean(mu == 0) < 0.3
     assert 0.02 < np.mean(mu > 2) < 0.1
-    assert np.mean((mu > 0) & (mu <= 2)) > 0.6
     assert 10 < mu.max() <= 30
-    steps = np.array([len(plan.steps) for plan in sketches])
-    assert set(steps) == {1, 2, 3, 4, 5}
-    assert {len(plan.pairs) for plan in sketches} >= {1, 2, 3}
-    nu = np.array([plan.nu for plan in sketches])
     assert 0.02 < np.mean(nu > 0.46) < 0.2
     assert nu.min() < 0
+    assert {len(plan.steps) for plan in sketches} == {1, 2, 3, 4, 5}
+    assert {len(plan.pairs) for plan in sketches} >= {1, 2, 3}
     # curved surfaces under a force, whose normals turn with their place
     curved = [p for p in pairs if p.kind in ("sphere", "signed distance") and p.drive == "pushed"]
     assert len(curved) > most
@@ -118,7 +98,7 @@ def test_a_seed_is_one_problem():
     assert sketch(7) != sketch(8)
     a, b = (problem(7) for _ in range(2))
     assert a.K.norm() == b.K.norm()
-    assert a.description == b.description
+    assert a.sketch == b.sketch
 
 
 # -- a check that can fail -------------------------------------------------------------------
@@ -209,7 +189,7 @@ VIOLATIONS = {
     "penetration": lambda: with_last(surfaces_moved([(0, -1e-5), (0, 0)])),
     "complementarity": lambda: with_last(surfaces_moved([(0, 1e-5), (0, 0)])),
     "tension": lambda: with_last(lambda step: replace(step, displacement=-step.displacement)),
-    "cone": lambda: with_ball(friction=0.15),
+    "cone": lambda: with_ball(friction=0.297),
     "stick": lambda: with_last(surfaces_moved([(1e-5, 0), (0, 0)]), at=0),
     "direction": lambda: with_last(surfaces_moved([(0.1, 0), (0, 0)]), at=0),
     "balance": lambda: with_ball(motions=list(map(less_force, dragged()[0].pairs[0].motions))),
@@ -241,9 +221,9 @@ def gentle(plan):
 GENTLE = [seed for seed in range(200) if gentle(sketch(seed))][:7]
 
 
-def histories(seed, **changes):
+def histories(plan, **changes):
     """Displacements (nodes, dim) and translations of all states, and how it ended."""
-    stated = problem(seed, **changes)
+    stated = problem(plan, **changes)
     try:
         states, end = stated.solve(), "solved"
     except ContactFailed as error:
@@ -251,41 +231,41 @@ def histories(seed, **changes):
     return [Step.of(state) for state in states], end
 
 
-def assert_same(seed, turn=None, **changes):
-    steps, end = histories(seed)
-    turn = np.eye(sketch(seed).dim) if turn is None else np.array(turn, dtype=float)
-    others, other_end = histories(seed, turned=turn, **changes)
-    assert other_end == end
-    assert len(others) == len(steps)
-    length = max(np.abs(step.displacement).max() for step in steps)
-    order = slice(None, None, -1 if changes.get("backwards") else 1)
-    for a, b in zip(steps, others, strict=True):
-        assert b.displacement == pytest.approx(a.displacement @ turn.T, abs=1e-7 * length)
-        translations = a.translations[order] @ turn.T
-        assert b.translations == pytest.approx(translations, abs=1e-7 * length)
-
-
-@pytest.mark.random
-@pytest.mark.parametrize("seed", GENTLE)
-def test_order_of_pairs_does_not_matter(seed):
-    assert_same(seed, backwards=True)
-
-
-@pytest.mark.random
-@pytest.mark.parametrize("seed", GENTLE)
-def test_unit_of_force_does_not_matter(seed):
-    assert_same(seed, stiffer=3e5)
-
-
-@pytest.mark.random
-@pytest.mark.parametrize("seed", GENTLE)
-def test_direction_of_axes_does_not_matter(seed):
-    """Turned by a quarter and mirrored; only upside down in axisymmetry."""
-    plan = sketch(seed)
+def turned(plan):
+    """By a quarter, and mirrored; only upside down in axisymmetry."""
     if plan.state == "axisymmetric":
-        turn = [[1, 0], [0, -1]]
-    elif plan.dim == 2:
-        turn = [[0, 1], [1, 0]] if seed % 2 else [[0, -1], [1, 0]]
-    else:
-        turn = [[0, -1, 0], [0, 0, 1], [1, 0, 0]]
-    assert_same(seed, turn)
+        return [[1, 0], [0, -1]]
+    if plan.dim == 2:
+        return [[0, 1], [1, 0]] if plan.seed % 2 else [[0, -1], [1, 0]]
+    return [[0, -1, 0], [0, 0, 1], [1, 0, 0]]
+
+
+OTHER_WAYS = {
+    "order of pairs": lambda _: {"backwards": True},
+    "unit of force": lambda _: {"stiffer": 3e5},
+    "unit of length": lambda _: {"unit": 1e-3},
+    "axes": lambda plan: {"turned": turned(plan)},
+}
+
+
+@pytest.mark.random
+@pytest.mark.parametrize("way", OTHER_WAYS)
+@pytest.mark.parametrize("seed", GENTLE)
+def test_it_does_not_matter_how_it_is_stated(seed, way):
+    plan = sketch(seed)
+    changes = OTHER_WAYS[way](plan)
+    unit, turn = changes.pop("unit", 1.0), np.array(changes.get("turned", np.eye(plan.dim)))
+    size, lower = (tuple(unit * np.array(x)) for x in (plan.size, plan.lower))
+    (steps, end), (others, other_end) = (
+        histories(plan),
+        histories(replace(plan, size=size, lower=lower), **changes),
+    )
+    assert other_end == end
+    length = max(np.abs(step.displacement).max() for step in steps)
+    order = slice(None, None, -1 if way == "order of pairs" else 1)
+    for a, b in zip(steps, others, strict=True):
+        for mine, theirs in (
+            (a.displacement, b.displacement),
+            (a.translations[order], b.translations),
+        ):
+            assert theirs / unit == pytest.approx(mine @ turn.T, abs=1e-7 * length)

@@ -4,6 +4,8 @@ A distorted block is clamped at one side, or rests on a rough rigid floor alone.
 increments that go to and fro: by a moved or pushed rigid surface, or by tractions.
 """
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -11,24 +13,9 @@ import pytest
 from dolfinx import mesh as meshes
 from scipy.spatial import cKDTree
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    assemble_matrix,
-    assemble_vector,
-    boundary_measure,
-    prescribe,
-)
-from pw_elements.contact import (
-    ContactPair,
-    Motion,
-    Parabola,
-    Plane,
-    Sphere,
-    solve_contact,
-)
+from pw_elements import assemble_matrix
+from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere
+from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 from tests.oracle import assembly
 from tests.oracle.contact import Pair, solve
 
@@ -138,41 +125,30 @@ class Random:
         )
 
 
-class Library:
-    """The problem by `solve_contact`."""
+class Library(Elastic):
+    """The problem by the library."""
 
     def __init__(self, problem):
         self.problem = problem
-        galerkin = Spaces.serendipity if problem.element == "Q8" else Spaces.galerkin
-        spaces = (Spaces.petrov_galerkin if problem.linear else galerkin)(problem.mesh)
-        degree = 20 if problem.state == "axisymmetric" else None
-        material = Material(1.0, problem.nu)
-        self.body = Body(spaces, material, problem.state, quadrature_degree=degree)
-        self.nodes = spaces.trial.tabulate_dof_coordinates()[:, : problem.dim]
-        self.cells = spaces.trial.dofmap.list
-
-    def traction(self, axis, value, traction):
-        mesh = self.problem.mesh
-        part = boundary_measure(mesh, lambda x: np.isclose(x[axis], value))
-        return assemble_vector(self.body.surface_load(traction, part))
+        method = PW if problem.linear else Q8 if problem.element == "Q8" else GALERKIN
+        super().__init__(problem.mesh, method, problem.state, 1.0, problem.nu)
+        if problem.state == "axisymmetric":
+            self.body = replace(self.body, quadrature_degree=20)
+            self.K = assemble_matrix(self.body.stiffness())
+        self.nodes, self.cells = self.x, self.space.dofmap.list
 
     def solve(self):
         """Displacements (n, dim), positions (m, dim) and nodal forces (m, dim) per increment."""
-        problem, space = self.problem, self.body.spaces.trial
-        dim, last = problem.dim, problem.dim - 1
-        held = range(0 if problem.floats else dim)
-        clamped = [prescribe(space, i, lambda x: np.isclose(x[last], 0.0)) for i in held]
+        problem, last = self.problem, self.dim - 1
+        supports = self.held() if problem.floats else self.clamped(at(last, 0.0))
         motions = [Motion(move, push) for move, push in problem.motions]
         surface, *_ = problem.rigid()
-        pair = ContactPair(
-            lambda x: np.isclose(x[last], problem.level), surface, problem.mu, motions
-        )
-        reduction = Reduction.dirichlet(space, clamped)
-        K = assemble_matrix(self.body.stiffness())
-        for state in solve_contact(K, problem.loads(self.traction), reduction, [pair], space):
+        pair = ContactPair(at(last, problem.level), surface, problem.mu, motions)
+        loads = problem.loads(lambda axis, value, t: self.load(t, at(axis, value)))
+        for state in self.contact(pair, supports, loads):
             (contact,) = state.pairs
-            force = contact.force_normal[:, None] * contact.normal + contact.force_tangential
-            yield state.displacement.array_r.reshape(-1, dim), contact.position, force
+            moved = state.displacement.array_r.reshape(-1, self.dim)
+            yield moved, contact.position, contact.force_vector
 
 
 def by_oracle(problem, nodes, cells, linear_weights):

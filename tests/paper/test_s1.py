@@ -6,9 +6,6 @@ Printed: contact forces at corner nodes "are around half of those at midside nod
 import pytest
 
 from tests.oracle.elements import table
-from tests.paper.statements import judged
-
-test_statement = judged("1")
 
 
 @pytest.mark.parametrize(("linear_weights", "half"), [(False, True), (True, False)])

@@ -6,9 +6,6 @@ import pytest
 
 from pw_elements.spaces.elements import macro_element
 from tests.oracle.elements import table
-from tests.paper.statements import judged
-
-test_statement = judged("3")
 
 # The paper numbers mid-sides after the vertices 1 2 3: 4 between 1 and 2, 5 between 2 and 3, 6
 # between 3 and 1. Basix and the oracle have the mid-side opposite to each vertex instead

@@ -11,9 +11,6 @@ from pw_elements import Body, Material, Spaces, assemble_matrix
 from study.matrices import dense
 from tests.oracle.assembly import Body as OracleBody
 from tests.oracle.elements import table
-from tests.paper.statements import judged
-
-test_statement = judged("4")
 
 E, NU, RHO = 2.0, 0.3, 1.7
 CORNERS = np.array([[0.1, 0.2], [1.3, -0.1], [0.4, 0.9]])

@@ -9,9 +9,6 @@ import pytest
 
 from tests.oracle.assembly import Body
 from tests.oracle.eigen import condensed
-from tests.paper.statements import judged
-
-test_statement = judged("5")
 
 
 @pytest.mark.parametrize(("element", "kind"), [("pw-Q8", "T6"), ("pw-Q9", "Q9")])

@@ -9,9 +9,6 @@ from pw_elements import Body, Material, Spaces, as_function, assemble_matrix
 from pw_elements.meshes import triangles
 from study.matrices import dense
 from tests.oracle.assembly import Body as OracleBody
-from tests.paper.statements import judged
-
-test_statement = judged("6")
 
 
 @pytest.mark.parametrize("spaces", [Spaces.petrov_galerkin, Spaces.galerkin])

@@ -219,13 +219,13 @@ def test_bracket(example):
 
 
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-@pytest.mark.parametrize("name", ["gears", "sphere_on_block"])
-def test_two_processes_print_the_same(name, tmp_path):
+def test_two_processes_print_the_same(tmp_path):
+    name = "gears"
     alone = run(name, tmp_path)["printed"]
     command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", f"{name}.py"]
     environment = os.environ | {"PYTHONPATH": f"{EXAMPLES.parent}:{EXAMPLES}"}
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == alone

@@ -77,6 +77,20 @@ def test_study_and_tests_start_in_the_project_from_anywhere(tmp_path):
     )
 
 
+@pytest.mark.parametrize(("given", "at_once"), [((), "[0-9]+"), (("-n", "1"), "1")])
+def test_tests_first_tell_their_number_and_a_pipe_has_it_at_once(tmp_path, given, at_once):
+    (tmp_path / "test_toy.py").write_text("import time\ndef test_it(): time.sleep(120)\n")
+    options = ["-c", "pyproject.toml", "--rootdir", ROOT, "-p", "tests.conftest"]
+    process = subprocess.Popen(
+        [RUN, "test", *given, *options, tmp_path / "test_toy.py"], stdout=subprocess.PIPE, text=True
+    )
+    lines = iter(process.stdout.readline, "")
+    told = next(line for line in lines if "tests, " in line)  # the test goes on meanwhile
+    process.kill()
+    process.communicate()
+    assert re.match(rf"1 tests, about \d+ (s|min) by {at_once} at a time \((as|not)", told)
+
+
 def test_layers_that_are_none_and_options_that_are_none_are_refused():
     process = run("--with", "study,moon", "true")
     assert process.stderr == "run: there is no layer moon, but core, study, test, docs and pip\n"
@@ -138,15 +152,6 @@ def bare(tmp_path):
     return start
 
 
-def test_what_python_lacks_is_told_first(bare):
-    process = bare("true")
-    assert process.returncode == 1
-    assert process.stderr.startswith(
-        "run: there is no python3; /usr/bin/python3 has DOLFINx 0.8.0, and there is no apt-get"
-    )
-    assert "conda create" in process.stderr
-
-
 FOUND = {
     "apt_get": "echo $* >>apt.log",
     "apt_cache": "echo Candidate: 1",
@@ -156,12 +161,22 @@ FOUND = {
 }
 
 
-def test_without_mount_a_user_is_told_what_to_install(bare):
-    process = bare("true", **FOUND, id="echo 1000")
+NO_MOUNT = "no mount (apt-get install mount, as root)"
+
+
+@pytest.mark.parametrize(
+    ("programs", "words"),
+    [
+        ({}, "python3 has DOLFINx 0.8.0, and there is no apt-get to fetch Debian's packages"),
+        (FOUND | {"id": "echo 1000"}, f"{NO_MOUNT}: start this as root"),
+        (FOUND | {"id": "echo 0", "dpkg": "exit 1"}, f"{NO_MOUNT}, and apt offers no DOLFINx 0.9"),
+    ],
+)
+def test_who_gets_no_dolfinx_is_told_what_to_do(bare, programs, words):
+    process = bare("true", **programs)
     assert process.returncode == 1
-    assert (
-        "there is no mount (apt-get install mount, as root): start this as root" in process.stderr
-    )
+    assert words in process.stderr
+    assert "conda create" in process.stderr
 
 
 @pytest.mark.parametrize(
@@ -171,21 +186,11 @@ def test_without_mount_a_user_is_told_what_to_install(bare):
 def test_without_mount_root_goes_on_to_the_systems_own_packages(bare, tmp_path, command, tests):
     process = bare(*command, **FOUND, id="echo 0", dpkg="")
     assert process.stdout == "went\n", process.stderr
-    assert (
-        "there is no mount (apt-get install mount, as root): installing DOLFINx 1" in process.stderr
-    )
+    assert f"{NO_MOUNT}: installing DOLFINx 1" in process.stderr
     installed = (tmp_path / "apt.log").read_text()
     assert "python3-dolfinx" in installed
     assert "weasyprint" not in installed
     assert ("python3-pytest" in installed) == tests
-
-
-def test_without_mount_and_a_new_dolfinx_root_is_told_what_to_install(bare):
-    process = bare("true", **FOUND, id="echo 0", dpkg="exit 1")
-    assert process.returncode == 1
-    assert (
-        "no mount (apt-get install mount, as root), and apt offers no DOLFINx 0.9" in process.stderr
-    )
 
 
 def test_nowhere_to_keep_the_packages_is_one_sentence(bare, tmp_path):
@@ -222,23 +227,24 @@ def test_processes_share_memory_in_a_folder_of_the_users_own():
     assert not left.exists()
 
 
-def told(folder, git):
-    """What ./run tells of the commit, with a shell script as git."""
-    (folder / "git").write_text(f"#!/bin/sh\n{git}\n")
-    (folder / "git").chmod(0o755)
-    path = f"{folder}:{os.environ['PATH']}"
+COMMIT = "case $* in *rev-parse*) echo abc ;; *status*) echo '{}' ;; esac"
+
+
+@pytest.mark.parametrize(
+    ("git", "expected"),
+    [
+        (COMMIT.format(""), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"}),
+        (COMMIT.format(" M run"), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"}),
+        ("exit 128", {}),
+    ],
+)
+def test_commit_and_its_changes_are_told(tmp_path, git, expected):
+    """With a shell script as git."""
+    (tmp_path / "git").write_text(f"#!/bin/sh\n{git}\n")
+    (tmp_path / "git").chmod(0o755)
+    path = f"{tmp_path}:{os.environ['PATH']}"
     variables = environment(PATH=path, PW_ELEMENTS_COMMIT=None, PW_ELEMENTS_DIRTY=None)
-    return {k: v for k, v in variables.items() if k.startswith("PW_ELEMENTS_")}
-
-
-@pytest.mark.parametrize(("changes", "dirty"), [("", "0"), (" M run", "1")])
-def test_commit_and_its_changes_are_told(tmp_path, changes, dirty):
-    git = f"case $* in *rev-parse*) echo abc ;; *status*) echo '{changes}' ;; esac"
-    assert told(tmp_path, git) == {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": dirty}
-
-
-def test_no_commit_is_told_where_there_is_none(tmp_path):
-    assert told(tmp_path, "exit 128") == {}
+    assert {k: v for k, v in variables.items() if k.startswith("PW_ELEMENTS_")} == expected
 
 
 def test_commit_is_that_of_the_checkout():

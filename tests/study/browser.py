@@ -1,18 +1,10 @@
 """Opens pages in a headless Chromium and tells what is wrong: `-m tests.study.browser PATH …`.
 
-Needs nothing but Python and a Chromium, so that it runs on a system without DOLFINx too. Speaks the
-DevTools protocol over the pipes of --remote-debugging-pipe: JSON, a zero byte after each message.
+Needs Python, Selenium, a Chromium and its driver, so that it runs on a system without DOLFINx too.
 """
 
-import fcntl
-import json
-import os
-import select
 import shutil
-import subprocess
 import sys
-import tempfile
-import time
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -21,19 +13,12 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 WIDTHS = (390, 1280)  # a telephone's and a desktop's window, in CSS pixels
 SECONDS = 60  # for one answer
 
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-dev-shm-usage",
-    "--disable-sync",
-    "--hide-scrollbars",
-    "--no-first-run",
-]
+FLAGS = (
+    "headless no-sandbox disable-gpu disable-dev-shm-usage disable-background-networking "
+    "hide-scrollbars"
+)
 
-LOOK = """(async () => {
+LOOK = """return (async () => {
   const images = [...document.images]
   images.forEach(image => image.loading = 'eager')
   await Promise.allSettled(images.map(image => image.decode()))
@@ -50,8 +35,8 @@ LOOK = """(async () => {
 
 FAULTY = {
     "image does not load": '<img src="data:image/png;base64,AAAA" alt="x">',
-    "console: failed": "<script>console.error('failed')</script>",
-    "script: ": "<script>nothing.at.all</script>",
+    "console-api: ": "<script>console.error('failed')</script>",
+    "javascript: ": "<script>nothing.at.all</script>",
     "wider than the window": '<div style="width: 2000px">x</div>',
     "link to nowhere": '<a href="#nowhere">x</a>',
 }
@@ -59,130 +44,39 @@ FAULTY = {
 
 
 def executable():
-    """Path of a Chromium, or None."""
-    return next(filter(None, map(shutil.which, NAMES)), None)
+    """Path of a Chromium that can be driven, or None."""
+    return shutil.which("chromedriver") and next(filter(None, map(shutil.which, NAMES)), None)
 
 
-class Browser:
+def started():
     """A Chromium with one empty page, for a `with` statement."""
+    from selenium import webdriver
 
-    def __init__(self, program):
-        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        ours, theirs = os.pipe(), os.pipe()
-        # it reads from 3 and writes to 4, which are taken here: the copies are not in the way
-        command, answer = (
-            fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 10) for fd in (ours[0], theirs[1])
-        )
-        self._write, self._read = (
-            fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 10) for fd in (ours[1], theirs[0])
-        )
-        self._process = subprocess.Popen(
-            [program, *FLAGS, "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            close_fds=False,
-            preexec_fn=lambda: (os.dup2(command, 3), os.dup2(answer, 4)),
-        )
-        for fd in (*ours, *theirs, command, answer):
-            os.close(fd)
-        self._count, self._rest, self._events = 0, b"", []
-
-    def __enter__(self):
-        target = self._ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)[
-            "sessionId"
-        ]
-        for domain in ("Page", "Runtime", "Log"):
-            self.ask(f"{domain}.enable")
-        self.ask("Page.setLifecycleEventsEnabled", enabled=True)
-        return self
-
-    def __exit__(self, *_):
-        self._process.terminate()
-        try:
-            self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        os.close(self._write)
-        os.close(self._read)
-        self._profile.cleanup()
-
-    def faults(self, url, width):
-        """Open a page in a window of this width; return what is wrong, in words."""
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-        self.ask("Emulation.setDeviceMetricsOverride", **size)
-        self._events.clear()
-        opened = self.ask("Page.navigate", url=url)
-        if "errorText" in opened:
-            return [f"does not open: {opened['errorText']}"]
-        end = time.monotonic() + SECONDS
-        while not any(loaded(event, opened["loaderId"]) for event in self._events):
-            self._events.append(self._receive(end))
-        answer = self.ask(
-            "Runtime.evaluate", expression=LOOK, awaitPromise=True, returnByValue=True
-        )
-        seen = answer["result"]["value"]
-        faults = [f"image does not load: {alt}" for alt in seen["broken"]]
-        faults += [f"link to nowhere: {name}" for name in seen["unknown"]]
-        if seen["width"] != width:
-            faults.append(f"the window is {seen['width']} wide, not {width}")
-        if seen["scrollWidth"] > seen["width"]:
-            faults.append(f"wider than the window: {seen['scrollWidth']} pixels")
-        return faults + [words for event in self._events if (words := complaint(event))]
-
-    def ask(self, method, **parameters):
-        """Result of a command to the page."""
-        return self._ask(method, self._session, **parameters)
-
-    def _ask(self, method, session=None, /, **parameters):
-        self._count += 1
-        message = {"id": self._count, "method": method, "params": parameters}
-        if session:
-            message["sessionId"] = session
-        os.write(self._write, json.dumps(message).encode() + b"\0")
-        end = time.monotonic() + SECONDS
-        while True:
-            answer = self._receive(end)
-            if answer.get("id") == self._count:
-                if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error']['message']}")
-                return answer["result"]
-            if "method" in answer:
-                self._events.append(answer)
-
-    def _receive(self, end):
-        """Next message of the browser."""
-        while b"\0" not in self._rest:
-            if not select.select([self._read], [], [], max(0, end - time.monotonic()))[0]:
-                raise TimeoutError(f"the browser says nothing for {SECONDS} s")
-            data = os.read(self._read, 1 << 16)
-            if not data:
-                raise RuntimeError("the browser has ended")
-            self._rest += data
-        message, _, self._rest = self._rest.partition(b"\0")
-        return json.loads(message)
+    options = webdriver.ChromeOptions()
+    options.binary_location = executable()
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    for flag in FLAGS.split():
+        options.add_argument(f"--{flag}")
+    browser = webdriver.Chrome(options, webdriver.ChromeService(shutil.which("chromedriver")))
+    browser.set_script_timeout(SECONDS)
+    return browser
 
 
-def loaded(event, loader):
-    """Whether an event is the end of loading of a document, whose loader this is."""
-    told = event.get("params", {})
-    return told.get("name") == "load" and told.get("loaderId") == loader
-
-
-def complaint(event):
-    """An error that the page's event tells, in words; empty for other events."""
-    told = event.get("params", {})
-    match event["method"]:
-        case "Runtime.exceptionThrown":
-            details = told["exceptionDetails"]
-            return "script: " + details.get("exception", {}).get("description", details["text"])
-        case "Runtime.consoleAPICalled" if told["type"] in ("error", "assert"):
-            words = [str(part.get("value", part.get("description"))) for part in told["args"]]
-            return "console: " + " ".join(words)
-        case "Log.entryAdded" if told["entry"]["level"] == "error":
-            return "console: " + told["entry"]["text"]
-    return ""
+def faults(browser, url, width):
+    """Open a page in a window of this width; return what is wrong, in words."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get_log("browser")  # of the page before
+    browser.get(url)
+    seen = browser.execute_script(LOOK)
+    found = [f"image does not load: {alt}" for alt in seen["broken"]]
+    found += [f"link to nowhere: {name}" for name in seen["unknown"]]
+    if seen["width"] != width:
+        found.append(f"the window is {seen['width']} wide, not {width}")
+    if seen["scrollWidth"] > seen["width"]:
+        found.append(f"wider than the window: {seen['scrollWidth']} pixels")
+    logged = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    return found + [f"{entry['source']}: {entry['message']}" for entry in logged]
 
 
 class Anchors(HTMLParser):
@@ -222,26 +116,20 @@ def dead(folder):
 
 def searched(browser, folder, word):
     """Number of pages that the site's own search finds for a word."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
     url = (folder / "search.html").resolve().as_uri()
-    browser.faults(f"{url}?q={word}", WIDTHS[1])
-    count = "document.querySelectorAll('#search-results li').length"
-    end = time.monotonic() + SECONDS
-    while time.monotonic() < end:
-        found = browser.ask("Runtime.evaluate", expression=count, returnByValue=True)
-        if found["result"]["value"]:
-            return found["result"]["value"]
-        time.sleep(0.2)
-    return 0
+    browser.get(f"{url}?q={word}")
+    count = "return document.querySelectorAll('#search-results li').length"
+    return WebDriverWait(browser, SECONDS).until(lambda page: page.execute_script(count))
 
 
 def filtered(browser, folder, query):
     """What the page of claims says of how many it shows, as "10 of 86", for a query."""
     url = (folder / "evidence" / "claims.html").resolve().as_uri()
-    browser.faults(f"{url}?{query}", WIDTHS[1])
+    browser.get(f"{url}?{query}")
     count = "[...document.querySelectorAll('.claim')].filter(c => c.offsetParent).length"
-    seen = f"document.getElementById('count').value + ': ' + {count}"
-    answer = browser.ask("Runtime.evaluate", expression=seen, returnByValue=True)
-    return answer["result"]["value"]
+    return browser.execute_script(f"return document.getElementById('count').value + ': ' + {count}")
 
 
 def site(browser, folder):
@@ -249,10 +137,9 @@ def site(browser, folder):
     told = [f"link to nowhere, {line}" for line in dead(folder)]
     for page in sorted(folder.rglob("*.html")):
         for width in WIDTHS:
-            faults = browser.faults(page.resolve().as_uri(), width)
-            told += [f"{page.relative_to(folder)} at {width} pixels: {one}" for one in faults]
-    if not searched(browser, folder, "friction"):
-        told.append("search finds nothing")
+            found = faults(browser, page.resolve().as_uri(), width)
+            told += [f"{page.relative_to(folder)} at {width} pixels: {one}" for one in found]
+    searched(browser, folder, "friction")
     some, every = (filtered(browser, folder, f"verdict={v}") for v in ("fails", ""))
     for count in (some, every):
         if int(count.split(" ")[0]) != int(count.split(": ")[1]):
@@ -264,14 +151,13 @@ def site(browser, folder):
 
 def main(paths):
     """Check pages and folders of them, and first that faults are seen at all; return the status."""
-    program = executable()
-    if program is None:
-        print(f"browser: there is none of {', '.join(NAMES)}", file=sys.stderr)
+    if executable() is None:
+        print(f"browser: there is no chromedriver, or none of {', '.join(NAMES)}", file=sys.stderr)
         return 2
     wrong = 0
-    with Browser(program) as browser:
+    with started() as browser:
         for fault, body in FAULTY.items():
-            if not any(fault in told for told in browser.faults(faulty(body), WIDTHS[0])):
+            if not any(fault in told for told in faults(browser, faulty(body), WIDTHS[0])):
                 print(f"browser: does not see the fault {fault!r}", file=sys.stderr)
                 wrong += 1
         for folder in (Path(path) for path in paths if Path(path).is_dir()):
@@ -280,9 +166,9 @@ def main(paths):
             wrong += bool(told)
         for path in (path for path in paths if Path(path).is_file()):
             for width in WIDTHS:
-                faults = browser.faults(Path(path).resolve().as_uri(), width)
-                print(f"browser: {path} at {width} pixels: {'; '.join(faults) or 'good'}")
-                wrong += bool(faults)
+                found = faults(browser, Path(path).resolve().as_uri(), width)
+                print(f"browser: {path} at {width} pixels: {'; '.join(found) or 'good'}")
+                wrong += bool(found)
     return int(wrong > 0)
 
 

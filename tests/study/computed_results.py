@@ -1,5 +1,6 @@
 """Results that are computed when a measure asks for them."""
 
+import fcntl
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +11,12 @@ from study.core.store import Results, Stored, save
 @cache
 def cases():
     return {case.key: case for section in SECTIONS for case in load_section(section).cases}
+
+
+def listed(text):
+    """Section and name of each that lines such as "V1: own round" list."""
+    rows = [line.split(": ") for line in text.strip().splitlines()]
+    return [(section, name) for section, names in rows for name in names.split()]
 
 
 class Lazy:
@@ -41,11 +48,17 @@ class ComputedResults(Results):
 
     def __getitem__(self, key):
         if key not in self and key in cases():
-            case = cases()[key]
-            case = replace(case, parameters=case.parameters | self.parameters)
-            result = case.run(**case.parameters)
-            save(self.folder, case.section, case.name, result, case.stored_parameters, {})
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with (self.folder / f".{key.replace('/', '-')}").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)  # others wait: two that save would mix their files
+                if key not in self:
+                    self._compute(cases()[key])
         return super().__getitem__(key)
+
+    def _compute(self, case):
+        case = replace(case, parameters=case.parameters | self.parameters)
+        result = case.run(**case.parameters)
+        save(self.folder, case.section, case.name, result, case.stored_parameters, {})
 
     def section(self, section):
         return [Lazy(self, key) for key in cases() if key.startswith(f"{section}/")]

@@ -23,16 +23,15 @@ def one(tmp_path):
     return computed
 
 
-def test_unknowns_are_the_fewest_and_the_most(one):
-    one({}, dofs=40)
-    one({"dofs": 900})  # a recorded case keeps them among its parameters
-    assert one({}, dofs=120)[:2] == (3, (40, 900))
+def test_unknowns_are_the_fewest_and_the_most_and_mesh_sizes_are_listed_once(one):
+    one({"divisions": [80, 40]}, dofs=40)
+    one({"dofs": 900, "divisions": [20, 10]})  # a recorded case keeps them among its parameters
+    assert one({"divisions": [20, 10]}, dofs=120)[:3] == (3, (40, 900), ["20 × 10", "80 × 40"])
 
 
 @pytest.mark.parametrize(
     ("parameters", "curves", "meshes"),
     [
-        ({"divisions": [20, 10]}, {}, ["20 × 10"]),
         ({"squares": [8, 2, 4]}, {}, ["2", "4", "8"]),
         ({"elements": 5}, {}, ["5"]),
         ({"sides": [0.25, 0.35]}, {}, ["2.86", "4"]),
@@ -42,12 +41,6 @@ def test_unknowns_are_the_fewest_and_the_most(one):
 )
 def test_mesh_sizes_come_from_parameters_and_series(one, parameters, curves, meshes):
     assert one(parameters, dofs=1, curves=curves).meshes == meshes
-
-
-def test_sizes_of_all_cases_are_sorted_and_listed_once(one):
-    one({"divisions": [80, 40]}, dofs=1)
-    one({"divisions": [20, 10]}, dofs=1)
-    assert one({"divisions": [20, 10]}, dofs=1).meshes == ["20 × 10", "80 × 40"]
 
 
 @pytest.mark.parametrize(

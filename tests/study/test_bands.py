@@ -5,7 +5,6 @@ import pytest
 
 from study.core.cases import load_section
 from study.judge.measures.paper_statements import _test_functions
-from study.paper import s7_5_profiles
 from study.paper.bands import DATA, DIAGONALS, envelope, members
 
 
@@ -67,14 +66,3 @@ def test_test_functions_along_a_line(standard, shares):
     first, middle, last = (np.array(shares) / 6).tolist()
     expected = [first, middle, last + 2 * first, 2 * middle, 2 * last]
     assert integrals == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize("pattern", ["right", "left", "left_right", "right_left", "crossed"])
-def test_columns_triangles_cover_its_section(pattern):
-    section = s7_5_profiles.PROFILES["first"]
-    mesh = s7_5_profiles.mesh(section, "triangle", pattern=pattern)
-    a, b, c = (mesh.geometry.x[mesh.geometry.dofmap[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    assert area.min() > 0
-    assert area.sum() == pytest.approx(np.dot(section.radii, section.heights), rel=1e-12)
-    assert len(area) == 759 * (4 if pattern == "crossed" else 2)

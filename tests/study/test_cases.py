@@ -27,45 +27,34 @@ def add(path, text="CHANGED = 1\n"):
     path.write_text(path.read_text() + text)
 
 
-@pytest.mark.usefixtures("toy")
-def test_section_has_its_title_and_cases():
+def test_section_has_its_title_and_cases(toy):
     section = load_section("1")
     assert (section.id, section.title) == ("1", "First toy")
     assert [case.key for case in section.cases] == ["1/a", "1/b"]
     assert section.cases[1].run(**section.cases[1].parameters).scalars["y"] == 5.0
-
-
-@pytest.mark.usefixtures("toy")
-def test_unknown_section_is_answered_with_those_there_are():
-    with pytest.raises(StudyError, match="no section 9, but 1, 2"):
-        load_section("9")
-
-
-def test_section_that_cannot_be_imported_is_one_sentence(toy):
-    add(toy / "one.py", "import no_such_package\n")
-    with pytest.raises(StudyError, match="section 1 cannot be loaded: No module named"):
-        load_section("1")
+    add(toy / "one.py", "raise SystemExit\n")
+    assert title("1") == "First toy"  # without an import
 
 
 @pytest.mark.parametrize(
-    ("line", "message"),
-    [("CASES += CASES[:1]\n", "unsuitable cases: a$"), ('CASES[0] = Case("2", "x", run)\n', "2/x")],
+    ("section", "line", "message"),
+    [
+        ("9", "", "no section 9, but 1, 2"),
+        ("1", "import no_such_package\n", "section 1 cannot be loaded: No module named"),
+        ("1", "CASES += CASES[:1]\n", "unsuitable cases: a$"),
+        ("1", 'CASES[0] = Case("2", "x", run)\n', "2/x"),
+    ],
 )
-def test_ambiguous_cases_are_refused(toy, line, message):
+def test_section_that_cannot_be_loaded_is_one_sentence(toy, section, line, message):
     add(toy / "one.py", line)
     with pytest.raises(StudyError, match=message):
-        load_section("1")
+        load_section(section)
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "..", ".hidden", "a b"])
 def test_name_that_is_no_file_name_is_refused(name):
     with pytest.raises(ValueError, match="name of a case"):
         Case("1", name, print)
-
-
-def test_title_is_read_without_importing(toy):
-    add(toy / "one.py", "raise SystemExit\n")
-    assert title("1") == "First toy"
 
 
 def test_fingerprint_is_the_same_in_another_process(toy):
@@ -81,10 +70,12 @@ def test_fingerprint_is_the_same_in_another_process(toy):
 
 
 @pytest.mark.parametrize("name", ["one.py", "common.py", "__init__.py"])
-def test_change_of_a_source_that_the_section_uses_invalidates(toy, name):
-    case = load_section("1").cases[0]
+def test_change_of_a_source_that_the_section_uses_invalidates_and_a_comment_does_not(toy, name):
+    case, path = load_section("1").cases[0], toy / name
     before = fingerprint(case)
-    add(toy / name)
+    path.write_text(f'"""About the module."""\n\n# a comment\n{path.read_text()}# another\n')
+    assert fingerprint(case) == before
+    add(path)
     assert fingerprint(case) != before
 
 
@@ -126,15 +117,6 @@ def test_code_changes_a_digest_and_comments_do_not(tmp_path, old, new, same):
     assert (code_digest(path) == code_digest(other)) is same
 
 
-@pytest.mark.parametrize("name", ["one.py", "common.py", "__init__.py"])
-def test_comment_or_docstring_does_not_invalidate(toy, name):
-    case = load_section("1").cases[0]
-    before = fingerprint(case)
-    path = toy / name
-    path.write_text(f'"""About the module."""\n\n# a comment\n{path.read_text()}# another\n')
-    assert fingerprint(case) == before
-
-
 def test_change_of_another_section_does_not_invalidate(toy):
     case = load_section("1").cases[0]
     before = fingerprint(case)
@@ -155,11 +137,15 @@ def test_change_behind_two_imports_invalidates(toy):
 
 
 @pytest.mark.usefixtures("toy")
-def test_parameters_name_library_and_versions_invalidate(tmp_path, monkeypatch):
+def test_parameters_name_library_and_versions_invalidate_and_order_does_not(tmp_path, monkeypatch):
+    names = {path.name for path in cases.package_sources("pw_elements")}
+    assert {"elements.py", "spaces.py"} <= names
     library = tmp_path / "library.py"
     library.write_text("x = 1\n")
     monkeypatch.setattr(cases, "package_sources", lambda _: [library])
     case = load_section("1").cases[0]
+    turned = replace(case, parameters=dict(reversed(case.parameters.items())))
+    assert fingerprint(turned) == fingerprint(case)
     marks = {fingerprint(case)}
     marks.add(fingerprint(replace(case, parameters=case.parameters | {"value": 1.5})))
     marks.add(fingerprint(replace(case, name="c")))
@@ -169,18 +155,6 @@ def test_parameters_name_library_and_versions_invalidate(tmp_path, monkeypatch):
     monkeypatch.setattr(cases, "versions", lambda: {"dolfinx": "99"})
     marks.add(fingerprint(case))
     assert len(marks) == 6
-
-
-def test_library_is_part_of_the_fingerprint():
-    names = {path.name for path in cases.package_sources("pw_elements")}
-    assert {"elements.py", "spaces.py"} <= names
-
-
-@pytest.mark.usefixtures("toy")
-def test_order_of_parameters_does_not_matter():
-    case = load_section("1").cases[1]
-    turned = replace(case, parameters=dict(reversed(case.parameters.items())))
-    assert fingerprint(turned) == fingerprint(case)
 
 
 def test_stored_parameters_have_the_defaults_and_the_types_of_json():
@@ -212,21 +186,21 @@ def test_imports_are_found_in_all_their_forms(toy):
     assert set(closure("toy.two", frozenset({"toy.one"}))) == {"toy", "toy.common", "toy.two"}
 
 
-@pytest.mark.parametrize(("flag", "dirty"), [("1", True), ("0", False)])
-def test_commit_of_the_entry_script_is_taken_over(monkeypatch, flag, dirty):
-    monkeypatch.setenv("PW_ELEMENTS_COMMIT", "abc123")
+@pytest.mark.parametrize(
+    ("commit", "flag", "told"),
+    [("abc", "1", ("abc", True)), ("abc", "0", ("abc", False)), (None, "1", ("unknown", None))],
+)
+def test_commit_of_the_entry_script_is_taken_over(monkeypatch, tmp_path, commit, flag, told):
     monkeypatch.setenv("PW_ELEMENTS_DIRTY", flag)
+    if commit:
+        monkeypatch.setenv("PW_ELEMENTS_COMMIT", commit)
+    else:
+        monkeypatch.delenv("PW_ELEMENTS_COMMIT", raising=False)
+        monkeypatch.setenv("PATH", str(tmp_path))
     origin = provenance.provenance(1.5, 42, 2, "mark")
-    assert (origin["commit"], origin["dirty"]) == ("abc123", dirty)
+    assert (origin["commit"], origin["dirty"]) == told
     assert (origin["seconds"], origin["dofs"], origin["processes"]) == (1.5, 42, 2)
     assert origin["fingerprint"] == "mark"
     assert origin["time"].endswith("+00:00")
     assert set(origin["versions"]) == {"dolfinx", "basix", "ffcx", "ufl", "petsc", "slepc", "numpy"}
     assert "absent" not in origin["versions"].values()
-
-
-def test_without_git_the_commit_is_unknown(monkeypatch, tmp_path):
-    monkeypatch.delenv("PW_ELEMENTS_COMMIT", raising=False)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    origin = provenance.provenance(0.0, 0, 1, "")
-    assert (origin["commit"], origin["dirty"]) == ("unknown", None)

@@ -1,4 +1,7 @@
-"""Orders and magnitudes against manufactured solutions, on meshes that take no time."""
+"""Orders and magnitudes against manufactured solutions, on meshes that take no time.
+
+Those of eigenvalues and of nearly incompressible bodies are recorded numbers: test_findings.py.
+"""
 
 from dataclasses import replace
 
@@ -12,8 +15,7 @@ from pw_elements import Body, Material, Spaces
 from pw_elements._compat import cell_nodes
 from pw_elements.elasticity import StressState
 from study.verification import c_eigenvalue_orders, c_manufactured, c_mesh_families
-from study.verification.c_convergence import CASES, SCANNED, SETTINGS, errors, statics
-from study.verification.c_eigenvalue_orders import VIBRATIONS, modes
+from study.verification.c_convergence import SETTINGS, errors
 from study.verification.c_manufactured import Manufactured
 from study.verification.c_mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 
@@ -26,8 +28,14 @@ def series(element, setting, *sides):
     return {name: order(h, np.array([row[name] for row in rows])) for name in norms}, rows[-1]
 
 
-@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"])
-@pytest.mark.parametrize("setting", ["plane-stress", "axisymmetric", "curved-ring"])
+@pytest.mark.parametrize(
+    ("element", "setting"),
+    [
+        *[(element, "plane-stress") for element in ("galerkin-T6", "pw-T6", "galerkin-Q8")],
+        *[(element, "axisymmetric") for element in ("pw-T6", "pw-Q8")],
+        *[(element, "curved-ring") for element in ("galerkin-T6", "pw-T6", "pw-Q9")],
+    ],
+)
 def test_quadratic_elements_have_orders_two_and_three(element, setting):
     orders, error = series(element, setting, 1 / 4, 1 / 8, 1 / 16)
     assert orders["error_H1"] == pytest.approx(2, abs=0.2)
@@ -40,43 +48,12 @@ def test_quadratic_elements_have_orders_two_and_three(element, setting):
     assert error["error_force"] < 6 * bound
 
 
-def test_composite_triangle_has_orders_one_and_two():
-    orders, error = series("composite-T6", "plane-stress", 1 / 4, 1 / 8, 1 / 16)
-    assert orders["error_H1"] == pytest.approx(1, abs=0.1)
-    assert orders["error_L2"] == pytest.approx(2, abs=0.1)
-    assert orders["error_force"] == pytest.approx(1, abs=0.1)
-    assert error["error_H1"] < 0.03
-    assert error["error_L2"] < 4e-4
-
-
-@pytest.mark.parametrize("element", ["galerkin-T10", "pw-T10"])
-def test_tetrahedra(element):
-    orders, error = series(element, "solid", 1 / 2, 1 / 4, 1 / 7)
+def test_tetrahedra():
+    orders, error = series("pw-T10", "solid", 1 / 2, 1 / 4, 1 / 7)
     assert orders["error_H1"] == pytest.approx(2, abs=0.3)
     assert orders["error_L2"] == pytest.approx(3, abs=0.4)
     assert error["error_H1"] < 1e-2
     assert error["error_force"] < 1e-2
-
-
-def test_incompressible_plane_strain_spares_the_new_triangle_unless_pressure_alone_acts():
-    for setting, low, high in (
-        ("incompressible", 0.99, 1.01),
-        ("incompressible-pressure", 30, 150),
-    ):
-        new, standard = (errors(e, SETTINGS[setting], 1 / 8) for e in ("pw-T6", "galerkin-T6"))
-        assert low < new["error_H1"] / standard["error_H1"] < high
-
-
-def test_curved_sides_and_incompressibility_harm_the_new_triangle_alone():
-    found = {}
-    for nu in (0.3, 0.4999):
-        setting = replace(SCANNED["curved-ring"], poissons_ratio=nu)
-        found[nu] = [errors(e, setting, 1 / 8)["error_H1"] for e in ("pw-T6", "galerkin-T6")]
-    new, standard = found[0.3]
-    assert new == pytest.approx(standard, rel=0.01)
-    new, standard = found[0.4999]
-    assert standard < 0.2
-    assert new > 1  # nothing of the solution is left
 
 
 def test_forces_are_integrals_over_the_elements_own_test_functions():
@@ -124,18 +101,6 @@ def test_loads_balance_each_other_in_axisymmetry():
     assert abs(load.array[0::2].sum()) > 0.1  # hoop stress has a share in the radial one
 
 
-def test_two_degrees_more_change_errors_by_less_than_a_fifth_of_a_per_cent(monkeypatch):
-    for element, setting in (("pw-T6", "axisymmetric"), ("pw-T10", "solid")):
-        side = SETTINGS[setting].sides[0]
-        before = errors(element, SETTINGS[setting], side)
-        monkeypatch.setattr(c_manufactured, "DEGREE", c_manufactured.DEGREE + 2)
-        after = errors(element, SETTINGS[setting], side)
-        monkeypatch.undo()
-        for name in before:
-            assert after[name] == pytest.approx(before[name], rel=2e-3), name
-        assert after["error_H1"] != before["error_H1"]
-
-
 def test_gmsh_meshes_are_the_same_each_time_and_curved_where_they_ought_to_be():
     first, second = on_ring("pw-T6", 1 / 4), on_ring("pw-T6", 1 / 4)
     assert np.array_equal(first.geometry.x, second.geometry.x)
@@ -170,57 +135,3 @@ def test_exact_eigenvalues():
     assert abs(j1(np.sqrt(cylinder[0] / shear - np.pi**2))) < 1e-12
     (breathing,) = c_eigenvalue_orders.ring()
     assert breathing == pytest.approx(1 / 1.5**2, rel=0.1)  # E / (rho R^2) of a thin ring
-
-
-@pytest.mark.parametrize(
-    ("element", "expected", "bound"),
-    [
-        ("galerkin-T6", 4, 1e-4),
-        ("pw-T6", 4, 1e-4),
-        ("composite-T6", 4, 1e-4),
-        ("galerkin-Q8", 4, 1e-4),
-        ("pw-Q8", 2, 5e-3),
-        ("pw-Q9", 2, 5e-3),
-    ],
-)
-def test_eigenvalues_have_order_four_but_two_under_guyan(monkeypatch, element, expected, bound):
-    square = replace(VIBRATIONS["square"], sides=(1 / 4, 1 / 8, 1 / 16))
-    monkeypatch.setitem(VIBRATIONS, "square", square)
-    result = modes(element, "square")
-    assert result.scalars["order_eigenvalue"] == pytest.approx(expected, abs=0.35)
-    assert result.scalars["error_eigenvalue"] < bound
-    assert result.scalars["imaginary"] == 0
-
-
-def test_breathing_mode_of_a_curved_ring(monkeypatch):
-    ring = replace(VIBRATIONS["curved-ring"], sides=(1 / 4, 1 / 8, 1 / 16))
-    monkeypatch.setitem(VIBRATIONS, "curved-ring", ring)
-    for element in ring.elements:
-        result = modes(element, "curved-ring")
-        assert result.scalars["order_eigenvalue"] == pytest.approx(4, abs=0.3)
-        assert result.scalars["error_eigenvalue"] < 1e-6
-
-
-def test_every_case_of_the_section_is_its_own():
-    names = [case.name for case in CASES]
-    assert len(set(names)) == len(names)
-    assert {case.section for case in CASES} == {"C"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("setting", ["plane-stress", "plane-strain", "axisymmetric", "ring"])
-def test_long_series(setting):
-    scalars = statics("pw-T6", setting).scalars
-    assert scalars["order_H1"] == pytest.approx(2, abs=0.05)
-    assert scalars["order_L2"] == pytest.approx(3, abs=0.1)
-    assert scalars["order_force"] == pytest.approx(2, abs=0.2)
-    assert scalars["error_H1"] < 2e-4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("vibration", ["square", "cylinder", "ring", "cube"])
-def test_long_series_of_eigenvalues(vibration):
-    element = "pw-T10" if vibration == "cube" else "pw-T6"
-    scalars = modes(element, vibration).scalars
-    assert scalars["order_eigenvalue"] == pytest.approx(4, abs=0.5)
-    assert scalars["error_eigenvalue"] < 1e-3

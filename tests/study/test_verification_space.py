@@ -5,17 +5,13 @@ import pytest
 import ufl
 from dolfinx import fem
 
-from pw_elements import Material, solve
-from pw_elements.solvers import unblocked
 from study.verification import v10_partial_slip as v10
 from study.verification.half_space import Elastic, HertzSphere
 from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force
 from study.verification.mesh_lines import graded
 from study.verification.solid_meshes import box, quarter_disc, with_mirror_image
-from study.verification.solids import Solid
 
 BODY = Elastic(2.0, 0.3)
-ONCE = np.linspace(0, 1, 3)
 
 
 def stress_and_unbalance(field, x, h=1e-3):
@@ -99,17 +95,3 @@ def test_meshes_have_their_volume_and_their_edge(cell):
 
 def volume(mesh):
     return fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx))
-
-
-def test_sibling_has_the_standard_displacements():
-    """Under a load on one face and prescribed displacements of another."""
-    mesh = box("tetrahedron", ONCE, ONCE, ONCE)
-    fields = []
-    for element in ("galerkin-T10", "sibling-T10"):
-        solid = Solid.of(element, mesh, Material(1.0, 0.3))
-        held = solid.held(lambda p: np.isclose(p[2], 0), lambda x: 0.1 * x[:, [1, 0, 2]] ** 2)
-        load = solid.surface_load((0.1, 0.2, -0.3), lambda p: np.isclose(p[2], 1))
-        a = solve(solid.K, load, solid.supports(held))
-        assert unblocked(solid.K).isSymmetric(1e-12)
-        fields.append(a)
-    assert solid.sibling.displacement(fields[1]).array == pytest.approx(fields[0].array, abs=1e-12)

@@ -52,78 +52,9 @@ def test_modes_of_a_rectangle_between_walls(state):
     assert np.all(modes.eigenvalues > exact)
 
 
-@pytest.mark.parametrize("problem", [v8_vibration.rod, v8_vibration.square, v8_vibration.strip])
-def test_orders_of_the_elements(problem):
-    squares = (4, 8) if problem is v8_vibration.strip else (8, 16)
-    expected = {
-        ("galerkin-T6", "transposed"): 4,
-        ("pw-T6", "transposed"): 4,
-        ("pw-Q9", "all nodes"): 4,
-        ("pwsym-T6", "transposed"): 2,
-        ("pw-T6", "lumped"): 2,
-    }
-    if problem is not v8_vibration.strip:  # there the condensed node carries little inertia
-        expected |= {("pw-Q8", "transposed"): 2, ("pw-Q8", "same"): 2}
-    for (element, treatment), order in expected.items():
-        result = problem(element, treatment, squares)
-        names = [f"vibration_{n}" for n in (1, 2, 3)]
-        if problem is not v8_vibration.strip:
-            names = v8_vibration.EIGENVALUES
-        found = [result.scalars[f"{name}_order"] for name in names]
-        assert np.median(found) == pytest.approx(order, abs=0.45), (element, treatment)
-        assert result.scalars["rigid"] == (1 if problem is v8_vibration.strip else 0)
-
-
-def test_buckling_and_vibration_of_the_strip_share_one_number():
-    scalars = v8_vibration.strip("pw-T6", "transposed", (2, 4)).scalars
-    for n in (1, 2, 3):
-        assert scalars[f"vibration_{n}_exact"] == scalars[f"buckling_{n}_exact"]
-        for kind in ("vibration", "buckling"):
-            assert 0 < scalars[f"{kind}_{n}_error"] < 6e-4
-
-
-@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6"])
-def test_axisymmetric_quadrature_is_far_more_exact_than_the_mesh(element):
-    # what justifies degree 8, the default of axisymmetric forms
-    for squares in (4, 8):
-        scalars = v8_vibration.quadrature(element, squares).scalars
-        assert scalars["change_8"] < 1e-4 * scalars["error"]
-        changes = [scalars[f"change_{degree}"] for degree in (2, 4, 6, 8)]
-        assert np.all(np.diff(changes) < 0)
-
-
-@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "galerkin-Q8", "pw-Q9"])
-def test_default_degree_of_axisymmetry_is_8(element):
-    cell = "triangle" if element.endswith("T6") else "quadrilateral"
-
-    def difference(inner, degree, other):
-        mesh = v8_vibration._mesh((0.5, 1.0), (3, 4), cell, inner)
-        bodies = [
-            Body(spaces(element, mesh), MATERIAL, StressState.AXISYMMETRIC, quadrature_degree=d)
-            for d in (degree, other)
-        ]
-        U = bodies[0].spaces.trial
-        held = [prescribe(U, 0, lambda x: np.isclose(x[0], inner))]
-        reduction = Reduction.dirichlet(U, held)
-        a, b = (reduction.matrix(assemble_matrix(body.stiffness())) for body in bodies)
-        return (a - b).norm() / b.norm()
-
-    assert difference(0.2, None, 8) == 0
-    assert difference(0.2, 8, 20) < 1e-7
-    # entries of cells that touch the axis by one vertex have singular integrands
-    assert difference(0.0, 8, 20) < 1e-4
-
-
 def test_free_bodies_have_their_rigid_modes():
     for state, rigid in (("plane stress", 3), ("axisymmetric", 1), ("solid", 6)):
         element = "pw-T10" if state == "solid" else "pw-T6"
         scalars = v8_vibration.free(element, state).scalars
         assert scalars["rigid"] == rigid
         assert scalars["zero"] < 1e-12
-
-
-def test_lame():
-    scalars = v8_vibration.tube("pw-T6", (8, 16)).scalars
-    assert scalars["order"] == pytest.approx(3, abs=0.25)
-    assert scalars["error"] < 2e-5
-    assert v8_vibration.cylinder("pw-T6").scalars["displacement_error"] < 1e-13

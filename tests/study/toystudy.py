@@ -80,37 +80,22 @@ SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><path d="M0 0L9
 
 TOY = {"problem": "toy"}
 ORIGIN = {
-    "commit": "0123456789abcdef",
-    "dirty": True,
+    "commit": "0123456789abcdef", "dirty": True, "time": "2026-01-02T03:04:05+00:00",
     "versions": {"dolfinx": "0.9.0", "numpy": "2.2.4"},
-    "time": "2026-01-02T03:04:05+00:00",
-    "seconds": 1.239,
-    "dofs": 4290,
-    "processes": 2,
-    "fingerprint": "f",
-}
+    "seconds": 1.239, "dofs": 4290, "processes": 2, "fingerprint": "f",
+}  # fmt: skip
 
 
 def claim(**changes):
     """Return a statement of the paper as TOML; a change to None leaves the key out."""
     entry = {
-        "id": '"the-claim"',
-        "kind": '"paper"',
-        "source": '"Sec. 1, Eq. 3"',
-        "quote": '"a force of 5"',
-        "statement": '"The force is 5 N."',
-        "grade": '"reproduced"',
-        "grade_why": '"A computed force."',
-        "measure": '"value"',
-        "args": '{ key = "1/b", name = "y" }',
-        "relation": '"="',
-        "value": "5.0",
-        "tol": "1e-12",
-        "tol_why": '"Round-off."',
-        "tol_set": '"after"',
-        "unit": '"N"',
-        "why": '"Twice 2.5."',
-    } | changes
+        "id": '"the-claim"', "kind": '"paper"', "source": '"Sec. 1, Eq. 3"',
+        "quote": '"a force of 5"', "statement": '"The force is 5 N."',
+        "grade": '"reproduced"', "grade_why": '"A computed force."',
+        "measure": '"value"', "args": '{ key = "1/b", name = "y" }', "relation": '"="',
+        "value": "5.0", "tol": "1e-12", "tol_why": '"Round-off."', "tol_set": '"after"',
+        "unit": '"N"', "why": '"Twice 2.5."',
+    } | changes  # fmt: skip
     lines = [f"{key} = {value}" for key, value in entry.items() if value is not None]
     return "\n".join(["[[claim]]", *lines, ""])
 
@@ -174,17 +159,10 @@ def reported(folder, monkeypatch):
 
 
 def figures(out, *sections):
+    size = {"width": 672, "height": 288, "narrow": [355, 400]}
     entries = [
-        {
-            "name": name,
-            "title": f"Title of {name}",
-            "section": section,
-            "caption": f"Caption of {name}: a < b.",
-            "alt": f'Line "{name}"',
-            "width": 672,
-            "height": 288,
-            "narrow": [355, 400],
-        }
+        {"name": name, "title": f"Title of {name}", "section": section, **size}
+        | {"caption": f"Caption of {name}: a < b.", "alt": f'Line "{name}"'}
         for name, section in sections
     ]
     folder = out / "figures"

@@ -75,11 +75,20 @@ class Coulomb:
     mu: float | Callable[[Array], Array]
 
     def at(self, x: Array) -> Array | float:
-        """The coefficient (n,) of nodes at positions, columns (3, n)."""
+        """The coefficient (n,) of nodes.
+
+        Args:
+            x: positions as columns (3, n).
+        """
         return self.mu(x) if callable(self.mu) else self.mu
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
-        """Largest tangential force (n,) beside a normal force, and its slope, the coefficient."""
+        """Largest tangential force (n,) beside a normal force, and its slope.
+
+        Args:
+            at: the coefficient (n,).
+            force: normal forces (n,).
+        """
         return at * force, at
 
 

@@ -1,0 +1,74 @@
+"""Functions of test files, on several processes.
+
+`run_on(3, function, *args)` starts `mpirun`, whose processes import the function and call it with
+their communicator and the arguments. A start costs a second or two of CPU: let a function do much.
+"""
+
+import faulthandler
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+PROJECT = Path(__file__).parents[1]
+LIMIT = 1800  # seconds, to tell hung from slow on the busiest machine
+DISPLACEMENT = 0.1  # of all contact problems that are compared; gaps and slips may all be zero
+
+
+def run_on(processes, function, *args, limit=LIMIT):
+    """What `function(comm, *args)` returned, process by process; fails with what each printed."""
+    if shutil.which("mpirun") is None:
+        pytest.skip("no mpirun")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "call").write_bytes(pickle.dumps((function, args, limit)))
+        # by mpi4py an exception in one process ends them all, which would else wait for it
+        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
+        run = subprocess.run(
+            [*command, "tests.parallel", name], cwd=PROJECT, capture_output=True, text=True
+        )
+        said = [f"mpirun ended with {run.returncode}:\n{run.stdout}{run.stderr}"]
+        said += [f"{path.stem}:\n{path.read_text()}" for path in sorted(folder.glob("*.txt"))]
+        results = [folder / f"result {rank}" for rank in range(processes)]
+        assert run.returncode == 0 and all(map(Path.exists, results)), "\n".join(said)  # noqa: PT018
+        return [pickle.loads(result.read_bytes()) for result in results]
+
+
+def same_numbers(function, *args, processes=(3,), rel=1e-10):
+    """Asserts that `function(comm, *args)` gives the same numbers by name as here, on one process.
+
+    All processes have to return them. Differences are compared with the largest absolute value, of
+    names that end in "gap" or "slip" with `DISPLACEMENT`.
+    """
+    serial = {name: np.asarray(value) for name, value in function(MPI.COMM_SELF, *args).items()}
+    for count in processes:
+        for rank, found in enumerate(run_on(count, function, *args)):
+            assert found.keys() == serial.keys()
+            for name, value in serial.items():
+                small = name.endswith((" gap", " slip"))
+                scale = DISPLACEMENT if small else np.abs(value).max(initial=0.0)
+                difference = np.abs(np.subtract(found[name], value)).max(initial=0.0)
+                assert difference <= rel * scale, f"{name}, process {rank} of {count}"
+
+
+def _called(folder):
+    function, args, limit = pickle.loads((folder / "call").read_bytes())
+    faulthandler.dump_traceback_later(limit, exit=True)  # until this process has ended
+    result = function(MPI.COMM_WORLD, *args)
+    (folder / f"result {MPI.COMM_WORLD.rank}").write_bytes(pickle.dumps(result))
+
+
+if __name__ == "__main__":
+    own = Path(sys.argv[1]) / f"process {MPI.COMM_WORLD.rank}.txt"
+    with own.open("w") as output:
+        for descriptor in (1, 2):
+            os.dup2(output.fileno(), descriptor)
+    _called(Path(sys.argv[1]))
