@@ -51,6 +51,7 @@ V15: square-pw-hybrid-T6-0.5-8 cube-pw-hybrid-T10-0.4999-3 cook-pw-hybrid-T6-32
 V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-pw-hybrid-Q9
 V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
+V16: shear-pw-T10 steps-pw-T6-1-1
 """)
 ]
 LONG = [
@@ -58,10 +59,6 @@ LONG = [
     "V14/punch-pw-T10-2",
     "V15/pushed-pw-hybrid-T6-30",
     "V15/seal-pw-hybrid-T6-8",
-    "V16/cylinder-pw-T6-8",
-    "V16/energy-galerkin-T6-4",
-    "V16/shear-pw-T10",
-    "V16/hertz-pw-T6-4",
 ]
 SLOW = {("7.6", "mesh_scan")}
 
