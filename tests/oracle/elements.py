@@ -95,7 +95,12 @@ def table(name: str, linear_weights: bool, count: int) -> Table:
     piecewise-linear ones.
     """
     element = ELEMENTS[name]
-    points, measure = gauss(element.simplex, len(element.nodes[0]), count)
+    return tabulated(name, linear_weights, *gauss(element.simplex, len(element.nodes[0]), count))
+
+
+def tabulated(name: str, linear_weights: bool, points: np.ndarray, measure: np.ndarray) -> Table:
+    """The same at the points (q, d) of a rule on a cell, or on a sub-cell."""
+    element = ELEMENTS[name]
     if not linear_weights:
         values, slopes = shapes(name, points)
         return Table(values, slopes, values, slopes, measure)
