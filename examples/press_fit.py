@@ -13,7 +13,7 @@ import numpy as np
 from pw_elements import (
     Body, Material, Reduction, Spaces, as_function, assemble_matrix, draw, prescribe,
 )
-from pw_elements.contact import ContactFields, ContactPair, Sphere, draw_surface, solve_contact
+from pw_elements.contact import ContactFields, ContactPair, Sphere, solve_contact
 from pw_elements.meshes import from_gmsh
 
 size = 1.0  # mm, of the elements
@@ -52,7 +52,7 @@ lame /= (rim**2 + bore**2) / (rim**2 - bore**2) + 0.3 / (1 - 0.3)
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
 draw(mesh, body.von_mises(u), u, scale=100, axes=left, label="von Mises stress [MPa]")
 left.set(xlabel="x [mm]", ylabel="y [mm]", title="Displacements × 100")
-draw_surface(left, Sphere((0, 0), bore + 100 * oversize))
+left.add_patch(plt.Circle((0, 0), bore + 100 * oversize, color="0.6", zorder=0))
 right.plot(np.degrees(np.arctan2(y, x)), pressure, ".-", label="with holes")
 right.axhline(lame, color="k", ls="--", label="without holes (Lamé)")
 right.set(xlabel="angle [°]", ylabel="pressure in the bore [MPa]", ylim=(0, 150))

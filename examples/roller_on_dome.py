@@ -14,7 +14,7 @@ from dolfinx.mesh import locate_entities_boundary
 from pw_elements import (
     Body, Material, Reduction, Spaces, as_function, assemble_matrix, draw, prescribe,
 )
-from pw_elements.contact import ContactPair, Motion, Sphere, draw_surface, plot, solve_contact
+from pw_elements.contact import ContactPair, Motion, Sphere, plot, solve_contact
 from pw_elements.meshes import from_gmsh
 
 size, zone = 0.08, 1.6  # mm, of the elements near the contact, and half its width at most
@@ -57,7 +57,8 @@ u = as_function(U, state.displacement)
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
 draw(mesh, body.von_mises(u), u, axes=left, label="von Mises stress [MPa]", edges=False)
 left.set(xlim=(-6, 6), ylim=(14.5, 22.5), xlabel="x [mm]", ylabel="y [mm]")
-draw_surface(left, roller, state.pairs[0].translation)
+centre = np.add((0, dome + roller_radius), state.pairs[0].translation)
+left.add_patch(plt.Circle(centre, roller_radius, color="0.6", zorder=0))
 plot(state, body, axes=right, along=0).set(xlabel="x [mm]", ylabel="traction on the dome [MPa]")
 if MPI.COMM_WORLD.rank == 0:
     figure.savefig("roller_on_dome.png", dpi=150)

@@ -45,7 +45,7 @@ from pw_elements.contact.model import (
     Sphere,
     SurfacePassed,
 )
-from pw_elements.contact.output import ContactFields, draw_surface, plot, write
+from pw_elements.contact.output import ContactFields, plot, write
 from pw_elements.contact.steps import (
     ContactProblem,
     solve_contact,
@@ -74,7 +74,6 @@ __all__ = [
     "SignedDistance",
     "Sphere",
     "SurfacePassed",
-    "draw_surface",
     "plot",
     "solve_contact",
     "solve_impact",

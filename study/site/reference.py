@@ -94,7 +94,6 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "ContactFields",
             "write",
             "plot",
-            "draw_surface",
             "steps.ImpactHistory",
             "steps.PairHistory",
             "steps.Energies",

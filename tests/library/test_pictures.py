@@ -8,11 +8,9 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pw_elements import Body, Material, Spaces, draw
-from pw_elements.contact import FlatPunch, Plane, Sphere, draw_surface
 from pw_elements.meshes import curved, triangles
 
 COMM = MPI.COMM_SELF
@@ -101,23 +99,3 @@ def test_a_label_makes_a_colour_bar_and_limits_are_kept():
         assert bar.get_ylim() == (-1, 3)
     finally:
         plt.close(axes.figure)
-
-
-@pytest.mark.parametrize(
-    ("surface", "share"),
-    [
-        (Plane((0, 0), (0, 1)), 0.5),
-        (Sphere((0, 0), 1.0), np.pi / 16),
-        (FlatPunch((0, 0), (0, -1), 1.0), 0.25),
-    ],
-)
-def test_a_rigid_surface_fills_its_part_of_the_picture(surface, share):
-    figure = Figure(figsize=(4, 4))
-    canvas = FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(-1, 3), ylim=(-2, 2))
-    axes.set_axis_off()
-    draw_surface(axes, surface, (1.0, 0.0), colour="k")
-    canvas.draw()
-    dark = np.asarray(canvas.buffer_rgba())[..., 0] < 128
-    assert dark.mean() == pytest.approx(share, abs=0.01)

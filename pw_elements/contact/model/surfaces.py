@@ -96,7 +96,7 @@ class Plane:
         return np.tile(unit(self.direction), (len(x), 1))
 
     def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
-        """As `RigidBody` says: the normal has no derivative."""
+        """Distance of points x (n, dim), normal and its derivative, which is zero."""
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
 
@@ -176,7 +176,7 @@ class Sphere:
         return normalised(x - np.asarray(self.centre))
 
     def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
-        """As `RigidBody` says: the derivative is (I - n n^T) over the distance from the centre."""
+        """Distance of points x (n, dim), normal n, and (I - n n^T)/(distance from the centre)."""
         gap, normal = self.gap(x), self.normal(x)
         across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
         return gap, normal, across / (gap + self.radius)[:, None, None]
@@ -260,7 +260,9 @@ class SignedDistance:
         return normal
 
     def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
-        """As `RigidBody` says, by Newton's method on p + l grad f(p) = x, f(p) = 0.
+        """Distance of points x (n, dim), normal and its derivative, as `RigidBody` says.
+
+        By Newton's method on p + l grad f(p) = x, f(p) = 0, with p the closest point.
 
         The Hessian is made of differences of the gradient; without a gradient function it has half
         of the digits.

@@ -9,7 +9,6 @@ Labels name no units:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +17,9 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse import csgraph
 
-from pw_elements.checks import arguments, vector
+from pw_elements.checks import arguments
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
-from pw_elements.contact.model import ContactState, PairState, Surface
+from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.fields import check_state
 from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
 from pw_elements.elasticity import Body, Indices, StressState, SurfaceNodes
@@ -35,8 +34,6 @@ _BLUE = "#0072B2"
 _ORANGE = "#D55E00"
 # Arrows shorter than this, over the longest one, are none
 _INVISIBLE = 1e-3
-# Points of a picture along each axis at which it is asked whether a rigid surface is there
-_PIXELS = 600
 
 
 def plot(
@@ -93,33 +90,6 @@ def plot(
         _line(axes, side, along)
         axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
     return axes
-
-
-def draw_surface(
-    axes: Axes, surface: Surface, translation: Sequence[float] = (0.0, 0.0), colour: str = "0.6"
-) -> None:
-    """Fills a rigid surface in a picture of a plane body, up to the picture's edges.
-
-        axes = draw(mesh, displacement=u)
-        draw_surface(axes, roller, states[-1].pairs[0].translation)
-
-    Args:
-        axes: of the picture; make room with `axes.set(xlim=..., ylim=...)` first.
-        surface: the rigid surface at its initial place.
-        translation: (2,), from there.
-        colour: of Matplotlib.
-
-    Raises:
-        ValueError: for a translation of another length, or a surface that is not one in the plane.
-    """
-    moved = vector("translation", translation, 2)
-    ends = axes.get_xlim(), axes.get_ylim()
-    x, y = (np.linspace(*end, _PIXELS) for end in ends)
-    points = np.stack(np.meshgrid(x, y), axis=-1)
-    gap = surface.gap(points.reshape(-1, 2) - moved).reshape(points.shape[:2])
-    gap = np.where(np.isfinite(gap), gap, np.abs(points).max())
-    axes.contourf(x, y, gap, levels=[-np.inf, 0.0], colors=[colour], zorder=0)
-    axes.set(xlim=ends[0], ylim=ends[1])
 
 
 @dataclass(frozen=True)
