@@ -104,8 +104,8 @@ class PreparedSolver(Protocol):
         ...
 
     @property
-    def orientations(self) -> frozenset[int]:
-        """Signs of the determinants met so far; empty if the solver knows none."""
+    def orientations(self) -> tuple[int, ...]:
+        """Signs of the determinants met so far, in order; none if the solver knows none."""
         ...
 
     @property
@@ -235,7 +235,7 @@ class Factors:
         options: Mapping[str, str | int | float | bool] | None = None,
     ) -> None:
         self._matrix, self._options = matrix, options or {}
-        self._orientations: set[int] = set()
+        self._orientations: list[int] = []
         self._factorisations = self._iterations = 0
         self._worthwhile = -1.0
         self.ksp = PETSc.KSP().create(matrix.comm)
@@ -263,9 +263,9 @@ class Factors:
         return SolverReport(self._method, self._factorisations, self._iterations)
 
     @property
-    def orientations(self) -> frozenset[int]:
+    def orientations(self) -> tuple[int, ...]:
         """Signs of the determinants of all matrices factorised so far, as far as MUMPS did it."""
-        return frozenset(self._orientations)
+        return tuple(self._orientations)
 
     @property
     def negative_pivots(self) -> int | None:
@@ -294,7 +294,7 @@ class Factors:
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
             entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
             self._worthwhile = operations / (4 * entries) / _FASTER
-            self._orientations.add(int(np.sign(factor.getMumpsRinfog(12))))
+            self._orientations.append(int(np.sign(factor.getMumpsRinfog(12))))
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
         self.set_up()

@@ -285,7 +285,7 @@ class Krylov:
     The stiffness of displacements, free, and their supports are `elastic`.
     """
 
-    orientations: ClassVar[frozenset[int]] = frozenset()  # determinants and pivots are not known
+    orientations: ClassVar[tuple[int, ...]] = ()  # determinants and pivots are not known
     negative_pivots: ClassVar[None] = None
 
     def __init__(

@@ -26,7 +26,7 @@ def contact_state(
     slides: bool = False,
 ) -> ContactState:
     system = increment.system
-    own = orientations = system.tangent.solver.orientations
+    own = orientations = frozenset(system.tangent.solver.orientations)
     if before.free == system.free:
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)

@@ -195,6 +195,7 @@ class FiniteStepping:
         first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
         told = reporter.iterated if reporter.wanted else None
         policy = Policy.of(lambda *_: [], interface)
+        met = len(system.tangent.solver.orientations)
         now = newton(increment, first, place, policy, self._most, told)
         reporter.violation = increment.violation(now)
         end = now.place
@@ -204,9 +205,13 @@ class FiniteStepping:
         if len(jumped):
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
+        signs = system.tangent.solver.orientations[met:]
+        before = state.orientations if state.free == system.free else frozenset()
+        if signs and signs[-1] not in (before or signs[:1]):
+            raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
         now.full.setAttr("space", self._whole)
         found = contact_state(increment, now, 0, state, system.report, Smallness())
-        return replace(found, unique=None, orientations=frozenset())
+        return replace(found, unique=None, orientations=frozenset(signs[-1:]))
 
     def _bound(self, free: npt.NDArray[np.bool_]) -> ContactSystem:
         """The system for these free translations (pairs, dim); one factorisation is kept."""
