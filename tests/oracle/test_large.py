@@ -271,10 +271,10 @@ def test_both_find_the_same_forces_and_displacements(name):
     assert np.max(list(differences(problem, states, not problem.linear_weights))) > 1e-3
 
 
-@pytest.mark.parametrize("seed", [31, 129, 153])
-def test_states_are_on_the_stable_branch(seed):
+@pytest.mark.parametrize("drawn", [31, 129, 153])
+def test_states_are_on_the_stable_branch(drawn):
     """Each way has a state besides that obeys the law, but its tangent has a negative root."""
-    problem = Problem.random(seed)
+    problem = Problem.random(drawn)
     states = parts(problem.states())
     assert np.max(list(differences(problem, states, problem.linear_weights))) < TOLERANCE
 
