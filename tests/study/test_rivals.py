@@ -45,7 +45,7 @@ def test_pressures_add_up_to_hertz_force(method):
     assert force == pytest.approx(problem().known.force / 2, rel=0.03)
 
 
-@pytest.mark.parametrize("method", set(q_compare.METHODS) - {"linear", "pw-T6"})
+@pytest.mark.parametrize("method", sorted(set(q_compare.METHODS) - {"linear", "pw-T6"}))
 def test_equilibrium_nodal_forces_add_up_to_the_same(method):
     one = answer(method)
     nodes = one.u.function_space.tabulate_dof_coordinates().T
