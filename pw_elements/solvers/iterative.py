@@ -378,7 +378,7 @@ class Krylov:
         dofs = self._matrix.getSize()[0]
         return NotConverged(
             f"{self.report.method} left the relative residual {left:.1e} after "
-            f"{self.ksp.getIterationNumber()} iterations: Poisson's ratio near 1/2, flat cells or "
+            f"{sum(self._counted)} iterations in all: Poisson's ratio near 1/2, flat cells or "
             "supports that hardly hold make it slow; use Direct() "
             f"(some {memory_of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
