@@ -24,7 +24,7 @@ from study.core.store import Result
 from study.peers.calculix import peer_of, tracked_digest
 from study.peers.hertz_line import PENALTIES
 from study.rivals.problem import Answer, Form, NoSolution, Problem, line, sphere
-from study.units import dimensionless
+from study.units import dimensionless, units_of
 from study.verification.indentation import INNER
 from study.verification.recorded import longer
 
@@ -163,7 +163,8 @@ def compared(
         start = process_time()
         _solved(method, problem, sweep[best] if sweep else None)
         scalars["cpu_seconds"] = process_time() - start
-    return Result(scalars, dimensionless(scalars), curves, dofs=int(scalars["unknowns"]))
+    units = units_of(scalars, {"cpu_seconds": "s", "*": "1"})
+    return Result(scalars, units, curves, dofs=int(scalars["unknowns"]))
 
 
 def _solved(method: str, problem: Problem, parameter: float | None) -> Answer:
