@@ -53,11 +53,17 @@ def _ellipse_slope(x):
     return np.stack([x[:, 0] / 2, 2 * x[:, 1]], axis=1)
 
 
+def _ellipse_in_ufl():
+    x = ufl.SpatialCoordinate(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)))
+    return ufl.grad(ufl.sqrt(x[0] ** 2 / 4 + x[1] ** 2) ** 2 - 1)
+
+
 SURFACES = {
     "plane": Plane((0.1, 0.2), (0.3, 1.0)),
     "circle": Sphere((0.1, -0.2), 1.3),
     "sphere": Sphere((0.1, -0.2, 0.3), 1.3),
     "ellipse": SignedDistance(_ellipse, _ellipse_slope),
+    "ellipse by UFL": SignedDistance(_ellipse, _ellipse_in_ufl()),
     "differences": SignedDistance(_ellipse),
     "circle by its square": SignedDistance(
         lambda x: np.sum((x - [0.1, -0.2]) ** 2, axis=1) - 1.69, lambda x: 2 * (x - [0.1, -0.2])
