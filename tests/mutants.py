@@ -124,8 +124,8 @@ def draw() -> list[Mutant]:
     ]
 
 
-def applied(mutant: Mutant) -> tuple[str, set[int]]:
-    """Return the module's text with the change, and the lines of the statement's expression."""
+def applied(mutant: Mutant) -> tuple[str, set[int]] | None:
+    """Return the module's text with the change, and its lines; None if the expression is gone."""
     path = ROOT / mutant.module
     for other, node in sites(path):
         if (other.kind, *other[2:5]) == (mutant.kind, *mutant[2:5]):
@@ -137,7 +137,7 @@ def applied(mutant: Mutant) -> tuple[str, set[int]]:
             return text, set(range(first + 1, last + 2)) if mutant.function else used(
                 path, first + 1
             )
-    raise SystemExit(f"{mutant.module} has no longer {mutant.old} in {mutant.function}: draw again")
+    return None
 
 
 def used(path: Path, line: int) -> set[int]:
@@ -186,7 +186,10 @@ def covering(mutant: Mutant, lines: set[int]) -> list[str]:
 
 def verdict(mutant: Mutant, folder: Path) -> dict[str, object]:
     """Run the tests that cover a mutant, in a copy of the tree."""
-    text, lines = applied(mutant)
+    changed_text = applied(mutant)
+    if changed_text is None:
+        return {**mutant._asdict(), "verdict": "gone", "tests": 0}
+    text, lines = changed_text
     tests = covering(mutant, lines)
     if not tests:
         return {**mutant._asdict(), "verdict": "not covered", "tests": 0}

@@ -12,7 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from pw_elements import Direct, Iterative
+from pw_elements.contact.iteration.newton import Increment
+from pw_elements.contact.steps import stepping
 from study.core.sources import closure, imported, source
+from tests.contact.cases import GALERKIN, PW, Block
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = ROOT / "pw_elements"
@@ -172,6 +176,44 @@ def test_nothing_of_the_iteration_imports_checks():
     assert len(names) > 4
     for name in names:
         assert not {other for other in imported(name) if other.startswith("pw_elements.checks")}
+
+
+@pytest.mark.parametrize("method", [GALERKIN, PW])
+@pytest.mark.parametrize(("solver", "most"), [(Direct(), 6), (Iterative(), 9)])
+def test_an_iteration_enters_few_modules(monkeypatch, method, solver, most):
+    """From the second on, but for the places of surfaces, which are asked once more at the end."""
+    entered, solves = set(), []
+    solve, kinematics, newton = Increment.solve, Increment.kinematics, stepping.newton
+
+    def watch(frame, event, _):
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and path.is_relative_to(LIBRARY):
+            entered.add(str(path.relative_to(LIBRARY)))
+
+    def watched(*arguments):
+        solves.append(1)
+        if len(solves) > 1:
+            sys.setprofile(watch)
+        return solve(*arguments)
+
+    def placed(*arguments):
+        sys.setprofile(None)
+        return kinematics(*arguments)
+
+    def iterated(*arguments):
+        solves.clear()
+        try:
+            return newton(*arguments)
+        finally:
+            sys.setprofile(None)
+
+    monkeypatch.setattr(Increment, "solve", watched)
+    monkeypatch.setattr(Increment, "kinematics", placed)
+    monkeypatch.setattr(stepping, "newton", iterated)
+    block = Block(8, method)
+    states = block.contact(block.pair(0.3), block.free, block.pulled(10.0, 1), solver=solver)
+    assert max(state.iterations for state in states) > 1
+    assert 0 < len(entered) <= most, sorted(entered)
 
 
 def test_oracle_shares_no_code_with_what_it_judges():
