@@ -11,10 +11,9 @@ NEW = "pw-T6"
 
 def rival_mean(results: Results, method: str, edges: int, name: str) -> float:
     """Mean of a stored number of a method over the offsets."""
-    found = [one.scalars[name] for one in _plane(results, method=method, edges=edges)]
-    if not found:
-        raise MissingResult(f"section Q has no {method} with {edges} edges")
-    return float(np.mean(found))
+    return float(
+        np.mean([one.scalars[name] for one in _plane(results, method=method, edges=edges)])
+    )
 
 
 def rival_ratio(
@@ -81,7 +80,10 @@ def rival_extreme(
 
 
 def _plane(results: Results, **parameters: object) -> list[Stored]:
-    return results.where("Q", **{"problem": ["plane", "calculix"], **parameters})
+    found = results.where("Q", **{"problem": ["plane", "calculix"], **parameters})
+    if not found:
+        raise MissingResult(f"no result of section Q has {parameters}: run ./run study Q")
+    return found
 
 
 def _edges(results: Results) -> list[int]:
