@@ -211,7 +211,7 @@ class SurfaceNodes:
     facets: Indices
 
     @classmethod
-    def of(cls, body: Body, where: Part) -> "SurfaceNodes":
+    def of(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Nodes of a part of the boundary.
 
         A `ContactPair` with the same marker has the same nodes if the marker ends at vertices.
@@ -220,6 +220,8 @@ class SurfaceNodes:
             body: whose boundary it is.
             where: marker of points as columns (3, n), which has to hold at every vertex of a facet;
                 or local numbers of facets, as `MeshTags.find` gives them; or a mask of all.
+            stretch: deformed over undeformed area, as `stretch` gives it, for areas of the deformed
+                boundary; by default those of the undeformed one.
 
         Raises:
             ValueError: if there are none, the marker fails or does not return truth values, or a
@@ -230,9 +232,10 @@ class SurfaceNodes:
         body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
         up = np.eye(body.spaces.mesh.geometry.dim)[-1]
+        load = up if stretch is None else stretch * ufl.as_vector(up.tolist())
 
         def weights(of: Body) -> Weights:
-            return lambda surface: of.surface_load(up, surface)
+            return lambda surface: of.surface_load(load, surface)
 
         return cls._of(body.spaces.trial, weights(body), pw.spaces.trial, weights(pw), where)
 

@@ -7,9 +7,13 @@ import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_unit_cube
 
 from pw_elements import (
     Body,
@@ -18,9 +22,11 @@ from pw_elements import (
     Spaces,
     SurfaceNodes,
     assemble_matrix,
+    prescribe,
 )
 from pw_elements.contact import (
     ContactFields,
+    ContactPair,
     ContactProblem,
     FlatPunch,
     Motion,
@@ -29,10 +35,14 @@ from pw_elements.contact import (
     Plane,
     SignedDistance,
     Sphere,
+    plot,
     solve_contact,
+    write,
 )
 from pw_elements.contact.iteration import CellGuard, DeformedKinematics, Reference
+from pw_elements.meshes import triangles
 from tests.contact.large import STORED, WAY, Rubber, above, hardened, neo_hookean, saint_venant
+from tests.library import vtx
 
 
 def _ellipse(x):
@@ -43,11 +53,17 @@ def _ellipse_slope(x):
     return np.stack([x[:, 0] / 2, 2 * x[:, 1]], axis=1)
 
 
+def _ellipse_in_ufl():
+    x = ufl.SpatialCoordinate(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (1, 1)))
+    return ufl.grad(ufl.sqrt(x[0] ** 2 / 4 + x[1] ** 2) ** 2 - 1)
+
+
 SURFACES = {
     "plane": Plane((0.1, 0.2), (0.3, 1.0)),
     "circle": Sphere((0.1, -0.2), 1.3),
     "sphere": Sphere((0.1, -0.2, 0.3), 1.3),
     "ellipse": SignedDistance(_ellipse, _ellipse_slope),
+    "ellipse by UFL": SignedDistance(_ellipse, _ellipse_in_ufl()),
     "differences": SignedDistance(_ellipse),
     "circle by its square": SignedDistance(
         lambda x: np.sum((x - [0.1, -0.2]) ** 2, axis=1) - 1.69, lambda x: 2 * (x - [0.1, -0.2])
@@ -298,6 +314,59 @@ def test_fields_and_pressures_of_a_state():
     x = pair.position + pair.displacement
     length = np.linalg.norm(np.diff(x, axis=0), axis=1).sum()
     assert abs(true.own_area.sum() / length - 1) < 0.02
+
+
+@pytest.mark.parametrize("kind", ["plane strain", "axisymmetric", "solid", "hybrid"])
+def test_pressures_of_uniform_compression(kind, tmp_path):
+    """Nominal and true pressure are Piola's and Cauchy's stress, in fields, files and pictures."""
+    solid, hybrid, ring = kind == "solid", kind == "hybrid", kind == "axisymmetric"
+    if solid:
+        mesh = create_unit_cube(MPI.COMM_SELF, 1, 1, 1, CellType.tetrahedron)
+    else:
+        mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2))
+    dim, spaces = 2 + solid, (Spaces.hybrid if hybrid else Spaces.petrov_galerkin)(mesh)
+    w, tests = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    (u, p), (v, q) = (ufl.split(f) if hybrid else (f, None) for f in (w, tests))
+
+    def gradient(f):  # in three dimensions
+        columns = [[f[i].dx(j) if max(i, j) < dim else 0 for j in range(3)] for i in range(3)]
+        if ring:
+            columns[2][2] = f[0] / ufl.SpatialCoordinate(mesh)[0]
+        return ufl.as_matrix(columns)
+
+    def stress(F, pressure=None):  # Piola's
+        inverse, J = ufl.inv(F).T, ufl.det(F)
+        return F - inverse + (1.5 * ufl.ln(J) if pressure is None else -pressure * J) * inverse
+
+    F = ufl.Identity(3) + gradient(u)
+    density = ufl.inner(stress(F, p), gradient(v))
+    density -= q * (ufl.det(F) - 1 + p / 1e4) if hybrid else 0
+    depth = 2 * np.pi * ufl.SpatialCoordinate(mesh)[0] if ring else 1.0
+    residual = density * depth * ufl.dx(metadata={"quadrature_degree": 5})
+    held = [prescribe(spaces.trial, k, lambda x, k=k: np.isclose(x[k], 0)) for k in range(dim)]
+    up = np.eye(dim)[-1]
+    pair = ContactPair(lambda x: np.isclose(x[dim - 1], 1.0), Plane(up, -up))
+    problem = ContactProblem.of_residual(residual, w, held, pair)
+    state = problem.step(problem.undeformed, motions=Motion(-0.3 * up))
+    body = Body(spaces, Material(1.0, 0.3), "plane strain" if hybrid else kind)
+    fields, (top,) = ContactFields.of(state, body), state.pairs
+    wide = 1 + top.displacement[:, 0].max()
+    deep = wide if solid or ring else 1.0
+    area = wide * deep
+    # sides are free: P = F - c F^-T vanishes there, so that c is the square of their stretch
+    nominal = wide**2 / 0.7 - 0.7
+    for field, exact in ((fields.pressure, nominal), (fields.true_pressure, nominal / area)):
+        assert np.abs(field.x.array[top.node] / exact - 1).max() < 1e-7
+    axes = plot(state, body)
+    texts = axes.figure.axes[-1].get_ylabel() if solid else axes.get_legend().texts[-1].get_text()
+    assert texts == "nominal pressure"
+    if vtx.library() is not None:
+        write(tmp_path / "block.bp", [problem.undeformed, state], body)
+        (_, first), (_, last) = vtx.read(tmp_path / "block.bp")
+        assert not first["true_pressure"].any()
+        assert abs(last["true_pressure"].max() * area / nominal - 1) < 1e-7
+    problem.save(state, tmp_path / "state.npz")
+    assert ContactFields.of(problem.load(tmp_path / "state.npz"), body).true_pressure is not None
 
 
 REFUSED = {

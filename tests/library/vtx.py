@@ -18,6 +18,7 @@ NAMES = {
     "pressure": np.float64,
     "tributary_pressure": np.float64,
     "traction": np.float64,
+    "true_pressure": np.float64,
 }
 
 

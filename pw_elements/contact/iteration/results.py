@@ -21,7 +21,7 @@ def contact_state(
     iterations: int,
     before: ContactState,
     report: SolverReport,
-    smallness: Smallness,
+    smallness: Smallness | None,
     converged: bool = True,
     slides: bool = False,
 ) -> ContactState:

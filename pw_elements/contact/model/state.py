@@ -161,7 +161,7 @@ class ContactState:
         orientations: signs of the determinants that `unique` compares.
         scale: what `residuals` are relative to.
         smallness: largest strain, rotation and slip; a warning is logged where they leave the
-            range of small displacements.
+            range of small displacements. None of `ContactProblem.of_residual`, where they may.
         substates: (share, state) of the inner ends of the parts into which the increment was cut,
             see `ContactProblem`: share of the way from the loads and motions before it to its own.
             `slip` and `iterations` are of all parts. Files do not
@@ -183,7 +183,7 @@ class ContactState:
     free: Free
     orientations: frozenset[int]
     scale: Scale
-    smallness: Smallness
+    smallness: Smallness | None
 
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()

@@ -7,17 +7,18 @@ write("punch.bp", states, body)
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem, io
 
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
-from pw_elements.elasticity import Body, SurfaceNodes
+from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
 from pw_elements.spaces import (
     SubSpace,
     as_function,
@@ -54,6 +55,11 @@ class ContactFields:
     are linear, they integrate to the total force. The functions here interpolate by the trial
     functions, and their integrals are only close to it.
 
+    Pressures are nominal: over areas of the undeformed surface. At large strains the true pressure
+    of node i, with its test function w_i and the deformation gradient F = I + grad u, is
+
+        p_i = force_normal_i / integral of w_i |det F F^-T N| dA.
+
     Args:
         displacement: vector.
         force: vector, "contact_force": of the surface on the body at each node.
@@ -71,6 +77,10 @@ class ContactFields:
         body_pressure: scalar, the pressure that is an unknown of hybrid bodies, everywhere; None
             of others. Where materials meet it is that of either side.
         hybrid: trial space of hybrid bodies.
+        true_pressure: scalar, as above, the thickness being that of the body; None unless the
+            state is one of `ContactProblem.of_residual` and the body is given. NaN where `pressure`
+            is.
+        body: that has been given.
     """
 
     displacement: fem.Function
@@ -85,6 +95,8 @@ class ContactFields:
     opposite: tuple[Opposite | None, ...]
     body_pressure: fem.Function | None = None
     hybrid: fem.FunctionSpace | None = None
+    true_pressure: fem.Function | None = None
+    body: Body | None = None
 
     @classmethod
     def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
@@ -120,6 +132,9 @@ class ContactFields:
             fields = cls(*always, None, None, None, surfaces, opposite, *own)
         else:
             fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
+            if state.smallness is None:
+                true = fem.Function(scalars, name="true_pressure")
+                fields = replace(fields, true_pressure=true, body=known)
         fields.fill(state)
         return fields
 
@@ -156,8 +171,26 @@ class ContactFields:
         for k, out in enumerate((self.pressure, self.tributary_pressure, self.traction)):
             _spread(out, pairs, [values[k] for values in quotients])
         self._fill_opposite(pairs)
+        self._fill_true(pairs, [nominal for nominal, _, _ in quotients])
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
+
+    def _fill_true(self, pairs: Sequence[PairState], nominal: Sequence[Array]) -> None:
+        """True pressures, of rigid surfaces: only these are met at large strains."""
+        if self.true_pressure is None or self.body is None:
+            return
+        space, u = self.displacement.function_space, self.displacement
+        stretch = SurfaceNodes.stretch(u)
+        if self.body.state is StressState.AXISYMMETRIC:
+            stretch *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
+        each = [
+            SurfaceNodes.of(self.body, facets_between(space, pair.node), stretch).pressure(
+                pair.force_normal
+            )
+            for pair in pairs
+        ]
+        known = [np.where(np.isnan(n), n, true) for n, true in zip(nominal, each, strict=True)]
+        _spread(self.true_pressure, pairs, known)
 
     def _fill_opposite(self, pairs: Sequence[PairState]) -> None:
         """Scalars, slips and tractions at nodes that face pairs and are in none."""

@@ -52,7 +52,8 @@ def plot(
     the mean normal, arrows are shear tractions, and a line surrounds the nodes that stick.
 
     Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
-    `SurfaceNodes`), in units of the modulus. Labels have no units; set your own.
+    `SurfaceNodes`) on the undeformed surface, in units of the modulus. At large strains these
+    are named nominal, and `ContactFields` has the true ones. Labels have no units; set your own.
 
     Args:
         state: what to draw.
@@ -83,11 +84,12 @@ def plot(
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
     side = _Side.of(pair, state.pairs[pair], body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
+    name = "pressure" if state.smallness else "nominal pressure"
     if dim == 3:
-        _face(axes, side)
+        _face(axes, side, name)
     else:
         names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
-        _line(axes, side, along)
+        _line(axes, side, along, name)
         axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
     return axes
 
@@ -117,9 +119,9 @@ class _Side:
         return cls(other.surface, other.normal, friction, seen.status, seen.pressure, seen.traction)
 
 
-def _line(axes: Axes, side: _Side, along: int | None) -> None:
+def _line(axes: Axes, side: _Side, along: int | None, name: str) -> None:
     pressure, traction = side.pressure, side.traction
-    rough, bounds = bool(np.any(side.friction > 0)), r"$\pm\mu\,\times$ pressure"
+    rough, bounds = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {name}"
     end = 0.0
     for chain in _chains(side.surface.edges):
         x, normal = side.surface.position[chain], side.normal[chain]
@@ -144,14 +146,14 @@ def _line(axes: Axes, side: _Side, along: int | None) -> None:
             axes.plot(where[sticks], shear[sticks], label="shear, stick", **style)
             axes.plot(where[slips], shear[slips], label="shear, slip", mfc="white", **style)
         axes.plot(where, pressure[chain], color=_BLUE, lw=1)
-        axes.plot(where[closed], pressure[chain][closed], ".", color=_BLUE, label="pressure")
+        axes.plot(where[closed], pressure[chain][closed], ".", color=_BLUE, label=name)
     axes.axhline(0.0, color="0.5", lw=0.5)
     handles, texts = axes.get_legend_handles_labels()
     once = dict(zip(texts, handles, strict=True))
     axes.legend(once.values(), once.keys(), frameon=False)
 
 
-def _face(axes: Axes, side: _Side) -> None:
+def _face(axes: Axes, side: _Side, name: str) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
 
@@ -163,7 +165,7 @@ def _face(axes: Axes, side: _Side) -> None:
     face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
     weighed.set_mask(~known[triangles].all(axis=1))
     shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")
-    axes.figure.colorbar(shown, ax=axes, label="pressure")
+    axes.figure.colorbar(shown, ax=axes, label=name)
     legend = []
     edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
     for statuses, text, style in edges:

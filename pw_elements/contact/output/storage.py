@@ -67,7 +67,8 @@ def write_state(
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
         numbers = {name: getattr(state, name) for name in _PLAIN}
-        numbers |= {name: vars(getattr(state, name)) for name in _OF_NUMBERS}
+        parts = {name: getattr(state, name) for name in _OF_NUMBERS}
+        numbers |= {name: None if part is None else vars(part) for name, part in parts.items()}
         numbers |= {"orientations": sorted(state.orientations)}
         numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
         arrays["state"] = np.array(json.dumps(numbers))
@@ -124,7 +125,8 @@ def read_state(
     spread = [field.spread(arrays[name][row[name]].ravel()) for name, field in fields.items()]
     unknowns.setArray(np.sum(spread, axis=0))
     values = {name: numbers[name] for name in _PLAIN}
-    values |= {name: of(**numbers[name]) for name, of in _OF_NUMBERS.items()}
+    given = {name: numbers[name] for name in _OF_NUMBERS}
+    values |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
     values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
     values["orientations"] = frozenset(numbers["orientations"])
     values["pairs"] = tuple(PairState(**pair) for pair in pairs)

@@ -38,7 +38,6 @@ from pw_elements.contact.model import (
     Free,
     Motion,
     NotFound,
-    Smallness,
 )
 from pw_elements.contact.steps.stepping import Callback, Reporter, joined
 from pw_elements.progress import doing
@@ -210,7 +209,7 @@ class FiniteStepping:
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
         now.full.setAttr("space", self._whole)
-        found = contact_state(increment, now, 0, state, system.report, Smallness())
+        found = contact_state(increment, now, 0, state, system.report, None)
         return replace(found, unique=None, orientations=frozenset(signs[-1:]))
 
     def _bound(self, free: npt.NDArray[np.bool_]) -> ContactSystem:

@@ -487,7 +487,8 @@ class ContactProblem:
             update,
         )
         start = undeformed(own._finite.interface, K.createVecRight())
-        own.undeformed = replace(start, history=tuple(f.x.array.copy() for f in functions))
+        values = tuple(f.x.array.copy() for f in functions)
+        own.undeformed = replace(start, history=values, smallness=None)
         return own
 
     def step(

@@ -236,7 +236,9 @@ class SmallnessCheck:
         self._check_contact(now, strain)
         smallness = Smallness(strain, rotation, self._slip(increment, now))
         self._warn_of_noise(increment, now)
-        return self._told(smallness, before.smallness, f"increment {before.increment}")
+        return self._told(
+            smallness, before.smallness or Smallness(), f"increment {before.increment}"
+        )
 
     def of_motion(self, state: ContactState, step: int, before: Smallness) -> Smallness:
         """How small displacements in a frame of dynamics are; logs what no longer is, once.
