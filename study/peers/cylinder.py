@@ -87,7 +87,10 @@ class Cylinder:
         return text(
             [
                 "*NODE,NSET=ALL",
-                *(row([k, *map(_short, (*p, 0.0))]) for k, p in enumerate(self.nodes, start=1)),
+                *(
+                    row([k, *map(_short, (*p, 0.0))])
+                    for k, p in enumerate(self.nodes.tolist(), start=1)
+                ),
                 "*NODE,NSET=TOOL",
                 *(row([k, *map(_short, p)]) for k, p in enumerate(tool, start=first)),
                 "*ELEMENT,TYPE=CPE6,ELSET=BODY",
