@@ -1,11 +1,12 @@
 """All problems that CalculiX has solved, by the names of their tracked files."""
 
+from study.peers.cylinder import CYLINDERS, Cylinder
 from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
 from study.peers.hertz_line import LINES, Line
 from study.peers.standard_decks import SPECIMENS, AnySpecimen
 from study.peers.two_bodies import PAIRS, Blocks, Spheres
 
-Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres | Line
+Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres | Line | Cylinder
 
 PROBLEMS: dict[str, Problem] = {
     "two-triangles": TwoTriangles(),
@@ -25,4 +26,5 @@ PROBLEMS: dict[str, Problem] = {
     **SPECIMENS,
     **PAIRS,
     **LINES,
+    **CYLINDERS,
 }

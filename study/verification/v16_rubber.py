@@ -18,6 +18,7 @@ from pw_elements.contact.model import ContactState
 from pw_elements.meshes import on_lines
 from pw_elements.spaces import SubSpace, cell_measure
 from study.discretisation import spaces
+from study.peers.cylinder import BULK, block_lines
 from study.verification.mesh_lines import growing
 from study.verification.solid_meshes import box
 
@@ -25,9 +26,7 @@ Array = npt.NDArray[np.float64]
 
 # Lengths over the tool's radius, stresses over the shear modulus; plane strain in the plane.
 # Half width and height of a block, and the half width with elements of one size
-HALF_WIDTH, HEIGHT, FINE, GROWTH = 3.0, 2.0, 1.5, 1.5
 SPACE_WIDTH, SPACE_HEIGHT, SPACE_FINE, SPACE_GROWTH = 1.8, 1.4, 0.85, 1.8
-LAYER = 0.25  # below the surface, with elements of that size, too
 RATIO, HYBRID_RATIO = 0.3, 0.4999  # Poisson's
 DEGREE = {2: 4, 3: 2}  # of quadrature
 
@@ -43,7 +42,8 @@ class Rubber:
         corner: (n,), which of them are vertices.
     """
 
-    def __init__(self, element: str, mesh: Mesh) -> None:
+    def __init__(self, element: str, mesh: Mesh, peer: bool = False) -> None:
+        """With the energy of section V16, or with that of CalculiX (plane strain)."""
         pair = spaces(element, mesh)
         self.element, self.dim = element, mesh.geometry.dim
         self.w, self.field = fem.Function(pair.trial), SubSpace.displacements(pair.trial)
@@ -64,6 +64,12 @@ class Rubber:
             stress = F - inverse - p * J * inverse
             self.residual = (ufl.inner(stress, ufl.grad(v)) - q * (J - 1 + p / lame)) * dx
             self._energy = (energy + p**2 / (2 * lame)) * dx
+        elif peer:
+            shear = J ** (-2 / 3) * (F - (ufl.inner(F, F) + 1) / 3 * inverse)
+            stress = shear + BULK * (J - 1) * J * inverse
+            self.residual = ufl.inner(stress, ufl.grad(test)) * dx
+            distortion = J ** (-2 / 3) * (ufl.inner(F, F) + 1) - 3
+            self._energy = (distortion / 2 + BULK / 2 * (J - 1) ** 2) * dx
         else:
             stress = F - inverse + lame * ufl.ln(J) * inverse
             self.residual = ufl.inner(stress, ufl.grad(test)) * dx
@@ -168,12 +174,7 @@ def follow(
 
 def block(elements: int) -> Mesh:
     """A block below a cylinder, with so many elements along its radius."""
-    size = 1 / elements
-    near = np.linspace(-FINE, FINE, round(2 * FINE * elements) + 1)
-    far = FINE + growing(size, HALF_WIDTH - FINE, GROWTH)[1:]
-    down: Array = size * np.arange(round(LAYER * elements) + 1, dtype=np.float64)
-    down = np.concatenate([down, down[-1] + growing(size, HEIGHT - down[-1], GROWTH)[1:]])
-    return on_lines(MPI.COMM_SELF, np.concatenate([-far[::-1], near, far]), -down[::-1], "triangle")
+    return on_lines(MPI.COMM_SELF, *block_lines(elements), "triangle")
 
 
 def cube(elements: int, half: bool) -> Mesh:

@@ -14,11 +14,11 @@ from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Sphere
 from pw_elements.contact.model import ContactState
 from study.core.cases import Case
 from study.core.store import Result
+from study.peers.calculix import peer_of, tracked_digest
+from study.peers.cylinder import CYLINDERS, HALF_WIDTH, HEIGHT
 from study.units import dimensionless
 from study.verification.v16_known import compressed, hertz, sheared
 from study.verification.v16_rubber import (
-    HALF_WIDTH,
-    HEIGHT,
     SPACE_HEIGHT,
     SPACE_WIDTH,
     Array,
@@ -107,6 +107,27 @@ def energy(element: str, elements: int, pressed: int) -> Result:
     return _result(scalars, {}, rubber)
 
 
+def against_calculix(element: str, case: str, tracked: str) -> Result:
+    """The total force on the tool along CalculiX' way, with its energy, from its tracked record."""
+    peer, known = CYLINDERS[case], peer_of(case, tracked).numbers
+    rubber = Rubber(element, block(peer.elements), peer=True)
+    ways = np.array([(0.0, 0.0), *peer.ways])
+    halves = np.column_stack([(ways[:-1] + ways[1:]) / 2, ways[1:]]).reshape(-1, 2)
+    run = _follow(rubber, halves.tolist(), peer.friction, ironed=True)
+    force = np.array([state.pairs[0].force for state in run.states[2::2]])
+    normal, tangential = -force[:, 1], force[:, 0]
+    largest = known["N"].max()
+    scalars = {
+        "N_difference": np.abs(normal - known["N"]).max() / largest,
+        "N": normal[-1],
+        "T": tangential[-1],
+    }
+    if "T" in known:
+        scalars["T_difference"] = np.abs(tangential - known["T"]).max() / largest
+    curves = known | {"N_calculix": known["N"], "N": normal, "T": tangential}
+    return _result(scalars, curves, rubber)
+
+
 def sphere(element: str, elements: int, pressed: int, ironed: int = 0) -> Result:
     """A block in space, pressed by a sphere and perhaps ironed, half or a quarter of it."""
     rubber, run = _run(element, elements, pressed, ironed, FRICTION)
@@ -138,6 +159,13 @@ def _run(
 ) -> tuple[Rubber, Run]:
     plane = element.endswith("T6")
     rubber = Rubber(element, block(elements) if plane else cube(elements, half=ironed > 0))
+    ways = [(0.0, -DOWN * (k + 1) / pressed) for k in range(pressed)]
+    ways += [(ASIDE * (k + 1) / ironed, -DOWN) for k in range(ironed)]
+    return rubber, _follow(rubber, ways, friction, ironed > 0)
+
+
+def _follow(rubber: Rubber, ways: list[tuple[float, float]], friction: float, ironed: bool) -> Run:
+    plane = rubber.dim == 2
     dim, wide = rubber.dim, HALF_WIDTH if plane else SPACE_WIDTH
     axis, height = dim - 1, BASE[dim]
 
@@ -154,10 +182,8 @@ def _run(
         held += [_mirror(space, k) for k in ([1] if ironed else [0, 1])]
     centre = (*[0.0] * axis, 1.0)
     pair = ContactPair(above, Sphere(centre, 1.0), friction=friction)
-    ways = [(0.0, -DOWN * (k + 1) / pressed) for k in range(pressed)]
-    ways += [(ASIDE * (k + 1) / ironed, -DOWN) for k in range(ironed)]
     motions = [Motion((x, *[0.0] * (dim - 2), y)) for x, y in ways]
-    return rubber, follow(rubber, pair, held, motions, below(rubber.x.T))
+    return follow(rubber, pair, held, motions, below(rubber.x.T))
 
 
 def _mirror(space: fem.FunctionSpace, axis: int) -> fem.DirichletBC:
@@ -238,4 +264,9 @@ CASES += [
 CASES += [
     Case("V16", f"hertz-pw-T6-{n}", hertz, {"element": "pw-T6", "radius": float(n)})
     for n in (4, 16, 64)
+]
+CASES += [
+    Case("V16", f"calculix-pw-T6-{case}", against_calculix, stated)
+    for case in CYLINDERS
+    for stated in [{"element": "pw-T6", "case": case, "tracked": tracked_digest(case)}]
 ]
