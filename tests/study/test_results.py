@@ -52,6 +52,7 @@ V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-p
 V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
 V16: shear-pw-T10 steps-pw-T6-1-1 compression-pw-T6 cylinder-pw-T6-8 energy-pw-T6-4 hertz-pw-T6-4
+V16: calculix-pw-T6-cylinder-8-0.0
 Q: pw-T6-4-0.375 offsets-pw-T6 calculix-4-0.375 seconds-pw-T6-16
 """)
 ]
