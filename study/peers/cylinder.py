@@ -56,11 +56,14 @@ class Cylinder:
         return Grid("T6", (0.0, 0.0), (float(x), float(y)), (x, y))
 
     @property
-    def nodes(self) -> Array:
-        """Places (n, 2)."""
-        lattice, lines = np.array(self.grid.places).T, block_lines(self.elements)
-        pairs = zip(lattice, lines, strict=True)
-        return np.column_stack([np.interp(at, np.arange(len(line)), line) for at, line in pairs])
+    def nodes(self) -> list[tuple[float, float]]:
+        """Places."""
+        across, below = block_lines(self.elements)
+        i, j = np.arange(len(across)), np.arange(len(below))
+        return [
+            (float(np.interp(p[0], i, across)), float(np.interp(p[1], j, below)))
+            for p in self.grid.places
+        ]
 
     @property
     def ways(self) -> list[tuple[float, float]]:
@@ -87,10 +90,7 @@ class Cylinder:
         return text(
             [
                 "*NODE,NSET=ALL",
-                *(
-                    row([k, *map(_short, (*p, 0.0))])
-                    for k, p in enumerate(self.nodes.tolist(), start=1)
-                ),
+                *(row([k, *map(_short, (*p, 0.0))]) for k, p in enumerate(self.nodes, start=1)),
                 "*NODE,NSET=TOOL",
                 *(row([k, *map(_short, p)]) for k, p in enumerate(tool, start=first)),
                 "*ELEMENT,TYPE=CPE6,ELSET=BODY",

@@ -113,7 +113,7 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
     rubber = Rubber(element, block(peer.elements), peer=True)
     ways = np.array([(0.0, 0.0), *peer.ways])
     halves = np.column_stack([(ways[:-1] + ways[1:]) / 2, ways[1:]]).reshape(-1, 2)
-    run = _follow(rubber, halves.tolist(), peer.friction, ironed=True)
+    run = _follow(rubber, [(float(x), float(y)) for x, y in halves], peer.friction, ironed=True)
     force = np.array([state.pairs[0].force for state in run.states[2::2]])
     normal, tangential = -force[:, 1], force[:, 0]
     largest = known["N"].max()
