@@ -111,10 +111,8 @@ def against_calculix(element: str, case: str, tracked: str) -> Result:
     """The total force on the tool along CalculiX' way, with its energy, from its tracked record."""
     peer, known = CYLINDERS[case], peer_of(case, tracked).numbers
     rubber = Rubber(element, block(peer.elements), peer=True)
-    ways = np.array([(0.0, 0.0), *peer.ways])
-    halves = np.column_stack([(ways[:-1] + ways[1:]) / 2, ways[1:]]).reshape(-1, 2)
-    run = _follow(rubber, [(float(x), float(y)) for x, y in halves], peer.friction, ironed=True)
-    force = np.array([state.pairs[0].force for state in run.states[2::2]])
+    run = _follow(rubber, peer.ways, peer.friction, ironed=True)
+    force = np.array([state.pairs[0].force for state in run.states[1:]])
     normal, tangential = -force[:, 1], force[:, 0]
     largest = known["N"].max()
     scalars = {
