@@ -100,8 +100,8 @@ def _at_points(surface, x, dim):
     return SimpleNamespace(
         position=x,
         pair=np.zeros(len(x), dtype=int),
-        surfaces=[surface],
         equation=np.zeros((len(x), dim), dtype=int),
+        closest=lambda moved: surface.closest(x + moved),
         gathered=lambda values: values,
     )
 
@@ -230,7 +230,8 @@ def test_no_cell_is_turned(stress):
     with pytest.raises(NotFound, match="halved further") as raised:
         press()
     assert len(states) > 1
-    reached = raised.value.state
+    share, reached = raised.value.reached
+    assert 0 < share < 1
     assert reached.converged
     assert reached.pairs[0].translation[1] <= states[-1].pairs[0].translation[1]
     assert np.array_equal(rubber.u.x.array, reached.unknowns.array_r)

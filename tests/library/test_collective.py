@@ -72,6 +72,22 @@ def contact(pair=None, loads=LOAD, reduction=BLOCK.free, K=K, **options):
     return solve_contact(K, loads, reduction, pair or BLOCK.pair(0.3), U, **options)
 
 
+class Unreached(Plane):
+    """A floor whose closest points fail on one process."""
+
+    def closest(self, x):
+        return errs(super().closest(x))
+
+
+def slid():
+    u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
+    top = [prescribe(U, i, at(1, 2.0)) for i in (0, 1)]
+    pair = ContactPair(FOOT, Unreached((0, 0), (0, 1)))
+    stretched = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
+    problem = ContactProblem.of_residual(stretched, u, top, pair)
+    return problem.step(problem.undeformed, motions=Motion((0, 0.01)))
+
+
 def floor(mu=0.3, surface=FLOOR, motions=()):
     return ContactPair(FOOT, surface, mu, motions)
 
@@ -213,6 +229,7 @@ SCENARIOS = [
     (f"the friction of contact pair 0: {DIFFERS}", lambda: contact(floor(0.3 + BAD))),
     (f"the gap of the surface of contact pair 0 {FAILED}",
      lambda: contact(floor(surface=Gap(fails="gap")))),
+    (f"the closest points of the surface of contact pair 0 {FAILED}", slid),
     ("the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
      lambda: contact(floor(surface=Gap(wrong="normal")))),
     (f"the motions of contact pair 0: {DIFFERS}",

@@ -30,7 +30,7 @@ import scipy.sparse as sp
 
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
-from pw_elements.contact.model import Cone, Surface
+from pw_elements.contact.model import Cone, NotFound, RigidBody, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
 
@@ -273,6 +273,30 @@ class Interface:
         """Normals (m, dim) of the translated surfaces at the undeformed body."""
         dim = self.position.shape[1]
         return self._by_pair("normal", translations, (dim,))
+
+    def closest(self, moved: Array) -> tuple[Array, Array, Array]:
+        """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved."""
+        x = self.position + moved
+        m, dim = x.shape
+        found = np.zeros(m), np.zeros((m, dim)), np.zeros((m, dim, dim))
+        layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
+        with collective(self.comm):
+            for k, surface in enumerate(self.surfaces):
+                mine = self.pair == k
+                if not mine.any():
+                    continue
+                assert isinstance(surface, RigidBody)  # others are refused before
+                whose = f"the closest points of the surface of contact pair {k}"
+                given = answer(self.comm, whose, surface.closest, x[mine])
+                for all_points, values in zip(found, given, strict=True):
+                    shape = (int(mine.sum()), *all_points.shape[1:])
+                    all_points[mine] = checked_field(whose, values, shape, layout)
+        gap, normal, bend = found
+        known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
+        lost = self.gathered(self.position[~known])
+        if len(lost):
+            raise NotFound.at("contact nodes first at {} have no closest point", lost)
+        return gap, normal, bend
 
     def _by_pair(
         self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]

@@ -35,7 +35,7 @@ from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
-from pw_elements.contact.model import NotFound, RigidBody
+from pw_elements.contact.model import NotFound
 from pw_elements.spaces import SubSpace, is_hybrid
 
 Array = npt.NDArray[np.float64]
@@ -115,14 +115,14 @@ class DeformedKinematics:
         self._interface = interface
         self._point, self._normal = np.zeros((2, *interface.position.shape))
         self._start = past.displacement - past.translations[interface.pair]
-        gap, self._normal, _ = self._closest(self._start)
+        gap, self._normal, _ = interface.closest(self._start)
         self._point = interface.position + self._start - gap[:, None] * self._normal
 
     def __call__(self, translations: Array, displacement: Array, force: Array) -> DeformedPlace:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
         interface = self._interface
         at = displacement - translations[interface.pair]
-        gap, normal, bend = self._closest(at)
+        gap, normal, bend = interface.closest(at)
         frame = frames(normal, interface.equation >= 0)
         tangents = frame[:, 1:]
         bent = tangents @ bend  # t·N
@@ -154,23 +154,8 @@ class DeformedKinematics:
         if not len(self._interface.gathered(place.jumped[place.jumped])):
             return within
         for share in _WAY:
-            within |= self._closest((1 - share) * self._start + share * place.at)[0] < 0
+            within |= self._interface.closest((1 - share) * self._start + share * place.at)[0] < 0
         return place.jumped & within
-
-    def _closest(self, at: Array) -> tuple[Array, Array, Array]:
-        """Gap (m,), normal (m, dim) and its derivative (m, dim, dim) at a - U (m, dim)."""
-        interface, y = self._interface, self._interface.position + at
-        m, dim = y.shape
-        gap, normal, bend = np.zeros(m), np.zeros((m, dim)), np.zeros((m, dim, dim))
-        for k, surface in enumerate(interface.surfaces):
-            mine = interface.pair == k
-            assert isinstance(surface, RigidBody)  # others are refused before
-            gap[mine], normal[mine], bend[mine] = surface.closest(y[mine])
-        known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
-        lost = interface.gathered(interface.position[~known])
-        if len(lost):
-            raise NotFound.at("contact nodes first at {} have no closest point", lost)
-        return gap, normal, bend
 
 
 def _arc(s: Array) -> tuple[Array, Array]:

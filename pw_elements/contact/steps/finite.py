@@ -117,17 +117,12 @@ class FiniteStepping:
     ) -> Callable[[float], tuple[Array, Array]]:
         """Translations and forces (pairs, dim) at a share of an increment, NaN where free."""
         rest = np.zeros(self.interface.position.shape[1])
-        each = list(moved) or [None] * self.interface.pairs
-        ends = [rest if m is None else m.prescribed() for m in each]
-        total = [rest if m is None else m.forces() for m in each]
-        start = state.translations, np.array([pair.force for pair in state.pairs])
+        ends = np.array([rest if m is None else m.prescribed() for m in moved])
+        total = np.array([rest if m is None else m.forces() for m in moved])
+        place, force = state.translations, np.array([pair.force for pair in state.pairs])
 
         def at(share: float) -> tuple[Array, Array]:
-            first, last = (
-                (1 - share) * a + share * np.array(b)
-                for a, b in zip(start, (ends, total), strict=True)
-            )
-            return first, last
+            return (1 - share) * place + share * ends, (1 - share) * force + share * total
 
         return at
 
@@ -162,7 +157,7 @@ class FiniteStepping:
                     self._apply(load, done)
                     part = f"from {done:.4g} to {share:.4g} of the increment"
                     error = NotFound(f"{failed}; {part}, which cannot be halved further")
-                    error.state = now
+                    error.reached = (done, now) if parts else None
                     raise error from failed
                 continue
             done, size = share, 2 * size
