@@ -6,6 +6,7 @@ mortar knows no supports of the slave's nodes, with which its matrix is singular
 of symmetry that cut the faces.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +28,7 @@ Support = tuple[int, int, float]  # node, axis, displacement
 
 
 @dataclass(frozen=True)
-class TwoBodies:
+class TwoBodies(ABC):
     """The lower body, whose upper side is the slave, and the upper one.
 
     Args:
@@ -43,17 +44,17 @@ class TwoBodies:
     moduli = (1.0, 1.0)
 
     @property
+    @abstractmethod
     def grids(self) -> tuple[Grid, Grid]:
         """Lattices of both."""
-        raise NotImplementedError
 
+    @abstractmethod
     def placed(self, x: Array, upper: bool) -> Array:
         """Places (n, 3) of those of a lattice."""
-        raise NotImplementedError
 
+    @abstractmethod
     def supports(self) -> Iterator[Support]:
         """Prescribed displacements."""
-        raise NotImplementedError
 
     def loads(self) -> list[str]:
         """Lines of loads."""

@@ -29,7 +29,7 @@ from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import Blocks
-from tests.oracle.random_contact import outcome
+from tests.oracle.outcomes import outcome
 
 BLOCK = Block(16)  # 4 x 2, on a clamped base in these tests
 FOOT = BLOCK.clamped(at(1, 0.0))

@@ -9,7 +9,8 @@ import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, Motion
 from tests.contact.residuals import Step, residuals, worst
-from tests.oracle.random_contact import PATHS, PairSketch, outcome, problem, sketch
+from tests.oracle.outcomes import outcome
+from tests.oracle.random_contact import PATHS, PairSketch, problem, sketch
 
 SUITE, NIGHTLY = 60, 1600
 PROVED = ("NoEquilibrium",)
