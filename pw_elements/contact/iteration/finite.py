@@ -113,7 +113,6 @@ class DeformedKinematics:
 
     def __init__(self, interface: Interface, past: Reference) -> None:
         self._interface = interface
-        self._point, self._normal = np.zeros((2, *interface.position.shape))
         self._start = past.displacement - past.translations[interface.pair]
         gap, self._normal, _ = interface.closest(self._start)
         self._point = interface.position + self._start - gap[:, None] * self._normal
