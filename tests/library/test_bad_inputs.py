@@ -47,6 +47,7 @@ from pw_elements.algebra import symmetric_part
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
+    DeformableSurface,
     FlatPunch,
     Motion,
     Parabola,
@@ -71,6 +72,7 @@ PLANE, STRAIN = "plane stress", "plane strain"
 STEEL = Material(10.0, 0.3)
 NAN, INF = float("nan"), float("inf")
 FLOOR, STILL, UP, NODE = Plane((0, 0), (0, 1)), Motion((0, 0)), (0.0, 1.0), np.array([0])
+TOUCHING = DeformableSurface([0], coincident=True)
 LOW, HIGH = (0.0, 0.0), (1.0, 1.0)
 left, right = at(0, 0.0), at(0, 2.0)
 
@@ -307,6 +309,9 @@ VALUES = {
         [1.0, "xy", (1.0, 2.0, 3.0), (NAN, 0.0), (1j, 0.0), ("1", 0), np.eye(2), None],
     ),
     "friction = ": (lambda w, mu: ContactPair(below, FLOOR, mu), [-0.1, NAN, "0.3", None, True]),
+    "the interference ": (
+        lambda w, depth: ContactPair(below, TOUCHING, interference=depth), ["no", NAN, None, True]
+    ),
     "component ": (lambda w, i: prescribe(w.U, i, left), [2, -1, "x", 0.5, True]),
     "the marker of the prescribed nodes gave ": (
         lambda w, marker: prescribe(w.U, 0, marker),

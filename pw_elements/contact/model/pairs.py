@@ -192,8 +192,8 @@ class ContactPair:
                 "the interference is a depth where sides are coincident, whose own gaps do not "
                 "count, and True or False elsewhere"
             )
-        if not callable(self.interference):
-            number("the interference", float(self.interference))
+        if not (callable(self.interference) or isinstance(self.interference, bool)):
+            number("the interference", self.interference)
         motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
         for motion in motions:
             of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
