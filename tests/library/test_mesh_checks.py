@@ -118,15 +118,27 @@ BAD = {
         "cells around (0.75, 0.75, 0.75) lie in other parts of the mesh",
     ),
 }
+
+
 # DOLFINx may not survive making them
+def four_by_four(kind, *more):
+    """Cells of a 4 x 4 grid and others: alone, the latter overrun DOLFINx' reordering of cells."""
+    x = [[i / 4, j / 4] for j in range(5) for i in range(5)] + [[0.5, 0.8]]
+    corners = [[i, i + 1, i + 5, i + 6] for i in range(20) if i % 5 < 4]
+    if kind == "triangle":
+        corners = [three for a, b, c, d in corners for three in ([a, b, d], [a, d, c])]
+    return kind, x, corners + list(more)
+
+
+FLAP = "(0.5833, 0.6667), (0.5833, 0.6833), (0.6667, 0.5833)"
 CROWDED = {
     "twice the same cell": (
-        lambda: ("quadrilateral", [[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 1, 2, 3]] * 2),
-        "cells around (0.5, 0.5) have the same vertices as another cell",
+        lambda: four_by_four("quadrilateral", [6, 7, 11, 12]),
+        "cells around (0.375, 0.375) have the same vertices as another cell",
     ),
     "three triangles at an edge": (
-        lambda: ("triangle", [*SQUARE, [0.5, 0.8]], [[0, 1, 2], [0, 2, 3], [0, 2, 4]]),
-        "cells around (0.3333, 0.6667), (0.5, 0.6), (0.6667, 0.3333) share a facet with two others",
+        lambda: four_by_four("triangle", [12, 18, 25]),
+        f"cells around {FLAP} share a facet with two others",
     ),
 }
 
@@ -267,13 +279,13 @@ os._exit(0)
 def test_more_than_two_cells_at_a_facet(name):
     """In a process of its own: building such a mesh is beyond what DOLFINx promises.
 
-    It crashes, hangs or makes another mesh now and then.
+    Where such cells are few among many it is built as asked; elsewhere it crashes or hangs.
     """
     command, told = [sys.executable, "-c", CROWDED_ALONE, name], []
     while CROWDED[name][1] not in told and len(told) < 5:
         told.append("a hang")
         with suppress(subprocess.TimeoutExpired):
-            run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=300)
+            run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=60)
             told[-1] = run.stdout.strip()
     assert CROWDED[name][1] in told
 
