@@ -139,7 +139,7 @@ def _best(problem: str, cell: str) -> list[tuple[str, str]]:
 
 RUNS = {run.__name__: run for run in (wear, friction, conductance, impact, submodel)}
 MESHES = {
-    "wear": {"T6": (4, 8), "T10": (3, 6)},
+    "wear": {"T6": (4, 8), "T10": (4, 8)},
     "friction": {"T6": (4, 8), "T10": (3, 5)},
     "conductance": {"T6": (4, 8), "T10": (3, 5)},
     "impact": {"T6": (4, 8), "T10": (4, 8)},

@@ -40,6 +40,7 @@ PARTS = (
     ("K", "chapter", "What it costs"),
     ("codes", "chapter", "Other codes, and verification in one table"),
     ("Q", "chapter", "Other methods"),
+    ("W", "chapter", "Does an engineer's answer change?"),
     ("unknown", "chapter", "What could not be known, and errata of the paper"),
     ("appendix", "chapter", "Appendix: meshes, unknowns, quadrature and references' errors"),
     ("references", "chapter", "References and nomenclature"),
