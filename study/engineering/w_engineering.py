@@ -17,6 +17,7 @@ from study.core.store import Result
 from study.engineering import conductance as joint
 from study.engineering.friction import slipping
 from study.engineering.impact import thrown
+from study.engineering.problems import FINE, elements, names
 from study.engineering.submodel import below
 from study.engineering.wear import PATH, worn
 from study.units import dimensionless
@@ -132,46 +133,13 @@ def fine(problem: str, cell: str) -> dict[str, float]:
 
 def _best(problem: str, cell: str) -> list[tuple[str, str]]:
     if problem == "impact":
-        return [(f"{kind}-{cell}", "none") for kind in ("galerkin", "sibling")]
-    own = "own" if cell == "T6" else "projected"
-    return [(f"galerkin-{cell}", own), (f"pw-{cell}", "own")]
+        return [(element, "none") for element in elements(problem, cell)]
+    return list(
+        zip(elements(problem, cell), ("own" if cell == "T6" else "projected", "own"), strict=True)
+    )
 
 
 RUNS = {run.__name__: run for run in (wear, friction, conductance, impact, submodel)}
-MESHES = {
-    "wear": {"T6": (4, 8), "T10": (4, 8)},
-    "friction": {"T6": (4, 8), "T10": (3, 5)},
-    "conductance": {"T6": (4, 8), "T10": (3, 5)},
-    "impact": {"T6": (4, 8), "T10": (4, 8)},
-    "submodel": {"T6": (4, 8), "T10": (3, 5)},
-}
-FINE = {
-    "wear": {"T6": 32, "T10": 12},
-    "friction": {"T6": 32, "T10": 8},
-    "impact": {"T6": 32, "T10": 16},
-}
-"""Meshes: cells along the punch's height, edges over the contact's half width, cells along the
-block's height."""
-NEW = {"wear": ("own", "projected"), "friction": ("own",)}
-STANDARD = {
-    ("wear", "T6"): ("own", "projected", "tributary"),
-    ("wear", "T10"): ("projected", "skip", "neighbours", "tributary"),
-    ("friction", "T6"): ("own", "tributary"),
-    ("friction", "T10"): ("projected", "skip", "tributary"),
-}
-"""Readings of each problem, and of the standard element's; by default those below."""
-USUAL = {
-    "conductance": ("own", "projected"),
-    "impact": ("none",),
-    "submodel": ("own", "projected", "forces"),
-}
-
-
-def _readings(problem: str, kind: str, cell: str) -> tuple[str, ...]:
-    if problem in USUAL:
-        skipped = kind == "galerkin" and cell == "T10"
-        return tuple("skip" if skipped and one == "own" else one for one in USUAL[problem])
-    return STANDARD[problem, cell] if kind == "galerkin" else NEW[problem]
 
 
 def _case(problem: str, element: str, mesh: int, reading: str, known: Known = None) -> Case:
@@ -184,13 +152,7 @@ def _case(problem: str, element: str, mesh: int, reading: str, known: Known = No
 
 def _cases(cell: str, known: dict[str, Known]) -> list[Case]:
     """All cases on triangles or tetrahedra, but those on fine meshes."""
-    return [
-        _case(problem, f"{kind}-{cell}", mesh, reading, known.get(problem))
-        for problem in RUNS
-        for kind in ("galerkin", "sibling" if problem == "impact" else "pw")
-        for mesh in MESHES[problem][cell]
-        for reading in _readings(problem, kind, cell)
-    ]
+    return [_case(*name, known.get(problem)) for problem in RUNS for name in names(problem, cell)]
 
 
 def _recorded() -> dict[str, Known]:

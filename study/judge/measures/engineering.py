@@ -33,23 +33,57 @@ def answer_change(
     """
     changes = []
     for mesh in _meshes(results, problem, cell):
-        standard, new = answers(results, problem, cell, mesh, name, readings)
-        apart = abs(standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"])
-        better = min(one.scalars[f"{name}error"] for one in (standard, new))
-        size = abs(new.scalars[f"{name}reference"])
-        changes.append(apart / size / max(better, WORTH))
+        pair = answers(results, problem, cell, mesh, name, readings)
+        better = min(one.scalars[f"{name}error"] for one in pair)
+        changes.append(_apart(*pair, name) / max(better, WORTH))
     return min(changes)
 
 
-def answer_gain(
-    results: Results, problem: str, cell: str, name: str = "", largest: bool = True
+def best_error(
+    results: Results, problem: str, cell: str, name: str, new: bool, finer: bool
 ) -> float:
-    """Largest or smallest ratio, over both meshes, of the standard element's error to the other."""
-    ratios = []
-    for mesh in _meshes(results, problem, cell):
-        standard, new = answers(results, problem, cell, mesh, name)
-        ratios.append(standard.scalars[f"{name}error"] / new.scalars[f"{name}error"])
-    return max(ratios) if largest else min(ratios)
+    """Error of one of the elements on one of the meshes."""
+    mesh = _meshes(results, problem, cell)[finer]
+    return answers(results, problem, cell, mesh, name)[new].scalars[f"{name}error"]
+
+
+def reference_error(results: Results) -> float:
+    """Largest distance of either element from the mean of both on meshes that are references."""
+    found = []
+    for problem, cell, name in _answers(results):
+        coarser = _meshes(results, problem, cell)
+        for one in results.where("W", problem=problem):
+            fine = one.parameters["mesh"] not in coarser
+            if fine and one.parameters["element"].endswith(cell):
+                found.append(one.scalars[f"{name}error"])
+    return max(found)
+
+
+def differences(results: Results, problem: str, cell: str, name: str = "") -> tuple[float, float]:
+    """Relative differences of both elements' answers, on the coarser and the finer mesh."""
+    coarse, fine = (
+        _apart(*answers(results, problem, cell, mesh, name), name)
+        for mesh in _meshes(results, problem, cell)
+    )
+    return coarse, fine
+
+
+def largest_difference(results: Results, finer: bool = True) -> float:
+    """Largest relative difference of both elements' answers on the finer, or the coarser, mesh."""
+    return max(differences(results, *one)[finer] for one in _answers(results))
+
+
+def answers_apart(results: Results) -> float:
+    """How many answers differ, on both meshes, by more than the errors of both elements."""
+    counted = 0
+    for problem, cell, name in _answers(results):
+        pairs = [
+            answers(results, problem, cell, mesh, name) for mesh in _meshes(results, problem, cell)
+        ]
+        counted += all(
+            _apart(*pair, name) > max(one.scalars[f"{name}error"] for one in pair) for pair in pairs
+        )
+    return float(counted)
 
 
 def rule_error(results: Results, cell: str, readings: Sequence[str], name: str = "") -> float:
@@ -84,6 +118,24 @@ def answers(
     if len(best) != 2:
         raise MissingResult(f"section W has no two elements' {problem} on {cell}, mesh {mesh}")
     return best[0], best[1]
+
+
+def _apart(standard: Stored, new: Stored, name: str) -> float:
+    """Relative difference of two answers."""
+    apart = standard.scalars[f"{name}answer"] - new.scalars[f"{name}answer"]
+    return abs(apart / new.scalars[f"{name}reference"])
+
+
+def _answers(results: Results) -> list[tuple[str, str, str]]:
+    """Problem, cell and prefix of every answer."""
+    return sorted(
+        {
+            (one.parameters["problem"], one.parameters["element"].split("-")[1], name[:-6])
+            for one in results.section("W")
+            for name in one.scalars
+            if name.endswith("answer")
+        }
+    )
 
 
 def _found(
