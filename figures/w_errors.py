@@ -40,7 +40,7 @@ LEAST = 1e-3  # % that is shown
 
 def draw(results: Results) -> Figure:
     """Left the plane, right space: a row an answer, a pair of marks an element."""
-    fig, axes = plt.subplots(1, 2, figsize=(FULL, 3.1), sharey=True)
+    fig, axes = plt.subplots(1, 2, figsize=(FULL, 2.5), sharey=True)
     for ax, cell, title in zip(
         axes, ("T6", "T10"), ("(a) triangles", "(b) tetrahedra"), strict=True
     ):
