@@ -23,6 +23,7 @@ import numpy.typing as npt
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
+from pw_elements.arrays import Array
 from pw_elements.checks import collective, flag, number, processes, whole
 from pw_elements.progress import doing
 from pw_elements.solvers import (
@@ -101,9 +102,9 @@ class BucklingModes:
         report: what solved the linear systems.
     """
 
-    factors: npt.NDArray[np.float64]
+    factors: Array
     shapes: list[PETSc.Vec]
-    residuals: npt.NDArray[np.float64]
+    residuals: Array
     imaginary: float
     report: SolverReport
 
@@ -124,9 +125,9 @@ class VibrationModes:
         report: what solved the linear systems.
     """
 
-    eigenvalues: npt.NDArray[np.float64]
+    eigenvalues: Array
     shapes: list[PETSc.Vec]
-    residuals: npt.NDArray[np.float64]
+    residuals: Array
     imaginary: float
     rigid: int
     report: SolverReport
@@ -312,7 +313,7 @@ class _Pair:
 
 def _largest(
     pair: _Pair, asked: _Asked, solver: LinearSolver, shift: float | None = None
-) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
+) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], Array, SolverReport]:
     """The values mu (n,) of A d = mu B d with the largest real parts, full d, and residuals.
 
     The two d of a complex pair are the real and the imaginary part of one. A shifted pair is

@@ -27,6 +27,7 @@ from ufl.algorithms.check_arities import ArityMismatch
 
 from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
+from pw_elements.arrays import Array
 from pw_elements.checks import agree, answer, arguments, collective, whole
 from pw_elements.progress import doing
 from pw_elements.solvers import (
@@ -69,7 +70,6 @@ _REASONS = {
     _LINE_SEARCH: "no step along Newton's direction helps",
 }
 
-Array = npt.NDArray[np.float64]
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
 # An increment is cut into so many parts at most

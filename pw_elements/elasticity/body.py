@@ -18,7 +18,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
@@ -26,6 +25,7 @@ from ufl.core.expr import Expr
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import check_problem
+from pw_elements.arrays import Array, Local
 from pw_elements.checks import (
     agree,
     arguments,
@@ -51,7 +51,7 @@ from pw_elements.spaces import (
 )
 
 Scalar: TypeAlias = float | Expr
-Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
+Vector: TypeAlias = Sequence[float] | Array | Expr
 
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see section V8 of the study
@@ -647,7 +647,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(Assembled.of(M), lumped=True).mark(lumped)
 
 
-def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:
+def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> Local:
     comm = space.mesh.comm
     with collective(comm):
         holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)

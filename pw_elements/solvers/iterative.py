@@ -27,11 +27,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
+from pw_elements.arrays import Array
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
@@ -53,8 +53,6 @@ from pw_elements.solvers.matrices import (
 )
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
 from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
-
-Array = npt.NDArray[np.float64]
 
 # Eigenvalues of P1 or Q1 mass matrices over their diagonal, and the polynomial's degree
 _MASS = {

@@ -21,7 +21,6 @@ import math
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from basix import (
     CellType,
     ElementFamily,
@@ -33,9 +32,8 @@ from basix import (
 )
 from basix.polynomials import tabulate_polynomial_set
 
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import extents
-
-Array = npt.NDArray[np.float64]
 
 _CELL = CellType.tetrahedron
 # Points nearer to a side than this, of cells of size one, lie on it
@@ -110,7 +108,7 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
         )
 
 
-def _within(points: Array) -> npt.NDArray[np.bool_]:
+def _within(points: Array) -> Mask:
     """Which points (n, 3) are neither on a side of the reference tetrahedron nor outside."""
     return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _ON_SIDE
 
@@ -259,7 +257,7 @@ class _AssumedGradientElement(basix.ufl._BasixElement):
     def __repr__(self) -> str:
         return f"{super().__repr__()}, assumed gradient"
 
-    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and projected first derivatives at points (n, 2): (derivatives, n, nodes)."""
         if nderivs > 1:
             raise NotImplementedError("the composite triangle has first derivatives only")
@@ -284,7 +282,7 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
         # part of a form's signature: what was compiled with the wrong slopes is not found again
         return f"{super().__repr__()}, by sub-cells"
 
-    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and derivatives at points (n, dim): (derivatives, n, nodes)."""
         cell = self._element.cell_type
         linear = basix.create_element(ElementFamily.P, cell, 1)
@@ -331,19 +329,19 @@ def _cell(name: str) -> CellType:
     return CellType[name]
 
 
-def _quadratic_nodes(cell: CellType) -> tuple[npt.NDArray[np.float64], list[list[list[int]]]]:
+def _quadratic_nodes(cell: CellType) -> tuple[Array, list[list[list[int]]]]:
     """Node coordinates (n, dim) of the quadratic element and the node numbers per entity."""
     lagrange = basix.create_element(ElementFamily.P, cell, 2, LagrangeVariant.gll_warped)
     return lagrange.points, lagrange.entity_dofs
 
 
 def _point_evaluations(
-    nodes: npt.NDArray[np.float64], entities: list[list[list[int]]]
-) -> tuple[list[list[npt.NDArray[np.float64]]], list[list[npt.NDArray[np.float64]]]]:
+    nodes: Array, entities: list[list[list[int]]]
+) -> tuple[list[list[Array]], list[list[Array]]]:
     """Interpolation points and matrices of nodal dofs, in the arrays Basix asks for."""
     dimension = nodes.shape[1]
-    x: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
-    M: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
+    x: list[list[Array]] = [[] for _ in range(4)]
+    M: list[list[Array]] = [[] for _ in range(4)]
     for d, of_dimension in enumerate(entities):
         for dofs in of_dimension:
             n = len(dofs)

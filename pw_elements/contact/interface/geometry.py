@@ -13,14 +13,11 @@ from functools import cached_property
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.elasticity import facet_nodes
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
 # and a quadrilateral's own
@@ -140,7 +137,7 @@ class Trace:
         return self.x.reshape(-1, self.dim)[first]
 
 
-def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> Trace:
+def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
     """Exterior facets (local numbers) of all processes."""
     nodes, x, outward = flat_facets(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
@@ -148,9 +145,7 @@ def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> T
     return Trace(*(np.concatenate(part) for part in parts))
 
 
-def flat_facets(
-    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int32], Array, Array]:
+def flat_facets(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Array, Array]:
     """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
     mesh = space.mesh
     dim = mesh.topology.dim

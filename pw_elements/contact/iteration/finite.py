@@ -24,21 +24,19 @@ from petsc4py import PETSc
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from basix import PolysetType
 from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import NotFound
 from pw_elements.spaces import SubSpace, is_hybrid
-
-Array = npt.NDArray[np.float64]
 
 # A step is halved so often at most
 _HALVINGS = 10
@@ -74,7 +72,7 @@ class DeformedPlace:
     slip: Array
     moved: Array
     turned: Array
-    jumped: npt.NDArray[np.bool_]
+    jumped: Mask
 
     def gaps(self, displacement: Array, translations: Array) -> Array:
         """Gaps (m,) at displacements (m, dim) and translations (pairs, dim)."""
@@ -147,7 +145,7 @@ class DeformedKinematics:
             s > _RIGHT_ANGLE,
         )
 
-    def passed(self, place: DeformedPlace) -> npt.NDArray[np.bool_]:
+    def passed(self, place: DeformedPlace) -> Mask:
         """Points (m,) whose normals have turned over, on a straight way through the surface."""
         within = np.zeros(len(place.gap), dtype=bool)
         if not len(self._interface.gathered(place.jumped[place.jumped])):

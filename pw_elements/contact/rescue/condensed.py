@@ -43,6 +43,7 @@ from scipy.linalg.blas import dger
 from scipy.optimize import linprog
 
 from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array, Local
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import (
@@ -59,8 +60,6 @@ from pw_elements.contact.iteration import (
 )
 from pw_elements.contact.model import SIDES, Cone, ContactFailed, Free, NotUnique, polygon
 from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
-
-Array = npt.NDArray[np.float64]
 
 # Violation of the law and of balances over the largest contact force
 _TOLERANCE = 1e-9
@@ -305,7 +304,7 @@ class CondensedIncrement:
             scattered(interface, self._nodal.at(z)),
         )
 
-    def _motions(self, pair: npt.NDArray[np.int32], supported: Array) -> tuple[Affine, Affine]:
+    def _motions(self, pair: Local, supported: Array) -> tuple[Affine, Affine]:
         """Motions of the points, and of their surfaces: (points, dim)."""
         points, dim = supported.shape
         size = self.unknowns + len(self.free)

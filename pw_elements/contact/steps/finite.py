@@ -11,10 +11,10 @@ from time import perf_counter
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, prescribed
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import answer, collective
 from pw_elements.contact.interface import nodal_interface
 from pw_elements.contact.iteration import (
@@ -43,7 +43,6 @@ from pw_elements.contact.steps.stepping import Callback, Reporter, joined
 from pw_elements.progress import doing
 from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
 
-Array = npt.NDArray[np.float64]
 Loading: TypeAlias = Callable[[float], None]
 
 log = logging.getLogger("pw_elements.contact")
@@ -207,7 +206,7 @@ class FiniteStepping:
         found = contact_state(increment, now, 0, state, system.report, None)
         return replace(found, unique=None, orientations=frozenset(signs[-1:]))
 
-    def _bound(self, free: npt.NDArray[np.bool_]) -> ContactSystem:
+    def _bound(self, free: Mask) -> ContactSystem:
         """The system for these free translations (pairs, dim); one factorisation is kept."""
         each: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(free))
         if self._system is None or self._system.free != each:

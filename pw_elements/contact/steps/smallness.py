@@ -22,29 +22,25 @@ from petsc4py import PETSc
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx.mesh import exterior_facet_indices
 
 from pw_elements._compat import cell_nodes
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import RIGID, SIMPLICES, Interface, flat_facets
 from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
 
-Array = npt.NDArray[np.float64]
-
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
 
-Indices = npt.NDArray[np.int64]
 
 # Least cosine between a ray and the outward normal of a facet that lies across it
 _ACROSS = 0.6
 # Round-off of places, relative
 _NEAR = 1e-9
 
-Mask = npt.NDArray[np.bool_]
 
 # Cosine from which on a push counts as outwards, and below minus which as inwards
 _OUTWARDS = 0.1
@@ -155,8 +151,8 @@ def with_ghosts(space: fem.FunctionSpace, values: PETSc.Vec) -> Array:
 class Exterior:
     """Exterior facets (f of them) of this process, seen as flat."""
 
-    nodes: npt.NDArray[np.int32]  # (f, k), local numbers
-    vertices: npt.NDArray[np.int32]  # (f, l), of those at the corners
+    nodes: Local  # (f, k), local numbers
+    vertices: Local  # (f, l), of those at the corners
     corner: Array  # (f, l, dim)
     outward: Array  # (f, dim), unit normals
 

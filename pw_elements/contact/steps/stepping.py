@@ -30,6 +30,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
@@ -63,8 +64,6 @@ from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, hush
 from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
 from pw_elements.spaces import Assembled
-
-Array = npt.NDArray[np.float64]
 
 log = logging.getLogger("pw_elements.contact")
 
@@ -121,7 +120,7 @@ class Target:
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.translations)))
 
     @property
-    def idle(self) -> npt.NDArray[np.bool_]:
+    def idle(self) -> Mask:
         """Whether each pair's surface (pairs,) is free and pushed by nothing: it just touches."""
         free = np.isnan(self.translations)
         return free.any(axis=1) & ~(free & (self.forces != 0)).any(axis=1)
