@@ -25,7 +25,7 @@ from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.arrays import Array
 from pw_elements.checks import collective, flag, number, processes, whole
-from pw_elements.progress import doing
+from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
     Iterative,
@@ -41,8 +41,6 @@ from pw_elements.solvers import (
     with_fallback,
 )
 from pw_elements.spaces import Assembled, is_hybrid
-
-log = logging.getLogger("pw_elements.eigen")
 
 T = TypeVar("T")
 
@@ -351,14 +349,13 @@ def _largest(
             eigensolver.solve()
     except PETSc.Error as error:
         raise NoModes(f"the eigenvalue solver broke down: {error}") from error
-    if comm.rank == 0:
-        steps = eigensolver.getIterationNumber()
-        seconds = perf_counter() - begun
-        log.info("%s: %d iterations, %s, %.2f s", what, steps, inverse.report.method, seconds)
+    steps, how = eigensolver.getIterationNumber(), inverse.report.method
+    words = f"{what}: {steps} iterations, {how}, {perf_counter() - begun:.2f} s"
+    told(comm, logging.INFO, words, ".eigen")
     if eigensolver.getConverged() < count:
         raise NoModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
-            f"in {eigensolver.getIterationNumber()} iterations"
+            f"in {steps} iterations"
         )
     values, residuals, modes = np.empty(count, dtype=complex), np.empty(count), []
     for i in range(count):

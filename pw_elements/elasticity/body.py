@@ -36,6 +36,7 @@ from pw_elements.checks import (
     vector,
     whole,
 )
+from pw_elements.progress import told
 from pw_elements.spaces import (
     STATE,
     Assembled,
@@ -70,8 +71,6 @@ _JUMPS = (
     "the material varies and the pressure is continuous: where the material jumps displacements "
     "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
 )
-
-_logger = logging.getLogger("pw_elements")
 
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
 _ZERO_MASS = 1e-12
@@ -234,16 +233,16 @@ class Body:
             below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
             arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
             varies = not (is_number(nu) and is_number(self.material.youngs_modulus))
-            if varies and self.spaces.parts is None and mesh.comm.rank == 0:
-                _logger.warning(_JUMPS)
+            if varies and self.spaces.parts is None:
+                told(mesh.comm, logging.WARNING, _JUMPS)
         elif self.state is not StressState.PLANE_STRESS:
             above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
             arguments.coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
             largest = _largest(nu, mesh.comm)
-            if largest > _LOCKING_NU and mesh.comm.rank == 0:
-                _logger.warning(_LOCKS, largest)
+            if largest > _LOCKING_NU:
+                told(mesh.comm, logging.WARNING, _LOCKS % largest)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
             with collective(mesh.comm):
@@ -287,8 +286,8 @@ class Body:
             spaces = Spaces.petrov_galerkin(mesh)
         else:
             spaces = Spaces.hybrid(mesh, parts)
-            if mesh.comm.rank == 0:
-                _logger.info("hybrid: nu = %g, displacements alone would lock", largest)
+            words = f"hybrid: nu = {largest:g}, displacements alone would lock"
+            told(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
 
     def strain(self, u: Expr) -> Expr:

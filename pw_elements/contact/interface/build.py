@@ -23,6 +23,7 @@ from pw_elements.contact.interface.mortar import Overlap
 from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
 from pw_elements.elasticity import StressState, by_position, facets_between
+from pw_elements.progress import told
 from pw_elements.spaces import (
     Assembled,
     Part,
@@ -46,8 +47,6 @@ _NEARLY = 0.9
 _COINCIDE = 0.05
 # Mean edge of the slave over the master's, both where they face each other, that is much
 _COARSE = 3.0
-
-_logger = logging.getLogger("pw_elements.contact")
 
 
 @dataclass(frozen=True)
@@ -395,13 +394,13 @@ def mortar_points(
             )
         )
     coarseness = overlap.mean_edge(overlap.ratio, comm)
-    if comm.rank == 0 and coarseness > _COARSE:
-        _logger.warning(
-            "contact pair %d: its facets are %.1f times as large as those they face; let the finer "
-            "mesh be the pair's, or the opposite body's forces may have either sign",
-            number,
-            coarseness,
+    if coarseness > _COARSE:
+        words = (
+            f"contact pair {number}: its facets are {coarseness:.1f} times as large as those they "
+            "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
+            "sign"
         )
+        told(comm, logging.WARNING, words, ".contact")
     m, dim = len(node), body.x.shape[1]
     nodes = body.field.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)

@@ -43,7 +43,7 @@ from pw_elements.contact.steps.stepping import (
     Stepping,
     checked_callback,
 )
-from pw_elements.progress import bar, doing
+from pw_elements.progress import bar, doing, told
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -57,8 +57,6 @@ from pw_elements.spaces import is_hybrid
 # by name, or by name and how many times the first attempt's cost they may take
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
-
-log = logging.getLogger("pw_elements.contact")
 
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
@@ -252,8 +250,9 @@ def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
                     f"contact pair {k} has interference, which small displacements only can have: "
                     "start with the surface outside of the body, and move it in"
                 )
-            if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
-                log.warning("contact pair %d: differences stand in for a gradient function", k)
+            if getattr(pair.surface, "gradient", True) is None:
+                words = f"contact pair {k}: differences stand in for a gradient function"
+                told(comm, logging.WARNING, words, ".contact")
             if not isinstance(pair.surface, RigidBody):
                 raise ValueError(
                     f"contact pair {k}: deformed bodies cannot touch a "

@@ -31,6 +31,7 @@ from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import RIGID, SIMPLICES, Interface, flat_facets
 from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
+from pw_elements.progress import told
 
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
@@ -67,8 +68,6 @@ _OF_MESHES = (
     "forces that press the bodies apart, and pressures are off by as much: use finer meshes, or "
     "DeformableSurface(..., coincident=True) and the depth as interference"
 )
-
-_logger = logging.getLogger("pw_elements.contact")
 
 
 class Gradients:
@@ -261,9 +260,9 @@ class SmallnessCheck:
             for name, value in vars(smallness).items()
             if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
         ]
-        if left and self._comm.rank == 0:
-            text = "%s leaves the range of small displacements: %s"
-            _logger.warning(text, when, ", ".join(left))
+        if left:
+            words = f"{when} leaves the range of small displacements: {', '.join(left)}"
+            told(self._comm, logging.WARNING, words, ".contact")
         return smallness
 
     def _warn_of_noise(self, increment: Increment, now: Iterate) -> None:
@@ -275,8 +274,8 @@ class SmallnessCheck:
             sums = np.array([np.sum(noise[mine] ** 2), np.sum(force[mine]), np.sum(mine)])
             squares, pressed, count = self._comm.allreduce(sums, MPI.SUM)
             ratio = np.sqrt(squares * count) / pressed if pressed > 0 else 0.0
-            if self._comm.rank == 0 and ratio > _NOISE:
-                _logger.warning(_OF_MESHES, k, ratio)
+            if ratio > _NOISE:
+                told(self._comm, logging.WARNING, _OF_MESHES % (k, ratio), ".contact")
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""
