@@ -269,13 +269,6 @@ class Progress:
 Callback: TypeAlias = Callable[[Progress], object]
 
 
-def checked_callback(comm: MPI.Comm, callback: Callback | None) -> Callback | None:
-    with collective(comm):
-        if not (callback is None or callable(callback)):
-            raise ValueError(f"callback: {type(callback).__name__} in place of a function")
-    return callback
-
-
 class Reporter:
     """Tells of one increment: on all processes, which make it together."""
 
