@@ -70,7 +70,7 @@ def checked_problem(
     max_iterations: int,
     solver: Solver,
     callback: Callback | None = None,
-) -> list[ContactPair]:
+) -> tuple[ContactPair, ...]:
     """The pairs of a problem, one or several, that make one with all else."""
     arguments.space(space)
     comm = space.mesh.comm
@@ -89,7 +89,7 @@ def checked_problem(
             check_weights(K, space)
             told["surface"] = surface.revolved, surface.coincident
         agree(comm, {f"the {what} of contact pair {k}": value for what, value in told.items()})
-    return stated
+    return tuple(stated)
 
 
 def checked_paths(
@@ -108,9 +108,8 @@ def checked_paths(
             )
         each = _of_pairs("paths", [paths] if callable(paths) else paths, len(pairs))
         for k, path in enumerate(each):
-            _check_function(
-                f"the path of contact pair {k}", path, "it has to be a function of time"
-            )
+            remedy = "it has to be a function of time"
+            _check_function(f"the path of contact pair {k}", path, remedy)
     return each
 
 
@@ -144,7 +143,8 @@ def checked_step(
         if guess is not None:
             _check_guess(guess, pairs)
         several = motions is None or isinstance(motions, Iterable)
-        moved = _of_pairs("motions", (motions or ()) if several else [motions], pairs)
+        given: Any = motions or () if several else [motions]
+        moved = _of_pairs("motions", given, pairs)
         for k, motion in enumerate(moved):
             if motion is not None:
                 _check_motions([motion], space, k)
@@ -162,7 +162,9 @@ def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
 
 
 def checked_loading(
-    load: object, guess: ContactState | None, space: fem.FunctionSpace
+    load: Any,  # noqa: ANN401
+    guess: ContactState | None,
+    space: fem.FunctionSpace,
 ) -> Loading | None:
     """What changes in an increment of a residual."""
     with collective(space.mesh.comm):
@@ -345,8 +347,7 @@ class ContactProblem:
         callback: Callback | None = None,
         remedies: Remedies = REMEDIES,
     ) -> None:
-        problem = K, reduction, pairs, space, max_iterations, solver, callback
-        self.pairs = tuple(checked_problem(*problem))
+        self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_mesh(space.mesh)
         self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
         each = checked_remedies(remedies, space)
@@ -408,8 +409,7 @@ class ContactProblem:
         u.x.array[:] = 0.0
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
-        stated = K, reduction, pairs, space, max_iterations, solver, callback
-        own.pairs = tuple(checked_problem(*stated))
+        own.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_rigid(own.pairs, space.mesh.comm)
         check_mesh(space.mesh)
         own._space = space
