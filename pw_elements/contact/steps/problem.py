@@ -142,9 +142,8 @@ def checked_step(
             raise ValueError("the state at the start is no solution: it can be a guess only")
         if guess is not None:
             _check_guess(guess, pairs)
-        several = motions is None or isinstance(motions, Iterable)
-        given: Any = motions or () if several else [motions]
-        moved = _of_pairs("motions", given, pairs)
+        given: Any = () if motions is None else motions
+        moved = _of_pairs("motions", given if isinstance(given, Iterable) else [given], pairs)
         for k, motion in enumerate(moved):
             if motion is not None:
                 _check_motions([motion], space, k)
