@@ -273,21 +273,6 @@ def test_standard_element_needs_a_positive_mass():
         critical_step(BLOCK.standard, M, BLOCK.held())
 
 
-def test_bar_in_space_has_even_pressure_on_the_sibling_alone():
-    even = v12_impact.bar("sibling", 3, 3).scalars
-    assert even["pressure_min"] > 0.99
-    assert even["pressure_max"] < 1.01
-    assert even["open_share"] == 0
-    assert 0.97 < even["energy_end"] <= 1
-    uneven = v12_impact.bar("hrz", 3, 3).scalars
-    assert uneven["force_min"] < 0.1 * even["force_min"]
-    # by own weights its mid-sides have the pressure, too, and its corners none
-    assert uneven["pressure_error_common_max"] < 0.2
-    assert "pressure_error_alone_max" in even
-    assert "pressure_error_alone_max" not in uneven
-    assert uneven["open_share"] > 0.05
-
-
 # -- what is watched -------------------------------------------------------------------------
 
 

@@ -179,13 +179,6 @@ def test_remedies_say_what_they_do(monkeypatch, caplog):
     assert "too many contact points" in caplog.text
 
 
-def test_large_friction_from_a_cold_start():
-    greco = Greco(16)
-    with pytest.raises(NotFound):
-        greco.solve(30.0, remedies=())
-    assert greco.solve(30.0).residuals.largest() < 1e-11
-
-
 # -- increments in parts ---------------------------------------------------------------------
 
 
