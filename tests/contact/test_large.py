@@ -11,15 +11,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Spaces,
-    SurfaceNodes,
-    assemble_matrix,
-    prescribe,
-)
+from pw_elements import Body, Material, Reduction, Spaces, SurfaceNodes, assemble_matrix, prescribe
 from pw_elements.contact import (
     ContactFields,
     ContactPair,

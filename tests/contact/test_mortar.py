@@ -10,7 +10,7 @@ import pytest
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_rectangle
 
-from pw_elements import Iterative, Reduction, Sibling, prescribe, reactions, split
+from pw_elements import Iterative, Sibling, prescribe, reactions, split
 from pw_elements.contact import (
     HELD,
     OPEN,
@@ -325,55 +325,6 @@ def test_bodies_that_overlap_are_named():
     stack = Stack((3, 2), shape=lambda x: x - 0.01 * (2 - x[:, 1:2]) * [0, 1, 0])
     with pytest.raises(ValueError, match="lie inside the body that they face"):
         stack.contact(stack.pair(), stack.moved_top([0.0, 0.0]))
-
-
-@pytest.mark.parametrize(("end", "reach"), [(0.95, 0.05), (0.83, 0.03)])
-def test_a_linear_pressure_is_met_on_both_sides(end, reach):
-    """Of an exact displacement; the upper block ends so far beyond a node of the slave.
-
-    Of the next node's weight a quarter, a half and a twentieth face it. What it leaves is pressed
-    by loads, integrals of the weights by Gauss' rule.
-    """
-    stack = Stack((5, 4), shape=lambda x: x * [end, 1.0, 1.0])
-    modulus, ratio = 1 / (1 - 0.3**2), 0.3 / 0.7
-
-    def exact(x):
-        p = PRESSURE * (1 + x[0])
-        across = ratio * PRESSURE * (x[0] + x[0] ** 2 / 2) + PRESSURE * x[1] ** 2 / 2
-        return np.array([across, -p * x[1]]) / modulus
-
-    def outside(x):
-        left = np.isclose(x[0], 0) & ~np.isclose(x[1], 1)
-        return np.isclose(x[1], 0.0) | np.isclose(x[1], 2.0) | left
-
-    u = fem.Function(stack.space)
-    u.interpolate(exact)
-    dofs = fem.locate_dofs_geometrical(stack.space, outside)
-    load = stack.nothing
-    forces = load.array.reshape(-1, 2)
-    points, weights = np.polynomial.legendre.leggauss(3)
-    nodes, corners, _ = gathered_trace(stack.space, stack.sides["lower"]).parts
-    for part, ends in zip(nodes, corners[:, :, 0], strict=True):
-        low, high = np.maximum(np.sort(ends), end)
-        x = (low + high) / 2 + points * (high - low) / 2
-        second = (x - ends[0]) / (ends[1] - ends[0])
-        pressed = weights * (high - low) / 2 * PRESSURE * (1 + x)
-        forces[part, 1] -= [pressed @ (1 - second), pressed @ second]
-    supports = Reduction.dirichlet(stack.space, [fem.dirichletbc(u, dofs)])
-    (state,) = stack.contact(stack.pair("lower"), supports, load)
-    pressure = ContactFields.of(state, stack.body).pressure
-    for side in ("lower", "upper"):
-        at_ = np.flatnonzero(stack.nodes(side))
-        x, found = stack.x[at_, 0], values(pressure, at_)
-        whole = (x > 1e-9) & (x < end - 0.1 - 1e-9)  # the middle of their weights is there
-        assert found[whole] == pytest.approx(PRESSURE * (1 + x[whole]), rel=2e-3)
-        if side == "lower":
-            faced = np.argmax(np.where(x < end + 0.1 - 1e-9, x, -1))
-            if reach < 0.04:
-                assert np.isnan(found[faced])
-            else:
-                middle = x[faced] - 0.1 + 2 / 3 * reach
-                assert found[faced] == pytest.approx(PRESSURE * (1 + middle), rel=5e-3)
 
 
 def hats(x, at_):

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from pw_elements.contact import OPEN, SLIP, STICK, NotFound
-from pw_elements.contact.iteration import ActiveSet, Contact, Policy
-from pw_elements.contact.iteration.law import mixed, sticking, turned
-from pw_elements.contact.iteration.policy import Cycles, EdgeRelease, LastHold, counted, same
+from pw_elements.contact.iteration import ActiveSet, Contact
+from pw_elements.contact.iteration.policy import Cycles, EdgeRelease, LastHold
 from pw_elements.contact.model import Cone, Coulomb
 from tests.contact.two_bodies import Stack
 
@@ -98,13 +97,6 @@ def test_what_lets_the_body_go_is_kept(is_free, new, old, state, kept, rescues):
     assert policy.rescues == rescues
 
 
-def test_where_all_slip_one_way_nothing_brakes_the_body_but_what_it_overcomes():
-    policy = hold(lambda a: not np.any(a.status == STICK))
-    one_way = contact([[1.0, -0.3]] * 3 + [[1.0, -0.8]], slip=[1e-3, 2e-3, 3e-3, 0.0])
-    dragged = active(*[SLIP] * N, direction=-1.0)
-    assert policy._pivoted(dragged, one_way, np.arange(N) == 3) is None
-
-
 def test_an_open_pair_lands_at_its_nearest_point():
     number = np.array([0, 0, 1, 1], dtype=np.int32)
     policy = LastHold(
@@ -146,35 +138,6 @@ def test_points_that_cycle_change_one_at_a_time():
     assert not cycles.repeats(b)
     with pytest.raises(NotFound, match="2 active sets"):
         cycles.repeats(a)
-
-
-def test_a_policy_is_both():
-    policy = Policy(hold(lambda a: np.all(a.status == OPEN)), SELF)
-    start = active(*[STICK] * N)
-    policy.restart(start)
-    wanted = policy.wanted(start, PULLED)
-    assert wanted.status.tolist() == [STICK, STICK, OPEN, OPEN]
-    assert policy.taken(wanted, start, PULLED) is wanted
-    again = policy.taken(start, wanted, PULLED)  # it has been there
-    assert not same(again, start, SELF)
-    policy.restart()
-    assert policy.taken(start, wanted, PULLED) is start
-
-
-def test_active_sets_in_words_and_frames():
-    mixture = active(OPEN, STICK, SLIP, SLIP, direction=1.0)
-    assert counted(mixture, SELF) == "1 open, 1 sticking, 2 slipping contact nodes"
-    assert mixed(
-        np.array([True, False, False, True]), active(*[OPEN] * N), mixture
-    ).status.tolist() == [OPEN, STICK, SLIP, OPEN]
-    rough = sticking(
-        np.array([True, True, False]), Cone([Coulomb(0.0)], [np.array([0.3, 0.0, 0.3])]), 1
-    )
-    assert rough.status.tolist() == [STICK, SLIP, OPEN]
-    there = np.array([[[0.0, 1.0], [1.0, 0.0]]])
-    back = np.array([[[0.0, 1.0], [-1.0, 0.0]]])
-    slipping = active(SLIP, direction=1.0)
-    assert turned(slipping, there, back).direction.tolist() == [[-1.0]]
 
 
 def receded(x, closed, pressure, shear=None, friction=0.0, stuck=True):

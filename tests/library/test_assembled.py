@@ -7,13 +7,7 @@ import pytest
 import ufl
 from dolfinx.mesh import meshtags
 
-from pw_elements import (
-    Spaces,
-    assemble_vector,
-    nodal_flux,
-    solve,
-    vibration_modes,
-)
+from pw_elements import Spaces, assemble_vector, nodal_flux, solve, vibration_modes
 from pw_elements.elasticity import Sibling
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, Elastic, at

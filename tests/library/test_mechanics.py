@@ -15,14 +15,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    assemble_matrix,
-    assemble_scalar,
-    solve,
-)
+from pw_elements import Body, Material, Reduction, assemble_matrix, assemble_scalar, solve
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, triangles
 from study.verification.t_identity import distorted

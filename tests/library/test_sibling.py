@@ -7,14 +7,7 @@ import pytest
 import scipy.linalg
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
-from pw_elements import (
-    Sibling,
-    assemble_matrix,
-    force_transfer,
-    lumped_mass,
-    prescribe,
-    solve,
-)
+from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
 from pw_elements.contact import (
     OPEN,
     ContactPair,
