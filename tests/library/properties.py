@@ -69,6 +69,11 @@ class Elastic:
     state: str = "plane stress"
     material: Material = field(default_factory=lambda: Material(1.0, 0.3))
 
+    def restated(self, placement, modulus=1.0, density=1.0, grid=None):
+        """The same body elsewhere, renumbered or in other units."""
+        material = Material(modulus, self.material.poissons_ratio, density)
+        return Elastic(grid or self.grid, placement, self.method, self.state, material)
+
     @functools.cached_property
     def placed(self):
         return self.grid.moved(self.placement.point)
@@ -84,6 +89,10 @@ class Elastic:
     @functools.cached_property
     def K(self):
         return assemble_matrix(self.body.stiffness())
+
+    @functools.cached_property
+    def M(self):
+        return assemble_matrix(self.body.mass())
 
     @functools.cached_property
     def x(self):

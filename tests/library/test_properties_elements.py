@@ -18,6 +18,7 @@ from pw_elements import (
     NoModes,
     Reduction,
     Spaces,
+    as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -27,6 +28,7 @@ from pw_elements import (
     solve,
     vibration_modes,
 )
+from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.spaces import macro_element
 from tests.library.properties import (
     METHODS,
@@ -49,11 +51,11 @@ from tests.library.random_meshes import (
     grids,
     points_within,
     powers,
+    rotation,
     same_nodes,
     skew,
     structured,
 )
-from tests.library.random_meshes import rotation as random_rotation
 
 pytestmark = pytest.mark.random
 
@@ -257,22 +259,46 @@ def assert_same_solution(elastic, other, force, modulus):
 @given(statics(), UNITS, MODULI)
 def test_same_statics_in_other_units(problem, unit, modulus):
     elastic, force = problem
-    material = Material(modulus, elastic.material.poissons_ratio)
-    other = Elastic(elastic.grid, Placement(unit), elastic.method, elastic.state, material)
-    assert_same_solution(elastic, other, force, modulus)
+    assert_same_solution(elastic, elastic.restated(Placement(unit), modulus), force, modulus)
 
 
 @given(statics(), powers(-2, 6), SEEDS, st.booleans(), st.booleans())
 def test_same_statics_elsewhere_turned_and_renumbered(problem, far, seed, turned, renumbered):
     """Up to 1e6 sizes away."""
     elastic, force = problem
-    grid, dim = elastic.grid, elastic.grid.dim
-    if renumbered:
-        grid = grid.renumbered(seed)
-    offset = far * np.random.default_rng(seed).uniform(-1, 1, dim)
-    place = Placement(1.0, random_rotation(dim, seed) if turned else np.eye(dim), offset)
-    other = Elastic(grid, place, elastic.method, elastic.state, elastic.material)
+    other = elsewhere(elastic, far, seed, turned, renumbered)
     assert_same_solution(elastic, other, force, 1.0)
+
+
+def elsewhere(elastic, far, seed, turned, renumbered):
+    """The same body, far sizes away."""
+    grid, dim = elastic.grid, elastic.grid.dim
+    offset = far * np.random.default_rng(seed).uniform(-1, 1, dim)
+    place = Placement(1.0, rotation(dim, seed) if turned else np.eye(dim), offset)
+    return elastic.restated(place, grid=grid.renumbered(seed) if renumbered else grid)
+
+
+@given(statics(), SEEDS)
+def test_same_contact_turned_and_renumbered(problem, seed):
+    """A ball pressed on the side opposite the held one, and drawn along it, with friction."""
+    elastic, _ = problem
+    dim, down = elastic.grid.dim, np.array([-0.02, 0.01, 0.005])
+
+    def touched(body):
+        place, above = body.placement, np.array([3.0, 0.45, 0.55])[:dim]
+        ball = Sphere(place.point(above), 2.0)
+        motion = Motion(place.vector(down[:dim]).tolist())
+        pair = ContactPair(body.side(0, 1.0), ball, 0.2, [motion])
+        load, held = body.K.createVecLeft(), body.clamped()
+        (state,) = solve_contact(body.K, load, held, pair, body.space)
+        return state.displacement.array.reshape(-1, dim), state.pairs[0].force
+
+    other = elsewhere(elastic, 1.0, seed, True, True)
+    (a, force), (b, other_force) = touched(elastic), touched(other)
+    at = same_nodes(elastic.x, other.x, other.placement)
+    event(f"touches: {force.any()}")
+    assert_small(b - other.placement.vector(a)[at], 1e-8 * np.abs(a).max())
+    assert_small(other_force - other.placement.vector(force), 1e-8 * np.abs(force).max())
 
 
 def _lowest(mu):
@@ -286,19 +312,9 @@ def _largest(mu):
 @given(statics(("triangle", "quadrilateral")), UNITS, MODULI, powers(-12, 4))
 def test_frequencies_in_other_units(problem, unit, modulus, density):
     elastic, _ = problem
-    nu = elastic.material.poissons_ratio
-    other = Elastic(
-        elastic.grid,
-        Placement(unit),
-        elastic.method,
-        elastic.state,
-        Material(modulus, nu, density),
-    )
-    values = []
-    for body in (elastic, other):
-        M, held = assemble_matrix(body.body.mass()), body.clamped()
-        values.append(vibration_modes(body.K, M, held).eigenvalues[0])
-    K, M = (dense(other.clamped().matrix(A)) for A in (other.K, M))
+    other = elastic.restated(Placement(unit), modulus, density)
+    values = [vibration_modes(b.K, b.M, b.clamped()).eigenvalues[0] for b in (elastic, other)]
+    K, M = (dense(other.clamped().matrix(A)) for A in (other.K, other.M))
     wrong = len(K) * (elastic.round_off + other.round_off)
     sizes = [wrong * np.linalg.norm(A, 2) for A in (K, M)]
     exact, error = eigenvalue_error(K, M, _lowest, *sizes)
@@ -311,16 +327,13 @@ def test_frequencies_in_other_units(problem, unit, modulus, density):
 @given(statics(("triangle", "quadrilateral")), UNITS, MODULI, powers(-6, 6))
 def test_buckling_factors_have_no_unit(problem, unit, modulus, load):
     elastic, _ = problem
-    material = Material(modulus, elastic.material.poissons_ratio)
-    other = Elastic(elastic.grid, Placement(unit), elastic.method, elastic.state, material)
-    factors = []
+    other, factors = elastic.restated(Placement(unit), modulus), []
     for body, pressure in ((elastic, 1.0), (other, load * modulus)):
         top = boundary_measure(body.body.spaces.mesh, body.side(0, 1.0))
         f = assemble_vector(body.body.surface_load((-pressure, 0.0), top))
         a = solve(body.K, f, body.clamped())
-        u = fem.Function(body.space)
-        u.x.array[:] = a.array
-        K_sigma = assemble_matrix(body.body.initial_stress(body.body.stress(u)))
+        stress = body.body.stress(as_function(body.space, a))
+        K_sigma = assemble_matrix(body.body.initial_stress(stress))
         try:
             factors.append(buckling(body.K, K_sigma, body.clamped()).factors[0])
         except NoModes:
@@ -344,7 +357,7 @@ def test_buckling_factors_have_no_unit(problem, unit, modulus, load):
 def test_frequencies_let_go_of_the_mesh():
     body = Elastic(structured("triangle", [np.linspace(0, 1, 3)] * 2))
     form = weakref.ref(body.K.getAttr("assembled").form)
-    vibration_modes(body.K, assemble_matrix(body.body.mass()), body.clamped())
+    vibration_modes(body.K, body.M, body.clamped())
     del body
     gc.collect()
     assert form() is None
