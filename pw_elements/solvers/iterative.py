@@ -409,11 +409,7 @@ class _Foreign:
 
 
 def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:
-    """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver.
-
-    Raises:
-        TypeError: if it has no such method.
-    """
+    """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver."""
     if isinstance(solver, Krylov):
         return solver
     iterate = getattr(solver, "iterate", None)

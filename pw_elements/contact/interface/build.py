@@ -101,9 +101,6 @@ def nodal_interface(
 
     What is `known` of the stiffness tells whether areas are those of a circumference, and whether
     the unknowns are a sibling's coefficients; gaps are theirs then.
-
-    Raises:
-        ValueError: for what states no contact problem.
     """
     dim = space.mesh.geometry.dim
     if not is_hybrid(space) and space.dofmap.index_map_bs != dim:

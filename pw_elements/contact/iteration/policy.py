@@ -240,13 +240,12 @@ def null_space(rows: Array, tolerance: float) -> Array:
     return np.asarray(vectors[values < tolerance * np.sqrt(n)])
 
 
-def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
+def triangle(rows: Array, comm: MPI.Comm) -> Array:
     """R of a QR factorisation of all processes' rows (m, n): a Gram matrix loses what is small."""
     own: Array = np.zeros((0, rows.shape[1]))
-    for each in (rows, *more):
-        for first in range(0, len(each), _AT_ONCE):
-            part = np.vstack([own, each[first : first + _AT_ONCE]])
-            own = np.asarray(np.linalg.qr(part, mode="r"))
+    for first in range(0, len(rows), _AT_ONCE):
+        part = np.vstack([own, rows[first : first + _AT_ONCE]])
+        own = np.asarray(np.linalg.qr(part, mode="r"))
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 

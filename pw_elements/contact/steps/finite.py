@@ -30,21 +30,8 @@ from pw_elements.contact.iteration import (
     newton,
     sticking,
 )
-from pw_elements.contact.model import (
-    ContactPair,
-    ContactState,
-    Free,
-    Motion,
-    NotFound,
-)
-from pw_elements.contact.steps.stepping import (
-    Callback,
-    Reporter,
-    Target,
-    between,
-    divided,
-    joined,
-)
+from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound
+from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.progress import doing
 from pw_elements.solvers import LinearSolver
 

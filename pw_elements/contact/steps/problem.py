@@ -35,13 +35,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.output import read_state, write_state
 from pw_elements.contact.steps.finite import FiniteStepping, Loading
-from pw_elements.contact.steps.stepping import (
-    MULTIPLE,
-    REMEDIES,
-    Callback,
-    Remedy,
-    Stepping,
-)
+from pw_elements.contact.steps.stepping import MULTIPLE, REMEDIES, Callback, Remedy, Stepping
 from pw_elements.progress import bar, doing, told
 from pw_elements.solvers import (
     Direct,
