@@ -52,6 +52,7 @@ from pw_elements.contact.iteration import (
     newton,
 )
 from pw_elements.contact.model import (
+    NOTHING_DONE,
     ContactFailed,
     ContactPair,
     ContactState,
@@ -86,7 +87,6 @@ _USUAL, _FEW = 50, 2000
 
 # Linear systems, and what they took
 Spent: TypeAlias = tuple[int, SolverReport]
-_NOTHING: Spent = (0, SolverReport("nothing", 0))
 
 
 @dataclass(frozen=True)
@@ -474,7 +474,7 @@ class Stepping:
         slides = left_free.slides(now.contact, lost)
         return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
-    def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
+    def _spent(self, free: Free, before: Spent = (0, NOTHING_DONE)) -> Spent:
         """Linear systems of iterations since before, and what they and condensing took."""
         system, _ = self._bound(free)
         report = system.report
