@@ -30,7 +30,6 @@ from pw_elements.contact.iteration.policy import (
     LeftFree,
     Policy,
     initial_active_set,
-    initial_unknowns,
     null_space,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed

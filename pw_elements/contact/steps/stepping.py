@@ -48,7 +48,6 @@ from pw_elements.contact.iteration import (
     Reference,
     contact_state,
     initial_active_set,
-    initial_unknowns,
     newton,
 )
 from pw_elements.contact.model import (
@@ -456,7 +455,7 @@ class Stepping:
         policy = partial(Policy.of, rigid.left_free, interface)
         begin = np.where(target.idle[:, None] & (guess is None), 0.0, (guess or state).translations)
         translations = np.where(np.isnan(prescribed), begin, prescribed)
-        system.start(lambda: initial_unknowns(state, guess, self._whole), translations)
+        system.start(lambda: state.unknowns, translations)
         interface.check_supports(translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
@@ -469,7 +468,6 @@ class Stepping:
         self.interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
-        now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
         left_free, lost = self._bound(increment.system.free)[1].left_free, increment.allowed(now)
         slides = left_free.slides(now.contact, lost)
         return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
