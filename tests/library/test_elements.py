@@ -5,38 +5,18 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import (
-    CellType,
-    create_box,
-    create_interval,
-    create_rectangle,
-    create_unit_cube,
-    create_unit_square,
-)
+from dolfinx.mesh import CellType, create_box, create_interval, create_rectangle, create_unit_square
 
 import pw_elements
 from pw_elements import Reduction, Spaces, assemble_matrix, assemble_vector, solve
 from pw_elements.spaces import (
-    PAPER_NODES,
     macro_element,
     one_cut_element,
     quadratic_element,
     serendipity_element,
 )
 from pw_elements.spaces.elements import CELLS
-from study.paper.s3_weight_functions import SUBELEMENTS, printed_weights
 from tests.library.random_meshes import points_within
-
-
-def test_equals_the_printed_equations_in_all_subtriangles():
-    element = macro_element("triangle")
-    nodes = element._element.points[list(PAPER_NODES)]
-    for number, corners in enumerate(SUBELEMENTS, start=1):
-        weights = np.random.default_rng(number).dirichlet(np.ones(3), 100)
-        points = weights @ nodes[np.array(corners) - 1]
-        printed = printed_weights(points, np.full(100, number))
-        ours = element.tabulate(0, points)[0][:, list(PAPER_NODES)]
-        assert np.abs(ours - printed).max() < 1e-14
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -62,20 +42,6 @@ def test_slopes_are_those_of_the_values(cell):
         assert within.mean() > 0.9
         difference = (above - below) / (2 * step)
         assert np.abs(slope - difference)[within].max() < 1e-11
-
-
-def test_continuous_across_cells_in_a_form():
-    # a jump over interior facets would show in the integral of its square
-    for mesh, element in [
-        (create_unit_square(MPI.COMM_WORLD, 3, 3), macro_element("triangle")),
-        (create_unit_cube(MPI.COMM_WORLD, 2, 2, 2), macro_element("tetrahedron")),
-    ]:
-        W = fem.functionspace(mesh, element)
-        w = fem.Function(W)
-        w.x.array[:] = np.sin(np.arange(len(w.x.array), dtype=float))
-        jump = fem.assemble_scalar(fem.form(ufl.jump(w) ** 2 * ufl.dS))
-        size = fem.assemble_scalar(fem.form(w**2 * ufl.ds))
-        assert mesh.comm.allreduce(jump) < 1e-24 * mesh.comm.allreduce(size)
 
 
 def test_integrates_to_a_quarter_and_a_half_of_an_edge():
