@@ -9,8 +9,8 @@ import pytest
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Spaces
-from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, Sphere
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane
+from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, at
 
 PRESSURE = 3.0
@@ -143,25 +143,6 @@ def test_start_from_a_coarser_mesh():
     assert [state.iterations for state in again] == [1, 1, 1, 1]
 
 
-def test_soft_ring_between_plates():
-    """Large displacements of a soft body: round-off of gaps counts for more than elsewhere."""
-
-    def bent(x):
-        return np.column_stack((x[:, 0] * np.cos(x[:, 1]), x[:, 0] * np.sin(x[:, 1]), x[:, 2]))
-
-    sector = quadrilaterals(MPI.COMM_SELF, (14.0, 0.0), (20.0, np.pi / 2), (12, 90))
-    ring = Elastic(curved(sector, bent), PW, "plane strain", 2.0, 0.49)
-    plate = ContactPair(
-        lambda x: (np.hypot(x[0], x[1]) > 20 - 1e-6) & (x[1] > 17.0),
-        Plane((0, 20), (0, -1)),
-        0.2,
-        [Motion((0, -0.6 * k / 3)) for k in (1, 2, 3)],
-    )
-    states = ring.contact(plate, ring.held((1, at(1, 0.0)), (0, at(0, 0.0))))
-    assert max(state.residuals.largest() for state in states) < 1e-8
-    assert np.all(np.diff([-state.pairs[0].force[1] for state in states]) > 0)
-
-
 @pytest.mark.parametrize(("gap", "force"), [(1e-4, 100.0), (0.01, 1.0), (0.2, 1.0)])
 def test_block_tips_from_one_pad_to_another(gap, force):
     """Held by friction on three pads, the right one lower by a gap, and loaded left, then right."""
@@ -233,28 +214,3 @@ def test_sliding_block_in_space(method, angle):
     assert contact.slip[loaded, :2] == pytest.approx(slip, abs=1e-9)
     assert state.iterations <= 8
     assert state.residuals.largest() < 1e-9
-
-
-def test_sphere_under_forces_in_space():
-    """Force and displacement control agree although normals and tangents turn on the way."""
-    mesh = create_box(MPI.COMM_SELF, [(-1, -1, 0), (1, 1, 1)], [6, 6, 2], CellType.tetrahedron)
-    body, mu, force = Elastic(mesh, state="solid"), 0.4, 120.0
-
-    def driven(motions):
-        ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), mu, motions)
-        return body.contact(ball, body.clamped(at(2, 0.0)))
-
-    around = [
-        Motion((None, None, None), (0.6 * mu * force * c, 0.6 * mu * force * s, -force))
-        for c, s in ((1.0, 0.0), (0.0, 1.0))
-    ]
-    states = driven([Motion((0, 0, None), (0, 0, -force)), *around])
-    again = driven([Motion(state.pairs[0].translation) for state in states])
-    for state, other in zip(states, again, strict=True):
-        assert state.residuals.largest() < 1e-8
-        assert other.pairs[0].force == pytest.approx(state.pairs[0].force, abs=1e-5)
-        assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-8)
-    for state, motion in zip(states[1:], around, strict=True):
-        assert state.pairs[0].force == pytest.approx(motion.force, abs=1e-6)
-        slide, pull = state.pairs[0].translation[:2], np.array(motion.force[:2])
-        assert slide @ pull > 0.9 * np.linalg.norm(slide) * np.linalg.norm(pull)

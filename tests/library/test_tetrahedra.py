@@ -15,14 +15,10 @@ from dolfinx.mesh import create_unit_cube, meshtags
 
 from pw_elements import (
     Body,
-    Material,
-    Reduction,
-    Spaces,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     cell_measure,
-    prescribe,
     reactions,
     solve,
 )
@@ -30,8 +26,9 @@ from pw_elements.meshes import curved
 from pw_elements.spaces import macro_element, one_cut_element, quadratic_element
 from pw_elements.spaces.elements import twelve_cell_rule
 from study.discretisation import one_cut
-from tests.library.properties import Elastic, dense
-from tests.library.random_meshes import Grid, delaunay, points_within, same_nodes
+from study.matrices import dense
+from tests.contact.cases import PW, Elastic, at
+from tests.library.random_meshes import Grid, points_within, same_nodes, structured
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 
 STANDARD, MACRO = basix.PolysetType.standard, basix.PolysetType.macroedge
@@ -70,10 +67,9 @@ def one_cell():
     return Grid("tetrahedron", NODES[:4], np.array([[0, 1, 2, 3]])).mesh()
 
 
-def in_order(A, space):
-    """Rows and columns by the nodes of the only cell."""
-    cell = space.dofmap.list[0]
-    return dense(A)[np.ix_(cell, cell)]
+def tetrahedra(seed):
+    """A cube of distorted cells."""
+    return structured("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
 
 
 def test_is_the_mean_of_the_one_cut_element_over_all_orders_of_vertices():
@@ -96,15 +92,8 @@ def test_is_the_mean_of_the_one_cut_element_over_all_orders_of_vertices():
     assert np.abs(one.tabulate(0, points)[0] - mean).max() > 0.1
 
 
-def test_is_the_one_cut_element_on_faces():
-    rng = np.random.default_rng(1)
-    points = rng.dirichlet(np.ones(3), 50) @ basix.geometry(basix.CellType.tetrahedron)[1:]
-    twelve, one = (e.tabulate(1, points) for e in (macro_element("tetrahedron"), one_cut_element()))
-    assert np.abs(twelve[0] - one[0]).max() < 1e-15
-
-
 def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
-    spaces = Spaces.petrov_galerkin(one_cell(), 0)
+    spaces = PW(one_cell(), 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     cell = spaces.trial.dofmap.list[0]
     K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
@@ -120,22 +109,17 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
 
 
 def test_forces_and_displacements_do_not_depend_on_the_order_of_vertices():
-    grid, force = delaunay(3, 3, inside=12), np.array([0.3, -0.5, 1.0])
-    material, largest = Material(1.0, 0.3), {}
-    for name, spaces in (("twelve", Spaces.petrov_galerkin), ("one", one_cut)):
-        solved = []
+    grid, force, largest = tetrahedra(3), np.array([0.3, -0.5, 1.0]), {}
+    for name, spaces in (("twelve", PW), ("one", one_cut)):
+        solved, first = [], None
         for seed in range(4):
             mesh = grid.renumbered(seed).mesh() if seed else grid.mesh()
-            body = Body(spaces(mesh), material, "solid")
-            U, K = body.spaces.trial, assemble_matrix(body.stiffness())
-            f = assemble_vector(body.body_load(force))
-            held = [prescribe(U, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
-            a = solve(K, f, Reduction.dirichlet(U, held))
-            x = U.tabulate_dof_coordinates()
-            if seed == 0:
-                first = x
-            at = same_nodes(x, first)
-            solved.append([v.array.reshape(-1, 3)[at] for v in (a, reactions(K, a, f), f)])
+            body = Elastic(mesh, spaces, "solid", 1.0)
+            f = body.weight(force)
+            a = solve(body.K, f, body.clamped(at(2, 0.0)))
+            first = body.x if first is None else first
+            order = same_nodes(body.x, first)
+            solved.append([v.array.reshape(-1, 3)[order] for v in (a, reactions(body.K, a, f), f)])
         largest[name] = [
             max(np.abs(other - ours).max() for other in others) / np.abs(ours).max()
             for ours, *others in zip(*solved, strict=True)
@@ -163,7 +147,7 @@ def test_rule_is_exact_on_each_cell_of_every_cut(degree):
 
 
 def test_one_point_in_each_cell_makes_the_stiffness_and_nothing_else():
-    body = Elastic(delaunay(3, 5), state="solid").body
+    body = Elastic(tetrahedra(5).mesh(), state="solid").body
     crude, exact = (replace(body, quadrature_degree=degree) for degree in (1, 6))
     before = fem.Function(body.spaces.trial)
     before.x.array[:] = np.sin(np.arange(len(before.x.array)))
@@ -181,7 +165,7 @@ def test_one_point_in_each_cell_makes_the_stiffness_and_nothing_else():
 @pytest.mark.parametrize("degree", [2, 4])
 def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
     """Basix's rules of degree 4, 5 and 7 have points there, and DOLFINx's own matrix is wrong."""
-    spaces = one_cut(delaunay(3, 5).mesh(), ())
+    spaces = one_cut(tetrahedra(5).mesh(), ())
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
     exact = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))
@@ -193,7 +177,7 @@ def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
 
 
 def test_own_forms_are_integrated_on_the_twelve_cells():
-    spaces = Spaces.petrov_galerkin(delaunay(3, 7).mesh(), 0)
+    spaces = PW(tetrahedra(7).mesh(), 0)
     mesh, W = spaces.mesh, spaces.test
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(W)
     x, fine = ufl.SpatialCoordinate(mesh), cell_measure(W, 12)
@@ -246,7 +230,7 @@ def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
 
 def test_subdomains_are_kept():
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2)
-    v = ufl.TestFunction(Spaces.petrov_galerkin(mesh, 0).test)
+    v = ufl.TestFunction(PW(mesh, 0).test)
     cells = np.arange(20, dtype=np.int32)
     tags = meshtags(mesh, 3, cells, np.where(cells < 5, 1, 2).astype(np.int32))
     dx = ufl.Measure("dx", domain=mesh, subdomain_data=tags)
@@ -265,7 +249,7 @@ def test_refuses_the_points_of_basixs_rules(degree, polyset):
 
 
 def test_refuses_dolfinx_own_integrals():
-    spaces = Spaces.petrov_galerkin(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
+    spaces = PW(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
     u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
     w = fem.Function(spaces.test)
     for form in (
@@ -296,7 +280,7 @@ def test_values_and_nodal_slopes_may_be_asked_for():
     assert element.tabulate(0, middle)[0][0] == pytest.approx([0] * 4 + [1 / 6] * 6, abs=1e-15)
 
     mesh = create_unit_cube(MPI.COMM_SELF, 2, 1, 1)
-    W, V = (Spaces.petrov_galerkin(mesh, 0).test, fem.functionspace(mesh, ("Lagrange", 2)))
+    W, V = (PW(mesh, 0).test, fem.functionspace(mesh, ("Lagrange", 2)))
     w, f = fem.Function(W), fem.Function(V)
     w.interpolate(lambda x: x[0] + x[1] * x[2])
     f.interpolate(w)
