@@ -196,22 +196,23 @@ def test_a_given_function_is_filled():
 def test_what_is_no_state_of_the_body():
     block, other = Block(4), Block(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
-    with pytest.raises(ValueError, match="belongs to another space"):
-        ContactFields.of(state, other.body)
     moved = PW(mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
-    with pytest.raises(ValueError, match="belongs to another space"):
-        ContactFields.of(state, moved.trial)
+    pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
+    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
+    fields = ContactFields.of(state, block.body)
+    ContactFields.of(half, block.space)
+    for attempt, words in (
+        (lambda: ContactFields.of(state, other.body), "belongs to another space"),
+        (lambda: ContactFields.of(state, moved.trial), "belongs to another space"),
+        (lambda: fields.fill(half), "other contact nodes than the fields"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            attempt()
     for ask in (ContactFields.of, plot):
         with pytest.raises(TypeError, match="solve_contact gives a list of states"):
             ask([state], block.body)
         with pytest.raises(TypeError, match=r"body is of the type Block: "):
             ask(state, block)
-    pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
-    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
-    ContactFields.of(half, block.space)
-    with pytest.raises(ValueError, match="other contact nodes than the fields"):
-        ContactFields.of(state, block.body).fill(half)
-    for ask in (ContactFields.of, plot):
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             ask(half, block.body)
 
