@@ -23,6 +23,7 @@ from tests.contact.cases import GALERKIN, PW, Block
 ROOT = Path(__file__).parents[2]
 LIBRARY = ROOT / "pw_elements"
 WINGS = [  # of the library, from the lowest to the highest
+    "arrays",
     "_compat",
     "progress",
     "checks",
