@@ -1,4 +1,4 @@
-"""What every result states, units that suit it; figures, claims and texts ask for cases there are."""
+"""What every result states, with suitable units; figures, claims and texts ask for known cases."""
 
 import re
 from fnmatch import fnmatchcase
