@@ -1,4 +1,4 @@
-"""What every result states: its parameters, and a unit that suits each number."""
+"""What every result states, with suitable units; figures, claims and texts ask for known cases."""
 
 import re
 from fnmatch import fnmatchcase
@@ -187,16 +187,13 @@ def test_measures_select_by_parameters_or_by_names(results):
     assert largest(results, "7.1", {"element": "pw-T6"}, "sum") == by_name == pytest.approx(6)
 
 
-LOADED = {name: load_section(name).cases for name in SECTIONS}
-CASES = {name: [case.name for case in cases] for name, cases in LOADED.items()}
-KEYS = {f"{section}/{case}" for section, cases in CASES.items() for case in cases}
 TEXTS = sorted(Path(texts.__file__).parent.glob("*.html"))
 LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?')
 
 
 @pytest.mark.parametrize("name", scripts())
 def test_figures_need_cases(name):
-    assert set(import_module(f"figures.{name}").NEEDS) <= KEYS
+    assert set(import_module(f"figures.{name}").NEEDS) <= set(CASES)
 
 
 @pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.stem)
@@ -204,16 +201,17 @@ def test_texts_show_cases_and_figures(text):
     content = text.read_text()
     assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(scripts())
     for key, beginning in LITERAL.findall(content):
-        assert key in KEYS or (beginning and any(case.startswith(key) for case in KEYS)), key
+        assert key in CASES or (beginning and any(case.startswith(key) for case in CASES)), key
 
 
 @pytest.mark.parametrize("claim", load_claims(), ids=lambda claim: claim.id)
 def test_claims_measure_cases(claim):
     args = claim.judgement.args if claim.judgement else {}
     named = [value for value in args.values() if isinstance(value, str) and "/" in value]
-    assert set(named) <= KEYS
+    assert set(named) <= set(CASES)
     if {"section", "cases"} <= set(args):
-        assert any(_selects(args["cases"], case) for case in LOADED[args["section"]])
+        section = [case for case in CASES.values() if case.section == args["section"]]
+        assert any(_selects(args["cases"], case) for case in section)
 
 
 def _selects(cases, case):
