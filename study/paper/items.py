@@ -167,6 +167,7 @@ _TESTED = {
     "V15": ("study/test_verification_rubber", "library/test_hybrid"),
     "V16": ("contact/test_large",),
     "Q": ("study/test_rivals",),
+    "W": ("study/test_engineering",),
     "P": ("study/test_peers",),
     "K": ("library/test_iterative", "contact/test_iterative"),
 }
@@ -182,7 +183,7 @@ def map_table() -> str:
 
 def _place(section: str) -> tuple[int, float]:
     """Return what sections are sorted by: the paper's first, V9 before V10."""
-    kinds = ("", "I", "T", "C", "V", "Q", "P", "K")
+    kinds = ("", "I", "T", "C", "V", "Q", "W", "P", "K")
     letter = section.rstrip("0123456789.")
     return kinds.index(letter), float(section.removeprefix(letter) or 0)
 
