@@ -25,9 +25,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
@@ -48,9 +48,6 @@ from pw_elements.solvers import (
     with_levels,
 )
 from pw_elements.spaces import SubSpace
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Sticking nodes of a piece that hold it well enough
 _ENOUGH = 6
@@ -83,7 +80,7 @@ class NodePoints:
     scale: Array  # (m,), c of the law
     moved: Indices  # (m, dim), number of the free translation that moves it, or -1
     translations: int
-    facing: npt.NDArray[np.bool_]  # (m,), whether it may hold its body at all
+    facing: Mask  # (m,), whether it may hold its body at all
     round_off: float  # force that may be nothing but round-off, at all points together
 
     @classmethod
@@ -125,7 +122,7 @@ class NodePoints:
 class Unassembled:
     """E K + C with its border, for `PETSc.Mat.createPython`; it keeps K a (m, dim) as `force`."""
 
-    def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
+    def __init__(self, K: PETSc.Mat, free: Mask, points: NodePoints) -> None:
         self._K, self._points = K, points
         self._prescribed: Indices = np.flatnonzero(~free)
         self._stated = points.own >= 0
@@ -257,7 +254,7 @@ class Sprung:
         )
 
 
-def stated_mean(values: Array, stated: npt.NDArray[np.bool_]) -> Array:
+def stated_mean(values: Array, stated: Mask) -> Array:
     """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
     count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), 1.0)
