@@ -78,7 +78,10 @@ NO_SUPPORTS = (
 _MOST_ITERATIONS = 1000
 _KEPT_VECTORS = 100
 # Stiffnesses that differ by more than 1e5 make vectors lose their orthogonality
-_GMRES = {"ksp_converged_maxits": True, "ksp_gmres_cgs_refinement_type": "refine_ifneeded"}
+_GMRES: Mapping[str, str | int | float | bool] = {
+    "ksp_converged_maxits": True,
+    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
+}
 # The true residual over what the method takes it for
 _DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
@@ -337,7 +340,7 @@ class Krylov:
         counted = self._counted  # a method would make a cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # residuals are judged here, not by an error of PETSc's
-        set_options(ksp, _GMRES | dict(self._how.options))
+        set_options(ksp, {**_GMRES, **self._how.options})
         return ksp
 
     @property

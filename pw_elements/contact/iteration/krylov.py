@@ -207,7 +207,10 @@ class Sprung:
         self._springs = 1 / stated_mean(compliance, stated)[:, None, None]
         self._law, self._force = self._flexible.createVecs()
         self._moved, self._rest = self._law.duplicate(), points.motion.createVecRight()
-        self._ksp: PETSc.KSP | None = None
+        self._ksp = PETSc.KSP().create(K.comm)
+        self._ksp.setType("preonly")
+        self._ksp.getPC().setType("lu")
+        self._ksp.getPC().setFactorSolverType("mumps")
 
     def shares(self, law: LinearisedLaw) -> Array:
         """Factors (m, dim) that make gaps of the law forces of the springs."""
@@ -222,13 +225,7 @@ class Sprung:
         E, C = np.where(both, law.E, one), np.where(both, law.C, 0.0)
         T = self._times(C, self._flexible)
         add(T, 1.0, block_diagonal(E, points.motion.getSizes()[0], points.motion.comm))
-        if self._ksp is not None:
-            destroy(self._ksp)
-        self._ksp = PETSc.KSP().create(T.comm)
         self._ksp.setOperators(T)
-        self._ksp.setType("preonly")
-        self._ksp.getPC().setType("lu")
-        self._ksp.getPC().setFactorSolverType("mumps")
         half = self._times(self._springs * anchored * both, points.motion)
         return points.force.transposeMatMult(half)
 
@@ -245,8 +242,7 @@ class Sprung:
         self._inner.apply(self._rest, y)
 
     def release(self) -> None:
-        if self._ksp is not None:
-            destroy(self._ksp)
+        destroy(self._ksp)
 
     def _times(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
         return block_diagonal(blocks, self._points.motion.getSizes()[0], matrix.comm).matMult(
