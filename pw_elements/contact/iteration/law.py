@@ -133,7 +133,7 @@ class Contact:
         pressed, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap
         limit, _ = self.cone.limit(np.maximum(0.0, pressed))
         sticks = np.linalg.norm(self.shearing, axis=1) < limit
-        unlike = np.linalg.norm(tangential - projected(self.shearing, limit), axis=1)
+        unlike = np.abs(tangential - projected(self.shearing, limit)).max(axis=1, initial=0.0)
         slipped = np.where(sticks, np.linalg.norm(self.slip, axis=1), 0.0)
         return {
             "penetration": np.maximum(0.0, -gap) / length,

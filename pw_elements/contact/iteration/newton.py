@@ -277,12 +277,14 @@ class Increment:
         """Largest of the residuals over what is allowed, lengths being forces of the nodes.
 
         Coordinates' round-off is allowed for in gaps and balances, and in friction at points which
-        are not pressed by more: slips have no coordinates.
+        are not pressed by more: slips have no coordinates, but friction's limit has the gap.
         """
         comm, contact = self.system.comm, now.contact
         moved, placed = self._lost(now)
         allowed = TOLERANCE * self._largest(now) + moved
-        loose = np.where(contact.force[:, 0] > placed, 0.0, placed)
+        gap = np.where(np.isfinite(contact.gap), np.abs(contact.gap), 0.0)
+        loose = contact.limits[1] * contact.scale * gap
+        loose = np.where(contact.force[:, 0] > placed, loose, placed)
         wrong = self.residuals(now, 1.0, 1 / contact.scale)
         worst = self.equilibrium.violation(wrong.pop("equilibrium")[0], allowed + placed, now.full)
         for name, values in wrong.items():

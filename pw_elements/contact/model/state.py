@@ -91,7 +91,8 @@ class Residuals:
         complementarity: smaller of r_n and g, where both are positive.
         cone: |r_t| - mu r_n where it is positive.
         stick: slip of nodes that stick.
-        direction: r_t less the limit of friction against the slip, of slipping nodes.
+        direction: r_t less the limit of friction against the slip, of slipping nodes; its largest
+            component along the tangents.
         balance: total force against the one prescribed for free translations.
     """
 
