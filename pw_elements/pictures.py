@@ -21,7 +21,7 @@ from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import agree, arguments, collective, number, vector
 from pw_elements.elasticity import facets_in_cells
 from pw_elements.spaces import exterior_facets
@@ -167,12 +167,15 @@ def _faces(
         places = np.arange(moved.shape[1])[None]
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
-        every = exterior_facets(mesh, lambda x: np.ones(x.shape[1], dtype=bool))
-        own, _, places = facets_in_cells(nodes, every)
+        own, _, places = facets_in_cells(nodes, exterior_facets(mesh, _anywhere))
         cells = own[:, None]
     behind = moved.mean(axis=1)[cells[:, 0]]
     each = mesh.comm.allgather((moved[cells, places], field[cells, places], behind))
     return _Faces(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
+
+
+def _anywhere(x: Array) -> Mask:
+    return np.ones(x.shape[1], dtype=bool)
 
 
 def _in_cells(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:

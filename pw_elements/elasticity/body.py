@@ -568,7 +568,7 @@ def prescribe(
         now = number("the prescribed value", value if held is None else held.value)
     agree(comm, {"the component": component, "the prescribed value": now})
     axis = 0 if fluid else int(component)
-    dofs = field.unknowns[marked_nodes(field.space, where, "the prescribed nodes"), axis]
+    dofs = field.unknowns[_nodes(field.space, where, "the prescribed nodes"), axis]
     part = space.sub(int(fluid)) if hybrid else space
     if part.num_sub_spaces:
         part = part.sub(axis)
@@ -595,7 +595,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     with collective(comm):
         vector("nodal force", force, field.unknowns.shape[1])
     agree(comm, {"the nodal force": force})
-    nodes = marked_nodes(field.space, where, "the loaded nodes")
+    nodes = _nodes(field.space, where, "the loaded nodes")
     nodes = nodes[nodes < len(field.owned)]
     values = np.zeros(field.owned.shape)
     values[nodes] = force
@@ -646,8 +646,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(Assembled.of(M), lumped=True).mark(lumped)
 
 
-def marked_nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> Local:
-    """Local numbers, ghosts too, of the nodes where a marker holds, of some process at least."""
+def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> Local:
     comm = space.mesh.comm
     with collective(comm):
         holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)

@@ -42,13 +42,7 @@ from ufl.core.expr import Expr
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import agree, arguments, collective, is_number
-from pw_elements.elasticity.body import (
-    Body,
-    Material,
-    Scalar,
-    boundary_measure,
-    marked_nodes,
-)
+from pw_elements.elasticity.body import Body, Material, Scalar, boundary_measure
 from pw_elements.spaces import (
     Marker,
     Part,
@@ -56,6 +50,7 @@ from pw_elements.spaces import (
     assemble_vector,
     exterior_facets,
     is_hybrid,
+    marked,
     quadratic_element,
     scalar_space,
 )
@@ -172,17 +167,20 @@ def forces_along(
     """
     arguments.space(space)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    comm = space.mesh.comm
+    comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
     with collective(comm):
         if not (is_number(axis) and axis in range(3)):
             raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
         arguments.petsc_vector("the vector of forces", forces)
         arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
-    nodes = marked_nodes(space, where, "the line")
+        nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
     agree(comm, {"axis": axis})
     nodes = nodes[nodes < index_map.size_local]
-    parts = space.tabulate_dof_coordinates()[nodes], forces.array_r.reshape(-1, block)[nodes]
-    position, force = (np.concatenate(comm.allgather(part)) for part in parts)
+    position = comm.allgather(x[nodes])
+    force = comm.allgather(forces.array_r.reshape(-1, block)[nodes])
+    position, force = np.concatenate(position), np.concatenate(force)
+    if not len(position):
+        raise ValueError("the marker holds at no node of the space: check its coordinates")
     order = by_position(np.roll(position, -axis, axis=1))
     return BoundaryForces(position[order], force[order])
 
