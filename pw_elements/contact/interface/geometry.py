@@ -221,7 +221,7 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
     are the master's unit normals.
     """
-    one, other = _candidates(slave, master)
+    one, other = _candidates(slave, master, along)
     facing = np.sum(along[one] * outward[other], axis=1) < _FACING
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
@@ -282,19 +282,44 @@ def stretches(corners: Array, weight: Array | None = None) -> Array:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
-    """Pairs whose bounding balls meet, the slave's widened by its distance from the master."""
+def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Indices]:
+    """Pairs that may overlap: the master's box meets the slave's, which is as long as its reach.
+
+    Slaves' boxes are turned along their directions. The master's, along the axes and in the order
+    of a k-d tree, are joined two by two, up to a box of all: from there pairs descend together.
+    """
     if not len(slave) or not len(master):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    middles, tree = slave.mean(axis=1), cKDTree(master.mean(axis=1))
+    middle, theirs = slave.mean(axis=1), master.mean(axis=1)
+    tree = cKDTree(theirs)
+    away = slave - middle[:, None]
     sizes, largest = (
-        np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-        for corners in (slave, master)
+        np.linalg.norm(x, axis=2).max(axis=1) for x in (away, master - theirs[:, None])
     )
-    reach = sizes + largest.max() + tree.query(middles)[0]
-    found = tree.query_ball_point(middles, reach)
-    one = np.repeat(np.arange(len(slave)), [len(near) for near in found])
-    return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
+    reach = sizes + largest.max() + tree.query(middle)[0]
+    axes = np.linalg.svd(along[:, None])[2]  # of each slave's box, the first one along
+    half = np.abs(away @ np.swapaxes(axes, 1, 2)).max(axis=1)
+    half[:, 0] = reach
+    boxes = [np.stack([end(master[tree.indices], axis=1) for end in (np.min, np.max)])]
+    while (n := boxes[-1].shape[1]) > 1:
+        pairs = np.arange(0, n, 2)
+        low, high = boxes[-1]
+        joined = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
+        boxes.append(np.stack(joined))
+    one, other = np.arange(len(slave)), np.zeros(len(slave), dtype=np.int64)
+    for level, (low, high) in enumerate(reversed(boxes)):
+        if level:
+            one, other = np.repeat(one, 2), (2 * other[:, None] + [0, 1]).ravel()
+            one, other = one[other < len(low)], other[other < len(low)]
+        centre, extent = (low + high) / 2, (high - low) / 2
+        for k in range(slave.shape[2]):
+            axis = axes[one, k]
+            apart = np.abs(np.sum(axis * (centre[other] - middle[one]), axis=1))
+            meets = apart <= half[one, k] + np.sum(np.abs(axis) * extent[other], axis=1)
+            one, other = one[meets], other[meets]
+    other = tree.indices[other]
+    near = np.linalg.norm(theirs[other] - middle[one], axis=1) <= reach[one]
+    return one[near], other[near]
 
 
 def _simplex(corners: Array) -> Array:
