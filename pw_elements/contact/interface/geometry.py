@@ -306,7 +306,8 @@ def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Ind
         low, high = boxes[-1]
         joined = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
         boxes.append(np.stack(joined))
-    one, other = np.arange(len(slave)), np.zeros(len(slave), dtype=np.int64)
+    one: Indices = np.arange(len(slave))
+    other: Indices = np.zeros(len(slave), dtype=np.int64)
     for level, (low, high) in enumerate(reversed(boxes)):
         if level:
             one, other = np.repeat(one, 2), (2 * other[:, None] + [0, 1]).ravel()

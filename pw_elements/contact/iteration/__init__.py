@@ -16,6 +16,7 @@ from pw_elements.contact.iteration.law import (
     Kinematics,
     LinearisedLaw,
     equations,
+    mixed,
     sticking,
 )
 from pw_elements.contact.iteration.newton import (
@@ -27,12 +28,9 @@ from pw_elements.contact.iteration.newton import (
     newton,
 )
 from pw_elements.contact.iteration.policy import (
-    LeftFree,
     Policy,
     initial_active_set,
     initial_unknowns,
-    null_space,
-    triangle,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
 from pw_elements.contact.iteration.system import ContactSystem

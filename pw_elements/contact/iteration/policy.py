@@ -27,7 +27,6 @@ from pw_elements.contact.iteration.law import (
     ActiveSet,
     Contact,
     Kinematics,
-    equations,
     mixed,
     sticking,
 )
@@ -57,11 +56,9 @@ _RESCUES = 3
 
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING_GAP = 1e-9
-# Stiffness of a motion, over what it would be for an arbitrary one, that is as good as none
-_FREE_STIFFNESS = 1e-8
 # Padding of cells among which that around a point of another mesh is looked for
 _BESIDE = 1e-6
-# Cells whose nodes are looked for, and rows that are factorised, at once, to save memory
+# Cells whose nodes are looked for at once, to save memory
 _AT_ONCE = 20_000
 
 
@@ -191,63 +188,6 @@ class Cycles:
         wrong = np.where(self._slow, np.linalg.norm(contact.violation(), axis=1), 0.0)
         worst = self._comm.allreduce(wrong.max(initial=0.0), MPI.MAX)
         return mixed(self._slow & (wrong < worst * (1 - 1e-6)), old, new)
-
-
-@dataclass(frozen=True)
-class LeftFree:
-    """Rigid motions that neither stiffness nor contact hold."""
-
-    relative: Array  # motions (m, dim, modes) of the contact points relative to their surfaces
-    held: Array  # rows (n, modes) of the pieces' modes that supports and stiffness act on
-    comm: MPI.Comm
-    names: Callable[[Array], list[str]]  # words for motions (k, modes)
-
-    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
-        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
-        free = self._free(active, frame)
-        return self.names(free) if len(free) else []
-
-    def slides(self, contact: Contact, lost: float) -> bool:
-        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
-        shear, at_rest = contact.force[:, 1:], contact.active_set()
-        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
-        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
-        used &= size >= limit - lost
-        if not self.comm.allreduce(bool(used.any()), MPI.LOR):
-            return False
-        direction = shear / np.where(used, size, 1.0)[:, None]
-        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
-        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
-        along = np.einsum("nab,na,nbm->nm", contact.frame[:, 1:], direction, self.relative) @ free.T
-        along = along[used & (at_rest.status == STICK)]
-        ends = self.comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
-        # a single motion has to go against all friction of what does not slip yet, or its reverse
-        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
-
-    def _free(self, active: ActiveSet, frame: Array) -> Array:
-        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
-        m, dim, motions = self.relative.shape
-        constraints = equations(active, np.ones(m))[1] @ frame
-        rows = np.einsum("nab,nbm->nam", constraints, self.relative).reshape(m * dim, motions)
-        held = np.pad(self.held, ((0, 0), (0, motions - self.held.shape[1])))
-        return null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE_STIFFNESS)
-
-
-def null_space(rows: Array, tolerance: float) -> Array:
-    """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
-    n = rows.shape[1]
-    _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
-    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
-
-
-def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
-    """R of a QR factorisation of all processes' rows (m, n): a Gram matrix loses what is small."""
-    own: Array = np.zeros((0, rows.shape[1]))
-    for each in (rows, *more):
-        for first in range(0, len(each), _AT_ONCE):
-            part = np.vstack([own, each[first : first + _AT_ONCE]])
-            own = np.asarray(np.linalg.qr(part, mode="r"))
-    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 
 class LastHold:

@@ -3,7 +3,7 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -12,16 +12,28 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 from dolfinx import fem
 
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
-from pw_elements.contact.iteration import ContactSystem, LeftFree, null_space, triangle
+from pw_elements.contact.iteration import (
+    OPEN,
+    SLIP,
+    STICK,
+    ActiveSet,
+    Contact,
+    ContactSystem,
+    equations,
+    mixed,
+)
 from pw_elements.contact.model import Free
 from pw_elements.solvers import collect_garbage, connected_pieces
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+# Rows (r, k) on some modes (k,)
+Block = tuple[Indices, Array]
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -30,6 +42,12 @@ NOTHING = 1e-6
 # Stiffness of a motion, over what it would be for an arbitrary one, that is no more than round-off:
 # something is to be proved by it
 _ZERO_STIFFNESS = 1e-11
+# The same, as good as none
+_FREE_STIFFNESS = 1e-8
+# Pieces and surfaces' motions that are looked at together
+_TOGETHER = 20
+# Rows that are factorised at once, to save memory
+_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
@@ -78,22 +96,26 @@ class RigidModes:
     def number(self) -> int:
         return self.of_pieces + len(self.free)
 
-    def of_piece(self, k: int) -> slice:
-        return slice(k * self._each, (k + 1) * self._each)
+    @property
+    def group(self) -> Indices:
+        """The piece (modes,) that moves, or a number of its own for each of the surfaces' modes."""
+        pieces = len(self.centre)
+        of_piece, surfaces = np.repeat(np.arange(pieces), self._each), np.arange(len(self.free))
+        return np.concatenate([of_piece, pieces + surfaces])
 
-    def displacements(self) -> Iterator[Array]:
-        """Displacements (owned dofs,) of this process' nodes in each of the pieces' modes."""
-        for k in range(len(self.centre)):
-            mine = self._piece == k
-            s = (self._x[mine] - self.centre[k]) / self.length[k]
-            for axis in range(self._x.shape[1]):
-                mode = np.zeros_like(self._x)
-                mode[mine, axis] = 1.0
-                yield mode.ravel()
-            for i, j in self._planes:
-                mode = np.zeros_like(self._x)
-                mode[mine, i], mode[mine, j] = -s[:, j], s[:, i]
-                yield mode.ravel()
+    def displacements(self) -> sp.csr_array:
+        """Displacements (owned dofs, modes) of this process' nodes in the modes."""
+        n, dim = self._x.shape
+        s = (self._x - self.centre[self._piece]) / self.length[self._piece][:, None]
+        values = np.zeros((n, dim, self._each))
+        values[:, :, :dim] = np.eye(dim)
+        for k, (i, j) in enumerate(self._planes, start=dim):
+            values[:, i, k], values[:, j, k] = -s[:, j], s[:, i]
+        mode = self._piece[:, None, None] * self._each + np.arange(self._each)
+        mode = np.broadcast_to(mode, values.shape)
+        known = values != 0
+        pointers = np.append(0, np.cumsum(known.sum(axis=2)))
+        return sp.csr_array((values[known], mode[known], pointers), (n * dim, self.number))
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -218,17 +240,148 @@ def direction(vector: Array) -> str:
     return listed(vector[None])
 
 
+@dataclass(frozen=True)
+class LeftFree:
+    """Rigid motions that neither stiffness nor contact hold."""
+
+    relative: sp.csr_array  # motions (m dim, modes) of the points relative to their surfaces
+    held: list[Block]  # rows on the modes that supports and stiffness act on, of all processes
+    group: Indices  # (modes,)
+    comm: MPI.Comm
+    names: Callable[[Array], list[str]]  # words for motions (k, modes)
+
+    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        free = self._free(active, frame)
+        return self.names(free) if len(free) else []
+
+    def slides(self, contact: Contact, lost: float) -> bool:
+        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
+        shear, at_rest = contact.force[:, 1:], contact.active_set()
+        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
+        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
+        used &= size >= limit - lost
+        if not self.comm.allreduce(bool(used.any()), MPI.LOR):
+            return False
+        direction = shear / np.where(used, size, 1.0)[:, None]
+        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
+        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
+        moved = (self.relative @ free.T).reshape(*contact.frame.shape[:2], len(free))
+        along = np.einsum("nab,na,nbk->nk", contact.frame[:, 1:], direction, moved)
+        along = along[used & (at_rest.status == STICK)]
+        ends = self.comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
+        # a single motion has to go against all friction of what does not slip yet, or its reverse
+        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
+
+    def _free(self, active: ActiveSet, frame: Array) -> Array:
+        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
+        m, dim = frame.shape[:2]
+        constraints = equations(active, np.ones(m))[1] @ frame
+        turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
+        rows = triangles(sp.csr_array(turned @ self.relative), self.group, self.comm)
+        return null_space(self.held + rows, self.group, _FREE_STIFFNESS)
+
+
+def triangles(rows: sp.csr_array, group: Indices, comm: MPI.Comm) -> list[Block]:
+    """R of QR factorisations of all processes' rows (n, modes), one of those on the same groups.
+
+    A Gram matrix would lose what is small.
+    """
+    rows.eliminate_zeros()
+    of = sp.csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
+    touched = sp.csr_array((np.ones(rows.nnz), rows.indices, rows.indptr), rows.shape) @ of
+    touched.sort_indices()
+    touched.data[:] = 1.0
+    which = touched @ np.random.default_rng(0).random(touched.shape[1])
+    order = np.argsort(which, kind="stable")
+    own: list[Block] = []
+    for part in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
+        groups = touched[part[:1]].indices
+        if not len(groups):
+            continue
+        modes = np.flatnonzero(np.isin(group, groups))
+        triangle = np.zeros((0, len(modes)))
+        for first in range(0, len(part), _AT_ONCE):
+            some = rows[part[first : first + _AT_ONCE]][:, modes].toarray()
+            triangle = np.asarray(np.linalg.qr(np.vstack([triangle, some]), mode="r"))
+        own.append((modes, triangle))
+    return [block for blocks in comm.allgather(own) for block in blocks]
+
+
+def null_space(blocks: list[Block], group: Indices, tolerance: float) -> Array:
+    """Orthonormal motions (k, modes) that blocks of rows of unit size take to nothing.
+
+    Groups of modes hang together in parts. In large ones those that are held, alone or by others
+    that are, go first, one by one: what is left is little, or hangs together in smaller parts.
+    """
+    at = [np.unique(group[modes]).tolist() for modes, _ in blocks]
+    touching: list[list[int]] = [[] for _ in range(group.max(initial=-1) + 1)]
+    for b, groups in enumerate(at):
+        for k in groups:
+            touching[k].append(b)
+
+    def parts(free: set[int]) -> Iterator[list[int]]:
+        while free:
+            part = [free.pop()]
+            for k in part:  # which grows
+                beside = {j for b in touching[k] for j in at[b]} & free
+                free -= beside
+                part += beside
+            yield part
+
+    def kernel(groups: list[int], chosen: Iterable[int]) -> Array:
+        modes, rows = np.flatnonzero(np.isin(group, groups)), []
+        for b in chosen:
+            rows.append(np.zeros((len(blocks[b][1]), len(group))))
+            rows[-1][:, blocks[b][0]] = blocks[b][1]
+        dense = np.concatenate([np.zeros((len(modes), len(group))), *rows])[:, modes]
+        _, values, vectors = np.linalg.svd(dense, full_matrices=False)
+        none = values < tolerance * np.sqrt(len(group))
+        found = np.zeros((int(none.sum()), len(group)))
+        found[:, modes] = vectors[none]
+        return found
+
+    def held(part: list[int]) -> set[int]:
+        free, waiting = set(part), list(part)
+        while waiting:
+            k = waiting.pop()
+            alone = [b for b in touching[k] if free.isdisjoint({*at[b]} - {k})]
+            if k in free and alone and not len(kernel([k], alone)):
+                free.remove(k)
+                waiting += [j for b in touching[k] for j in at[b] if j in free]
+        return set(part) - free
+
+    whole = list(parts(set(range(len(touching)))))
+    large = [part for part in whole if len(part) > _TOGETHER]
+    small = [part for part in whole if len(part) <= _TOGETHER]
+    small += [rest for part in large for rest in parts(set(part) - held(part))]
+    found = [kernel(part, sorted({b for k in part for b in touching[k]})) for part in small]
+    return np.concatenate([np.zeros((0, len(group))), *found])
+
+
 class RigidMotions:
     """Rigid motions of the pieces of a supported body and of free surfaces."""
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
         self.modes = RigidModes(space, system.free, system.interface.pairs)
-        motion, self._column = system.interface.motion, free_columns(system.reduction.right)
-        relative = self._at_points(motion * mode for mode in self._full())
-        held = self._hold_of_supports(transposed=False)
-        self.left_free = LeftFree(relative, held, system.comm, self._names)
-        collect_garbage(motion, system.stiffness)
+        field, mesh = system.interface.field, space.mesh
+        moved, at = self.modes.displacements(), field.owned.ravel()
+        rows = np.full(field.rows[0], len(at))
+        rows[at] = np.arange(len(at))
+        empty = sp.csr_array((1, moved.shape[1]))
+        self._full = sp.csr_array(sp.vstack([moved, empty], "csr")[rows])  # (unknowns, modes)
+        column = free_columns(system.reduction.right)
+        self._held = column == -1
+        kept = np.flatnonzero(column >= 0)
+        first, last = system.stiffness.getOwnershipRange()
+        ones = (np.ones(len(kept)), (column[kept] - first, kept))
+        self._reduced = sp.csr_array(ones, (last - first, len(column))) @ self._full
+        held = triangles(self._hold_of_supports(transposed=False), self.modes.group, mesh.comm)
+        self.left_free = LeftFree(
+            self._at_points(works=False), held, self.modes.group, system.comm, self._names
+        )
+        collect_garbage(system.interface.motion, system.stiffness)
 
     def _names(self, motions: Array) -> list[str]:
         return self.modes.names(self.modes.simplest(motions).motions)
@@ -239,86 +392,85 @@ class RigidMotions:
         A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
         relative to surfaces in which forces at the contact points do work.
         """
-        held = self._hold_of_supports(transposed=True)
-        pieces, motions = len(self.modes.centre), self.modes.number
-        basis = []
-        for k in range(pieces):
-            mine = self.modes.of_piece(k)
-            free = null_space(held[:, mine], _ZERO_STIFFNESS)
-            basis.append(np.zeros((len(free), motions)))
-            basis[-1][:, mine] = free
-        surfaces = np.eye(motions)[held.shape[1] :]
-        chosen = self.modes.simplest(np.concatenate([*basis, surfaces]))
-        return chosen, self._at_points(self._works()) @ chosen.motions.T
+        group, comm = self.modes.group, self._system.comm
+        held = triangles(self._hold_of_supports(transposed=True), group, comm)
+        alone = [
+            (modes[group[modes] == k], rows[:, group[modes] == k])
+            for modes, rows in held
+            for k in np.unique(group[modes])
+        ]
+        chosen = self.modes.simplest(null_space(alone, group, _ZERO_STIFFNESS))
+        works = self._at_points(works=True) @ chosen.motions.T
+        return chosen, works.reshape(*self._system.interface.position.shape, -1)
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
-        work, size = np.zeros((2, self.modes.number))
-        magnitude = load.copy()
-        magnitude.abs()
-        for k, mode in enumerate(self._reduced()):
-            work[k] = load.dot(mode)
-            mode.abs()
-            size[k] = magnitude.dot(mode)
-        work[len(work) - len(totals) :] = totals
-        size[len(work) - len(totals) :] = np.abs(totals)
-        return work, size
+        forces = load.array_r
+        parts = np.array([self._reduced.T @ forces, abs(self._reduced).T @ np.abs(forces)])
+        self._system.comm.Allreduce(MPI.IN_PLACE, parts, MPI.SUM)
+        parts[:, self.modes.of_pieces :] = totals, np.abs(totals)
+        return parts[0], parts[1]
 
-    def _full(self) -> Iterator[PETSc.Vec]:
-        """Displacements (n,) of the pieces' modes."""
-        for mode in self.modes.displacements():
-            vector = self._system.interface.motion.createVecRight()
-            vector.setArray(self._system.interface.field.spread(mode))
-            yield vector
-
-    def _reduced(self) -> Iterator[PETSc.Vec]:
-        """Reduced displacements of the pieces' modes, where they are not prescribed."""
-        stiffness, kept = self._system.stiffness, self._column >= 0
-        field = self._system.interface.field
-        own = self._column[kept] - stiffness.getOwnershipRange()[0]
-        for mode in self.modes.displacements():
-            vector = stiffness.createVecRight()
-            values = np.zeros(vector.getLocalSize())
-            values[own] = field.spread(mode)[kept]
-            vector.setArray(values)
-            yield vector
-
-    def _works(self) -> Iterator[PETSc.Vec]:
-        """Motions (points dim,) in which contact forces do work, in the pieces' modes."""
-        force = self._system.interface.force
-        for mode in self._full():
-            work = force.createVecRight()
-            force.multTranspose(mode, work)
-            yield work
-
-    def _at_points(self, motions: Iterable[PETSc.Vec]) -> Array:
-        """Relative motions (m, dim, modes) of the points, from the pieces' (points dim,) modes."""
-        interface, free = self._system.interface, self.modes.free
+    def _at_points(self, works: bool) -> sp.csr_array:
+        """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
+        interface = self._system.interface
         m, dim = interface.position.shape
-        relative = np.zeros((m, dim, self.modes.number))
-        for k, motion in enumerate(motions):
-            relative[..., k] = motion.array_r.reshape(m, dim)
-        for k, (pair, axis) in enumerate(free, start=self.modes.of_pieces):
-            relative[interface.pair == pair, axis, k] = -1.0
-        return relative
+        n, comm = self.modes.number, interface.motion.comm
+        mine = n if comm.rank == 0 else 0
+        places = (x.astype(PETSc.IntType) for x in (self._full.indptr, self._full.indices))
+        csr = (*places, self._full.data)
+        sizes = (interface.motion.getSizes()[1], (mine, n))
+        modes = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+        if works:
+            product = interface.force.transposeMatMult(modes)
+        else:
+            product = interface.motion.matMult(modes)
+        pointers, indices, data = product.getValuesCSR()
+        of_pieces = sp.csr_array((data, indices, pointers), (m * dim, n))
+        modes.destroy()
+        product.destroy()
+        at = [np.flatnonzero(interface.pair == pair) * dim + axis for pair, axis in self.modes.free]
+        modes_at = np.repeat(np.arange(self.modes.of_pieces, n), [len(rows) for rows in at])
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *at])
+        return of_pieces + sp.csr_array((np.full(len(rows), -1.0), (rows, modes_at)), (m * dim, n))
 
-    def _hold_of_supports(self, transposed: bool) -> Array:
-        """Displacements of pieces' modes at supports and the forces they cause, by `triangle`.
+    def _hold_of_supports(self, transposed: bool) -> sp.csr_array:
+        """Displacements (rows, modes) of pieces' modes at supports, and the forces they cause.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of
         strain changes the balance of forces; where it is unsymmetric, they may be fewer.
+
+        All pieces move at once, unless K couples some: then random sizes of motions show in forces.
         """
-        system = self._system
+        pieces = len(self.modes.centre)
+        each = self.modes.of_pieces // pieces
+        own, comm = self._reduced, self._system.comm
+        of, some = np.zeros(own.shape[0], dtype=np.int64), np.diff(own.indptr) > 0
+        of[some] = own.indices[own.indptr[:-1][some]] // each
+        sizes = np.random.default_rng(0).uniform(1.0, 2.0, pieces)
+        together, apart = (
+            self._forces(np.kron(scale[:, None], np.eye(each)), transposed)
+            for scale in (np.ones(pieces), sizes)
+        )
+        coupled = np.abs(apart - sizes[of, None] * together).max(initial=0.0) > _ZERO_STIFFNESS
+        if comm.allreduce(bool(coupled), MPI.LOR):
+            forces = sp.csr_array(self._forces(np.eye(self.modes.of_pieces), transposed))
+        else:
+            columns = (of[:, None] * each + np.arange(each)).ravel()
+            pointers = np.arange(len(of) + 1) * each
+            forces = sp.csr_array((together.ravel(), columns, pointers), own.shape)
+        return sp.csr_array(sp.vstack([self._full[self._held], forces]))
+
+    def _forces(self, motions: Array, transposed: bool) -> Array:
+        """Forces (rows, k) of the pieces' motions (modes of pieces, k), over the stiffness."""
+        stiffness, system = self._system.stiffness, self._system
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        image = system.stiffness.createVecLeft()
-        forces = np.empty((image.getLocalSize(), self.modes.of_pieces))
-        for k, mode in enumerate(self._reduced()):
-            if transposed:
-                system.stiffness.multTranspose(mode, image)
-            else:
-                system.stiffness.mult(mode, image)
+        moved, image = stiffness.createVecs()
+        product = stiffness.multTranspose if transposed else stiffness.mult
+        forces = np.empty((image.getLocalSize(), motions.shape[1]))
+        for k, motion in enumerate(motions.T):
+            moved.setArray(self._reduced[:, : len(motion)] @ motion)
+            product(moved, image)
             forces[:, k] = image.array_r / largest
-        held, field = self._column == -1, system.interface.field
-        prescribed = [field.spread(mode)[held] for mode in self.modes.displacements()]
-        return triangle(np.stack(prescribed, axis=1), system.comm, forces)
+        return forces
