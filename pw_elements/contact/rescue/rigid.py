@@ -11,10 +11,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
 from pw_elements.contact.iteration import (
@@ -30,8 +30,6 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import Free
 from pw_elements.solvers import collect_garbage, connected_pieces
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 # Rows (r, k) on some modes (k,)
 Block = tuple[Indices, Array]
 
