@@ -291,13 +291,13 @@ def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Ind
     while (n := boxes[-1].shape[1]) > 1:
         pairs = np.arange(0, n, 2)
         low, high = boxes[-1]
-        joined = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
-        boxes.append(np.stack(joined))
+        ends = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
+        boxes.append(np.stack(ends))
     one: Indices = np.arange(len(slave))
     other: Indices = np.zeros(len(slave), dtype=np.int64)
     for level, (low, high) in enumerate(reversed(boxes)):
         if level:
-            one, other = np.repeat(one, 2), (2 * other[:, None] + [0, 1]).ravel()
+            one, other = np.repeat(one, 2), (2 * other[:, None] + np.arange(2)).ravel()
             one, other = one[other < len(low)], other[other < len(low)]
         centre, extent = (low + high) / 2, (high - low) / 2
         for k in range(slave.shape[2]):

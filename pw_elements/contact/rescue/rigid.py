@@ -312,7 +312,7 @@ def null_space(blocks: list[Block], group: Indices, tolerance: float) -> Array:
     Groups of modes hang together in parts. In large ones those that are held, alone or by others
     that are, go first, one by one: what is left is little, or hangs together in smaller parts.
     """
-    at = [np.unique(group[modes]).tolist() for modes, _ in blocks]
+    at: list[list[int]] = [[*map(int, np.unique(group[modes]))] for modes, _ in blocks]
     touching: list[list[int]] = [[] for _ in range(group.max(initial=-1) + 1)]
     for b, groups in enumerate(at):
         for k in groups:
@@ -448,7 +448,7 @@ class RigidMotions:
         of[some] = own.indices[own.indptr[:-1][some]] // each
         sizes = np.random.default_rng(0).uniform(1.0, 2.0, pieces)
         together, apart = (
-            self._forces(np.kron(scale[:, None], np.eye(each)), transposed)
+            self._forces(np.asarray(np.kron(scale[:, None], np.eye(each))), transposed)
             for scale in (np.ones(pieces), sizes)
         )
         coupled = np.abs(apart - sizes[of, None] * together).max(initial=0.0) > _ZERO_STIFFNESS
@@ -467,8 +467,9 @@ class RigidMotions:
         moved, image = stiffness.createVecs()
         product = stiffness.multTranspose if transposed else stiffness.mult
         forces = np.empty((image.getLocalSize(), motions.shape[1]))
-        for k, motion in enumerate(motions.T):
-            moved.setArray(self._reduced[:, : len(motion)] @ motion)
+        reduced = self._reduced[:, : len(motions)] @ motions
+        for k in range(motions.shape[1]):
+            moved.setArray(reduced[:, k])
             product(moved, image)
             forces[:, k] = image.array_r / largest
         return forces
