@@ -444,16 +444,19 @@ class RigidMotions:
         pieces = len(self.modes.centre)
         each = self.modes.of_pieces // pieces
         own, comm = self._reduced, self._system.comm
-        of, some = np.zeros(own.shape[0], dtype=np.int64), np.diff(own.indptr) > 0
-        of[some] = own.indices[own.indptr[:-1][some]] // each
-        sizes = np.random.default_rng(0).uniform(1.0, 2.0, pieces)
+        sizes = np.sort(np.random.default_rng(0).uniform(1.0, 2.0, pieces))
         together, apart = (
             self._forces(np.asarray(np.kron(scale[:, None], np.eye(each))), transposed)
             for scale in (np.ones(pieces), sizes)
         )
+        some, square = np.diff(own.indptr) > 0, np.sum(together**2, axis=1)
+        share = np.sum(apart * together, axis=1) / np.where(square > 0, square, 1.0)
+        of = np.searchsorted((sizes[1:] + sizes[:-1]) / 2, share)  # where displacements are given
+        of[some] = own.indices[own.indptr[:-1][some]] // each
         coupled = np.abs(apart - sizes[of, None] * together).max(initial=0.0) > _ZERO_STIFFNESS
         if comm.allreduce(bool(coupled), MPI.LOR):
             forces = sp.csr_array(self._forces(np.eye(self.modes.of_pieces), transposed))
+            forces.resize(own.shape)
         else:
             columns = (of[:, None] * each + np.arange(each)).ravel()
             pointers = np.arange(len(of) + 1) * each
