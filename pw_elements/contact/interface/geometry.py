@@ -188,12 +188,12 @@ class Segments:
     @property
     def size(self) -> Array:
         """Lengths or areas (q,) in these coordinates."""
-        return _simplex(self.corners)
+        return sizes(self.corners)
 
     @property
     def share(self) -> Array:
         """Sizes (q,) over that of the slave's sub-facet."""
-        whole = sum(_simplex(self.on_slave[:, part]) for part in SIMPLICES[self.on_slave.shape[1]])
+        whole = sum(sizes(self.on_slave[:, part]) for part in SIMPLICES[self.on_slave.shape[1]])
         return np.asarray(self.size / whole)
 
     def weights(self, rule: Array) -> tuple[Array, Array]:
@@ -308,12 +308,6 @@ def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Ind
     other = tree.indices[other]
     near = np.linalg.norm(theirs[other] - middle[one], axis=1) <= reach[one]
     return one[near], other[near]
-
-
-def _simplex(corners: Array) -> Array:
-    """Lengths or areas (q,) of simplices (q, d + 1, d)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    return np.asarray(np.abs(np.linalg.det(edges)) / edges.shape[1], dtype=float)
 
 
 def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001

@@ -30,7 +30,6 @@ from pw_elements.contact.iteration.newton import (
 from pw_elements.contact.iteration.policy import (
     Policy,
     initial_active_set,
-    initial_unknowns,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
 from pw_elements.contact.iteration.system import ContactSystem

@@ -5,7 +5,6 @@ Modes are motions of the connected pieces of a body and of surfaces; there are w
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -28,7 +27,7 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import collect_garbage, connected_pieces
+from pw_elements.solvers import Pieces, collect_garbage
 
 # Rows (r, k) on some modes (k,)
 Block = tuple[Indices, Array]
@@ -59,61 +58,33 @@ class Basis:
 class RigidModes:
     """Translations and rotations of each connected piece, and free translations of surfaces.
 
-    Motions are vectors of all modes: piece after piece its translations and its rotations about its
-    centre (over its length, so that displacements are of the translations' size), then the
-    surfaces' translations. Centres (pieces, dim) are means of a piece's nodes, by which pieces are
-    sorted; the length (pieces,) is the radius of gyration of these nodes.
+    Motions are vectors of all modes: those of one piece after another, see `Pieces`, then the
+    surfaces' translations.
     """
 
-    def __init__(self, space: fem.FunctionSpace, free: Free, pairs: int) -> None:
-        dim = space.mesh.geometry.dim
-        owned = space.dofmap.index_map.size_local
-        x = space.tabulate_dof_coordinates()[:owned, :dim]
-        piece, count = connected_pieces(space)
-        piece = piece[:owned]
+    def __init__(self, pieces: Pieces, free: Free, pairs: int) -> None:
+        self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
-        self._planes = list(combinations(range(dim), 2))
-        sums = np.zeros((count, dim + 1))
-        np.add.at(sums, piece, np.column_stack([x, np.ones(owned)]))
-        space.mesh.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
-        centre, nodes = sums[:, :dim] / sums[:, dim:], sums[:, dim]
-        squares = np.zeros(count)
-        np.add.at(squares, piece, np.sum((x - centre[piece]) ** 2, axis=1))
-        space.mesh.comm.Allreduce(MPI.IN_PLACE, squares, MPI.SUM)
-        length = np.sqrt(squares / nodes)
-        order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
-        self.centre, self.length = centre[order], length[order]
-        self._x, self._piece = x, np.argsort(order)[piece]
-        self._each = dim + len(self._planes)
-
-    @property
-    def of_pieces(self) -> int:
-        return len(self.centre) * self._each
-
-    @property
-    def number(self) -> int:
-        return self.of_pieces + len(self.free)
+        self._pieces, self.each = pieces, pieces.motion.shape[2]
+        self.of_pieces = len(pieces.centre) * self.each
+        self.number = self.of_pieces + len(free)
 
     @property
     def group(self) -> Indices:
         """The piece (modes,) that moves, or a number of its own for each of the surfaces' modes."""
         pieces = len(self.centre)
-        of_piece, surfaces = np.repeat(np.arange(pieces), self._each), np.arange(len(self.free))
+        of_piece, surfaces = np.repeat(np.arange(pieces), self.each), np.arange(len(self.free))
         return np.concatenate([of_piece, pieces + surfaces])
 
     def displacements(self) -> sp.csr_array:
         """Displacements (owned dofs, modes) of this process' nodes in the modes."""
-        n, dim = self._x.shape
-        s = (self._x - self.centre[self._piece]) / self.length[self._piece][:, None]
-        values = np.zeros((n, dim, self._each))
-        values[:, :, :dim] = np.eye(dim)
-        for k, (i, j) in enumerate(self._planes, start=dim):
-            values[:, i, k], values[:, j, k] = -s[:, j], s[:, i]
-        mode = self._piece[:, None, None] * self._each + np.arange(self._each)
+        values = self._pieces.motion
+        mode = self._pieces.number[: len(values), None, None] * self.each + np.arange(self.each)
         mode = np.broadcast_to(mode, values.shape)
         known = values != 0
         pointers = np.append(0, np.cumsum(known.sum(axis=2)))
-        return sp.csr_array((values[known], mode[known], pointers), (n * dim, self.number))
+        shape = (values.shape[0] * values.shape[1], self.number)
+        return sp.csr_array((values[known], mode[known], pointers), shape)
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -136,7 +107,7 @@ class RigidModes:
         Each of its motions has a mode that none of the others has, a rotation if possible. So
         what turns does not also move along what is free anyhow, and translations are along axes.
         """
-        turns = np.arange(self.of_pieces) % self._each >= self.centre.shape[1]
+        turns = np.arange(self.of_pieces) % self.each >= self.centre.shape[1]
         rank = np.concatenate([np.where(turns, 0, 1), np.full(len(self.free), 2)])
         order = np.argsort(rank, kind="stable")
         rows, pivot = reduced_echelon(motions[:, order])
@@ -362,7 +333,7 @@ class RigidMotions:
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
         self._system = system
-        self.modes = RigidModes(space, system.free, system.interface.pairs)
+        self.modes = RigidModes(Pieces.of(space), system.free, system.interface.pairs)
         field, mesh = system.interface.field, space.mesh
         moved, at = self.modes.displacements(), field.owned.ravel()
         rows = np.full(field.rows[0], len(at))
@@ -441,8 +412,7 @@ class RigidMotions:
 
         All pieces move at once, unless K couples some: then random sizes of motions show in forces.
         """
-        pieces = len(self.modes.centre)
-        each = self.modes.of_pieces // pieces
+        pieces, each = len(self.modes.centre), self.modes.each
         own, comm = self._reduced, self._system.comm
         sizes = np.sort(np.random.default_rng(0).uniform(1.0, 2.0, pieces))
         together, apart = (
