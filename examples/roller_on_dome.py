@@ -32,7 +32,7 @@ field.setString(sizes, "F", f"Max({size}, 0.2 * (Sqrt(x*x + (y-{dome})*(y-{dome}
 field.setAsBackgroundMesh(sizes)
 gmsh.model.mesh.generate(2)
 gmsh.model.mesh.setOrder(2)
-mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 gmsh.finalize()
 
 body = Body(Spaces.petrov_galerkin(mesh), Material(3000.0, 0.4), "plane strain")

@@ -32,7 +32,7 @@ gmsh.model.mesh.setSize(gmsh.model.getEntities(0), size)
 toe = gmsh.model.getEntitiesInBoundingBox(dam - 1, -pile - 1, -1, dam + 1, -pile + 1, 1, 0)
 gmsh.model.mesh.setSize(toe, size / 10)
 gmsh.model.mesh.generate(2)
-mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 gmsh.finalize()
 
 spaces = Spaces.petrov_galerkin(mesh, 0)

@@ -28,6 +28,7 @@ WINGS = [  # of the library, from the lowest to the highest
     "solvers",
     "algebra",
     "elasticity",
+    "abaqus",
     "meshes",
     "pictures",
     "contact.model",
