@@ -53,7 +53,8 @@ _COARSE = 3.0
 class BodyNodes:
     """Where the nodes of a body are, and which unknowns and equations they have."""
 
-    field: SubSpace  # the displacements among the unknowns
+    given: fem.FunctionSpace  # of all unknowns
+    field: SubSpace  # the displacements among them
     x: Array  # (nodes, dim), ghosts too
     column: Indices  # (owned nodes, dim), as of `free_columns`
     outward: Array  # (owned nodes, dim), integrated with the shape functions
@@ -63,9 +64,10 @@ class BodyNodes:
     @classmethod
     def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
         """Looks them up in a space with displacements under a reduction."""
-        field = SubSpace.displacements(space)
+        given, field = space, SubSpace.displacements(space)
         space, dim = field.space, space.mesh.geometry.dim
         return cls(
+            given,
             field,
             space.tabulate_dof_coordinates()[:, :dim],
             free_columns(reduction.right)[field.owned],
@@ -81,7 +83,7 @@ class BodyNodes:
 
     def owned(self, whose: str, nodes: Part) -> Local:
         """Local numbers of the nodes that this process owns; refuses what names no nodes."""
-        given = nodes_of(self.space, whose, nodes)
+        given = nodes_of(self.given, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
     def refuse(self, node: Local, what: str) -> None:
