@@ -67,7 +67,8 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # no
 def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     """Local numbers (ghosts too) of a space's nodes, mid-side ones too; collective.
 
-    Of a hybrid space they are those of its displacements, whose unknowns are numbered in `where`.
+    Of a hybrid space they are those of its displacements; numbers in `where` are of its unknowns, a
+    mask may be one of nodes.
     """
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     x = field.space.tabulate_dof_coordinates()
@@ -76,9 +77,11 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
         if callable(where):
             holds = marked(comm, f"the marker of {whose}", where, x.T)
             return np.flatnonzero(holds).astype(np.int32)
-        count = index_map.size_local + index_map.num_ghosts
+        mask = np.asarray(where).dtype == bool and len(where) == len(x)
+        by_node = field.is_all or mask
+        count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
         numbers = numbered(comm, f"the nodes of {whose}", where, count)
-        if field.is_all:
+        if by_node:
             return numbers
         inside = np.isin(field.unknowns, numbers)
         nodes = inside.all(axis=1)

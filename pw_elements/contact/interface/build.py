@@ -22,7 +22,7 @@ from pw_elements.contact.interface.geometry import gathered_trace
 from pw_elements.contact.interface.mortar import Overlap
 from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
-from pw_elements.elasticity import StressState, by_position, facets_between
+from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
 from pw_elements.progress import told
 from pw_elements.spaces import (
     Assembled,
@@ -120,6 +120,8 @@ def nodal_interface(
         _check_dimension(k, shape, dim)
     body = BodyNodes.of(space, reduction)
     found = [body.owned(f"contact pair {k}", pair.nodes) for k, pair in enumerate(pairs)]
+    for k, node in enumerate(found):
+        _tell_of_lone(k, node, body)
     with collective(space.mesh.comm):
         cones = [
             _cone(space.mesh.comm, k, pair, body.x[node])
@@ -144,6 +146,23 @@ def nodal_interface(
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     return interface
+
+
+def _tell_of_lone(number: int, node: Local, body: BodyNodes) -> None:
+    """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
+    comm, own = body.space.mesh.comm, body.space.dofmap.index_map
+    every = np.concatenate(comm.allgather(own.local_to_global(node)))
+    on_facets = facet_nodes(body.space, facets_between(body.space, every))
+    on_facets = np.concatenate(comm.allgather(own.local_to_global(np.unique(on_facets))))
+    lone = body.x[node[~np.isin(own.local_to_global(node), on_facets)]]
+    places = np.concatenate(comm.allgather(lone))
+    if len(places):
+        words = (
+            f"contact pair {number}: its nodes at {listed(places)} belong to no facet that has all "
+            "of its nodes in the pair: they may bear forces, but have no pressure, and "
+            "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
+        )
+        told(comm, logging.WARNING, words, ".contact")
 
 
 def _check_nodes(body: BodyNodes, node: Local) -> None:
