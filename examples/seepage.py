@@ -46,14 +46,17 @@ a = solve(K, f, Reduction.dirichlet(V, [before, behind]))
 out = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[1], 0) & (x[0] > dam + 0.09))
 litres = -out.reaction.sum() * 1000 * 3600
 
-figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
+figure, axes = plt.subplots(figsize=(9, 5), layout="constrained")
+above = axes.inset_axes((0, 1.05, 1, 0.35), sharex=axes)
 draw(mesh, as_function(V, a), axes=axes, label="head [m]", colours="Blues", edges=False)
 axes.fill([-dam, dam, dam, -dam / 2, -dam], [0, 0, 1.5, head + 1, head + 1], color="0.6")
 axes.fill_between([-length / 2, -dam], 0, head, color="#4a90c4", alpha=0.4)
 x, speed = out.surface.position[:, 0], -out.flux * 1e6
-axes.fill_between(x, 0, speed, color="#D55E00", alpha=0.6, label="seepage [µm/s]")
-axes.set(xlabel="x [m]", ylabel="y [m]", title=f"{litres:.0f} litres an hour and metre")
-axes.legend(loc="upper right", frameon=False)
+above.fill_between(x, 0, speed, color="#D55E00", alpha=0.6)
+above.tick_params(labelbottom=False)
+above.set(ylabel="seepage [µm/s]", ylim=0)
+above.set_title(f"{litres:.0f} litres an hour and metre", y=0.7)
+axes.set(xlabel="x [m]", ylabel="y [m]")
 if MPI.COMM_WORLD.rank == 0:
     figure.savefig("seepage.png", dpi=150)
     print(f"{litres:.1f} litres an hour and metre of the dam's length")
