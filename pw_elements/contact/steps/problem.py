@@ -354,7 +354,7 @@ class ContactProblem:
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
         self._seen = K.stateGet()
-        self._stepping: Stepping = self._by(auto_solver(solver, self._supports))
+        self._stepping: Stepping = self._by(auto_solver(solver, self._supports, in_contact=K))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     @classmethod
