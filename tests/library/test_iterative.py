@@ -331,9 +331,9 @@ def small(monkeypatch):
 def test_what_contact_alone_holds_takes_factors_up_to_a_larger_size(monkeypatch, held, method):
     monkeypatch.setattr(iterative, "_MANY", 1)
     solid = Solid(n=2)
-    supports = solid.held(*((i, at(0, 2.0)) for i in range(3))) if held else solid.free
+    supports = solid.held(*((i, at(2, 1.0)) for i in range(3))) if held else solid.free
     pair = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
-    load = solid.load((0.0, 0.0, -100.0), at(2, 1.0))
+    load = solid.load((0.0, 0.0, -1.0), at(0, 0.0)) + solid.load((0.0, 0.0, -1.0), at(0, 2.0))
     (state,) = solve_contact(solid.K, load, supports, pair, solid.space)
     assert state.report.method.startswith(method)
 
