@@ -165,7 +165,7 @@ def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
 
 def _check_nodes(body: BodyNodes, node: Local) -> None:
     unique, times = np.unique(node, return_counts=True)
-    body.refuse(unique[times > 1], "belong to two contact pairs")
+    body.refuse(unique[times > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
     facet = mesh.topology.dim - 1
     mesh.topology.create_connectivity(facet, mesh.topology.dim)
