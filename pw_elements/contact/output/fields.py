@@ -57,7 +57,7 @@ class ContactFields:
     Pressures are nominal: over areas of the undeformed surface. At large strains the true pressure
     of node i, with its test function w_i and the deformation gradient F = I + grad u, is
 
-        p_i = force_normal_i / integral of w_i |(det F) F^-T N| dA.
+        p_i = force_normal_i / integral of w_i |det F F^-T N| dA.
 
     Args:
         displacement: vector.
