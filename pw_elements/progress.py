@@ -58,7 +58,7 @@ def doing(comm: MPI.Comm, what: str) -> Iterator[Callable[[str], None] | None]:
         _show()
 
     try:
-        yield more
+        yield more if sys.stderr.isatty() else None
     finally:
         _doing.pop()
         _ended = perf_counter()

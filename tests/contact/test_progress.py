@@ -156,7 +156,7 @@ def test_a_pipe_gets_lines_now_and_then():
     command.append("often")
     run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
     lines = run.stderr.splitlines()
-    assert "|--------------------| 0/3, contact increment 0, iteration 1" in lines
+    assert "|--------------------| 0/3, contact increment 0" in lines
     assert any(line.startswith("|#############-------| 2/3, contact") for line in lines)
     assert run.stdout == ""
     assert "\x1b" not in run.stderr
