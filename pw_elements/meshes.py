@@ -20,7 +20,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from pw_elements.checks import agree, answer, arguments, collective, field, vector
+from pw_elements.checks import answer, arguments, collective, field, same_everywhere, vector
 
 __all__ = ["curved", "from_gmsh", "mapped", "on_lines", "quadrilaterals", "triangles"]
 
@@ -30,6 +30,7 @@ PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "c
 Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
 
+@same_everywhere
 def triangles(
     comm: MPI.Comm,
     lower: tuple[float, float],
@@ -49,11 +50,13 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    _check(comm, lower, upper, divisions, pattern)
+    arguments.communicator(comm)
+    _check(lower, upper, divisions, pattern)
     cells = [int(n) for n in divisions]
     return create_rectangle(comm, [lower, upper], cells, diagonal=DiagonalType[pattern])
 
 
+@same_everywhere
 def quadrilaterals(
     comm: MPI.Comm,
     lower: tuple[float, float],
@@ -71,11 +74,13 @@ def quadrilaterals(
     Raises:
         ValueError: for an empty rectangle or no divisions.
     """
-    _check(comm, lower, upper, divisions)
+    arguments.communicator(comm)
+    _check(lower, upper, divisions)
     cells = [int(n) for n in divisions]
     return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
 
 
+@same_everywhere
 def on_lines(
     comm: MPI.Comm,
     x_lines: npt.NDArray[np.float64],
@@ -96,13 +101,11 @@ def on_lines(
         ValueError: if lines do not increase, or the cell or the pattern is unknown.
     """
     arguments.communicator(comm)
-    with collective(comm):
-        for name, lines in (("x_lines", x_lines), ("y_lines", y_lines)):
-            if not np.all(np.diff(vector(name, lines)) > 0):
-                raise ValueError("mesh lines have to increase")
-        if cell not in ("triangle", "quadrilateral"):
-            raise ValueError(f'cell {cell!r}: the cells are "triangle" and "quadrilateral"')
-    agree(comm, {"x_lines": x_lines, "y_lines": y_lines, "cell": cell})
+    for name, lines in (("x_lines", x_lines), ("y_lines", y_lines)):
+        if not np.all(np.diff(vector(name, lines)) > 0):
+            raise ValueError("mesh lines have to increase")
+    if cell not in ("triangle", "quadrilateral"):
+        raise ValueError(f'cell {cell!r}: the cells are "triangle" and "quadrilateral"')
     divisions = (len(x_lines) - 1, len(y_lines) - 1)
     corners = (0.0, 0.0), (float(divisions[0]), float(divisions[1]))
 
@@ -131,6 +134,7 @@ class TaggedMesh(NamedTuple):
     facet_tags: MeshTags
 
 
+@same_everywhere
 def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa: ANN401
     """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
 
@@ -155,13 +159,12 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
 
     from pw_elements._compat import model_to_mesh
 
-    with collective(comm):
-        if dim not in (2, 3):
-            raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
-        from_file = isinstance(source, str | Path)
+    if dim not in (2, 3):
+        raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
+    with collective(comm) as same:
+        same["from a file"] = from_file = isinstance(source, str | Path)
         if comm.rank == 0 and from_file:
             _open(gmsh, Path(source))
-    agree(comm, {"dim": dim, "from_file": from_file})
     try:
         with collective(comm):
             if comm.rank == 0:
@@ -177,6 +180,7 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
     return TaggedMesh(mesh, cell_tags, facet_tags)
 
 
+@same_everywhere
 def mapped(mesh: Mesh, image: Map) -> Mesh:
     """Moves the mesh's nodes in place; straight sides stay straight.
 
@@ -193,6 +197,7 @@ def mapped(mesh: Mesh, image: Map) -> Mesh:
     return mesh
 
 
+@same_everywhere
 def curved(mesh: Mesh, image: Map) -> Mesh:
     """New mesh of degree-2 geometry whose nodes, including mid-side ones, are mapped.
 
@@ -231,25 +236,18 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
 
 
 def _check(
-    comm: MPI.Comm,
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> None:
-    arguments.communicator(comm)
-    with collective(comm):
-        if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
-            raise ValueError(f"a rectangle from {lower} to {upper} has no area")
-        numbers = vector("divisions", divisions, 2)
-        if numbers.min() < 1 or np.any(numbers % 1 != 0):
-            raise ValueError(f"divisions {divisions}: at least one in each direction")
-        if pattern not in PATTERNS:
-            raise ValueError(
-                f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}"
-            )
-    same = {"lower": lower, "upper": upper, "divisions": divisions, "pattern": pattern}
-    agree(comm, same)
+    if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
+        raise ValueError(f"a rectangle from {lower} to {upper} has no area")
+    numbers = vector("divisions", divisions, 2)
+    if numbers.min() < 1 or np.any(numbers % 1 != 0):
+        raise ValueError(f"divisions {divisions}: at least one in each direction")
+    if pattern not in PATTERNS:
+        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
 
 
 def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401

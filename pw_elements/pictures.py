@@ -22,7 +22,7 @@ from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
-from pw_elements.checks import agree, arguments, collective, number, vector
+from pw_elements.checks import arguments, collective, number, same_everywhere, vector
 from pw_elements.elasticity import facets_in_cells
 from pw_elements.spaces import exterior_facets
 
@@ -61,6 +61,7 @@ class _Faces(NamedTuple):
     behind: Array  # (f, dim), the middle of the cell that each belongs to
 
 
+@same_everywhere
 def draw(
     mesh: Mesh,
     values: Expr | None = None,
@@ -105,11 +106,10 @@ def draw(
     arguments.mesh(mesh)
     with collective(mesh.comm):
         _check(mesh, values, displacement)
-        number("scale", scale)
-        vector("view", view, 2)
-        if limits is not None:
-            vector("limits", limits, 2)
-    agree(mesh.comm, {"the scale": scale, "the view": view, "the limits": limits})
+    number("scale", scale)
+    vector("view", view, 2)
+    if limits is not None:
+        vector("limits", limits, 2)
     import matplotlib.pyplot as plt
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize

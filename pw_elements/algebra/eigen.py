@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
-from pw_elements.checks import collective, flag, number, processes, whole
+from pw_elements.checks import collective, flag, number, same_everywhere, whole
 from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
@@ -129,6 +129,7 @@ class VibrationModes:
     report: SolverReport
 
 
+@same_everywhere
 def vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -220,6 +221,7 @@ def _vibrations(
     )
 
 
+@same_everywhere
 def buckling(
     K: PETSc.Mat,
     K_sigma: PETSc.Mat,
@@ -296,9 +298,8 @@ def _check(
     solver: Solver,
 ) -> None:
     check_problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
-    with collective(processes(reduction)):
-        whole("count", count, 1)
-        flag("symmetrised", symmetrised)
+    whole("count", count, 1)
+    flag("symmetrised", symmetrised)
     refuse_negative(_STIFFNESS, K, reduction.space)
 
 
@@ -444,6 +445,7 @@ def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     return mode
 
 
+@same_everywhere
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     """Largest stable time step of central differences: 2 over the highest frequency.
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
-from pw_elements.checks import arguments, collective, listed
+from pw_elements.checks import arguments, collective, listed, same_everywhere
 from pw_elements.solvers import (
     NO_SUPPORTS,
     Masked,
@@ -184,6 +184,7 @@ class Reduction:
                 )
 
     @classmethod
+    @same_everywhere
     def dirichlet(
         cls,
         space: fem.FunctionSpace | Spaces,
@@ -213,6 +214,7 @@ class Reduction:
         return cls(kept, kept, offset, space=space, supports=Supports(space, free))
 
     @classmethod
+    @same_everywhere
     def condensation(
         cls,
         K: PETSc.Mat,
@@ -260,6 +262,7 @@ class Reduction:
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
         return cls(left, right, offset, Q, space)
 
+    @same_everywhere
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
@@ -279,6 +282,7 @@ class Reduction:
         self.inner.multAdd(rest, self.offset, offset)
         return replace(self, offset=offset)
 
+    @same_everywhere
     def scaled(self, share: float) -> "Reduction":
         """Makes the reduction with a share of the prescribed values.
 
@@ -291,6 +295,7 @@ class Reduction:
         offset.scale(share)
         return replace(self, offset=offset)
 
+    @same_everywhere
     def masked(self) -> "Reduction":
         """Makes the reduction that keeps all unknowns and sets prescribed ones to zero.
 
@@ -305,6 +310,7 @@ class Reduction:
         kept = selection(self.supports.free, self.offset, renumbered=False)
         return replace(self, left=kept, right=kept)
 
+    @same_everywhere
     def supported(self, K: PETSc.Mat) -> PETSc.Mat:
         """The matrix of `masked` supports without assembling it: ones where values are prescribed.
 
@@ -321,6 +327,7 @@ class Reduction:
         scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
         return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
 
+    @same_everywhere
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
         """Makes the reduction with pressures of hybrid spaces scaled to a displacement's size.
 
@@ -341,6 +348,7 @@ class Reduction:
             left.diagonalScale(scale)
         return replace(self, left=left, right=right)
 
+    @same_everywhere
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """Makes this condensation one for mass matrices, where two left matrices L are in use.
 
@@ -356,6 +364,7 @@ class Reduction:
             raise ValueError(f'left matrix {left!r}: the names are "transposed" and "same"')
         return self if left == "transposed" else replace(self, left=self.right)
 
+    @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Reduces a matrix to L^T K R.
 
@@ -369,6 +378,7 @@ class Reduction:
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
         return Assembled.of(K).mark(reduced)
 
+    @same_everywhere
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Reduces a load to L^T (f - K a_0).
 

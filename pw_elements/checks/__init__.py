@@ -10,9 +10,8 @@ from pw_elements.checks.arguments import (
     number,
     of_type,
     positive,
-    processes,
     vector,
     whole,
 )
-from pw_elements.checks.guard import agree, answer, collective
+from pw_elements.checks.guard import answer, collective, processes, same_everywhere
 from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed, pieces_of

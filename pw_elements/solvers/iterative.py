@@ -32,6 +32,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
+from pw_elements.checks import arguments, collective
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
@@ -88,6 +89,8 @@ _FREE_STIFFNESS = 1e-8
 # fitted to what MUMPS says of blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
 _FACTOR_BYTES = 160.0
 _FACTOR_POWER = 1.42
+
+_NUMBERS = "it takes and gives this process' part of vectors (n,)"
 
 T = TypeVar("T")
 
@@ -395,11 +398,15 @@ class _Foreign:
         self._iterate = iterate
 
     def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        comm = right.comm.tompi4py()
+
         def of(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> Callable[[Array], Array]:
             x, y = right.duplicate(), right.duplicate()
 
             def image(values: Array) -> Array:
-                x.setArray(values)
+                with collective(comm) as same:  # all still iterate, and ask for the same
+                    same["the next step of iterate"] = apply.__name__
+                    x.setArray(arguments.field("iterate", np.ravel(values), x.array_r.shape, _NUMBERS))
                 apply(x, y)
                 return np.array(y.array_r)
 
@@ -407,7 +414,9 @@ class _Foreign:
 
         product, precondition = of(ksp.getOperators()[0].mult), of(ksp.getPC().apply)
         size = ksp.getTolerances()[1]
-        solution.setArray(self._iterate(product, precondition, np.array(right.array_r), size))
+        with collective(comm):
+            found = self._iterate(product, precondition, np.array(right.array_r), size)
+            solution.setArray(arguments.field("iterate", np.ravel(found), right.array_r.shape, _NUMBERS))
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
 
 

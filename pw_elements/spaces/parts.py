@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
-from pw_elements.checks import agree, answer, arguments, collective
+from pw_elements.checks import answer, arguments, collective
 
 Mask: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.int32]
@@ -105,7 +105,6 @@ def by_cell_tag(
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
-    agree(comm, {f"the {what} of each tag": sorted(values.items())})
     with collective(comm):
         arguments.of_type(
             "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
-from pw_elements.checks import arguments, collective, whole
+from pw_elements.checks import arguments, collective, same_everywhere, whole
 from pw_elements.spaces.elements import (
     composite_element,
     macro_element,
@@ -52,12 +52,14 @@ class Spaces:
     test: fem.FunctionSpace
     parts: MeshTags | None = None
 
+    @same_everywhere
     def __post_init__(self) -> None:
         arguments.space(self.trial, "the trial space")
         arguments.space(self.test, "the test space")
         _assert_one_numbering(self.trial, self.test)
 
     @classmethod
+    @same_everywhere
     def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic trial, piecewise-linear test functions: the paper's element.
 
@@ -69,6 +71,7 @@ class Spaces:
         return cls(trial, test_space(trial))
 
     @classmethod
+    @same_everywhere
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles).
 
@@ -80,6 +83,7 @@ class Spaces:
         return cls(trial, trial)
 
     @classmethod
+    @same_everywhere
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
 
@@ -98,6 +102,7 @@ class Spaces:
         return cls(trial, test, parts)
 
     @classmethod
+    @same_everywhere
     def taylor_hood(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """The standard hybrid element, quadratic displacements and linear pressure for both.
 
@@ -109,6 +114,7 @@ class Spaces:
         return cls(trial, trial, parts)
 
     @classmethod
+    @same_everywhere
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Nodal 8-node quadrilaterals for both: the standard element CPS8.
 
@@ -122,6 +128,7 @@ class Spaces:
         return cls(trial, trial)
 
     @classmethod
+    @same_everywhere
     def composite(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Composite triangles, piecewise linear with assumed gradients, for both.
 
@@ -163,6 +170,7 @@ class Spaces:
         return is_hybrid(self.trial)
 
 
+@same_everywhere
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Piecewise-linear test functions for your own quadratic Lagrange space.
 
@@ -201,6 +209,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
 
 
+@same_everywhere
 def as_function(
     space: fem.FunctionSpace,
     values: PETSc.Vec,
@@ -237,6 +246,7 @@ def as_function(
     return function
 
 
+@same_everywhere
 def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fem.Function]:
     """Displacement and pressure, as functions, from a vector (n,) of a hybrid space.
 

@@ -30,6 +30,7 @@ def contact_state(
     if before.free == system.free:
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)
+    increment.interface.check_laws()
     return ContactState(
         increment.interface.field.part(now.full),
         _pairs(increment, now),

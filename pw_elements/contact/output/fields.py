@@ -15,7 +15,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, io
 
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
@@ -99,6 +99,7 @@ class ContactFields:
     body: Body | None = None
 
     @classmethod
+    @same_everywhere
     def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
         """Functions with the values of a state; every process calls it.
 
@@ -138,6 +139,7 @@ class ContactFields:
         fields.fill(state)
         return fields
 
+    @same_everywhere
     def fill(self, state: ContactState) -> None:
         """Gives the functions the values of another state.
 
@@ -274,6 +276,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             raise ValueError("the state belongs to another space, or other processes, than this")
 
 
+@same_everywhere
 def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],

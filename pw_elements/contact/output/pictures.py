@@ -17,7 +17,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse import csgraph
 
-from pw_elements.checks import arguments
+from pw_elements.checks import arguments, same_everywhere
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.fields import check_state
@@ -36,6 +36,7 @@ _ORANGE = "#D55E00"
 _INVISIBLE = 1e-3
 
 
+@same_everywhere
 def plot(
     state: ContactState,
     body: Body,

@@ -31,7 +31,15 @@ from pw_elements.algebra import (
     diagonal_mass,
     is_finite,
 )
-from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
+from pw_elements.checks import (
+    answer,
+    check_mesh,
+    collective,
+    positive,
+    same_everywhere,
+    vector,
+    whole,
+)
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undeformed
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
@@ -193,6 +201,7 @@ class ImpactHistory:
     frame_times: tuple[float, ...]
 
 
+@same_everywhere
 def solve_impact(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -254,14 +263,11 @@ def solve_impact(
     constant = {} if load is None or callable(load) else {"the load": load}
     check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
     comm = space.mesh.comm
-    with collective(comm):
-        positive("duration", duration)
-        if step is not None:
-            positive("step", step)
-        whole("frames", frames, 0)
-        whole("max_steps", max_steps, 1)
-    numbers = {"the duration": duration, "the step": step, "the frames": frames}
-    agree(comm, numbers | {"max_steps": max_steps})
+    positive("duration", duration)
+    if step is not None:
+        positive("step", step)
+    whole("frames", frames, 0)
+    whole("max_steps", max_steps, 1)
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
     if step is None:
@@ -462,12 +468,12 @@ class _March:
         each = np.zeros((len(self._paths), dim))
         if not any(self._paths):
             return each
-        with collective(comm):
+        with collective(comm) as same:
             for k, path in enumerate(self._paths):
                 if path is not None:
                     whose = f"the path of contact pair {k}"
                     each[k] = vector(whose, answer(comm, whose, path, time), dim)
-        agree(comm, {"the paths": each})
+            same["the paths"] = each
         return each
 
 

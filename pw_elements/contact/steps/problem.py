@@ -21,7 +21,7 @@ from pw_elements.algebra import (
     check_problem,
     is_finite,
 )
-from pw_elements.checks import agree, arguments, check_mesh, collective, positive, whole
+from pw_elements.checks import arguments, check_mesh, collective, positive, same_everywhere, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
 from pw_elements.contact.model import (
@@ -81,30 +81,11 @@ def checked_problem(
             `mortar.check_weights`), no iterations, or what differs between processes.
     """
     arguments.space(space)
-    comm = space.mesh.comm
-    with collective(comm):
-        whole("max_iterations", max_iterations, 1)
-        stated = _each(pairs, ContactPair, "a contact pair")
+    whole("max_iterations", max_iterations, 1)
+    stated = _each(pairs, ContactPair, "a contact pair")
     check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
-    agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
-    for k, pair in enumerate(stated):
-        surface = pair.surface
-        shape: object = surface
-        offset = None
-        if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
-            shape, offset = surface.shape, surface.offset
-        if isinstance(surface, DeformableSurface):  # whose facets have
-            check_weights(K, space)
-            shape = surface.revolved, surface.coincident
-        agree(
-            comm,
-            {
-                f"the surface of contact pair {k}": shape,
-                f"the offset of contact pair {k}": offset,
-                f"the friction of contact pair {k}": pair.friction,
-                f"the motions of contact pair {k}": pair.motions,
-            },
-        )
+    if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
+        check_weights(K, space)
     return stated
 
 
@@ -119,44 +100,37 @@ def checked_paths(
         TypeError: for anything but functions of time.
         ValueError: for another number than that of the pairs, or pairs of two bodies.
     """
-    with collective(space.mesh.comm):
-        if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
-            raise ValueError("impact is one against rigid surfaces, not of two bodies")
-        if is_hybrid(space):
-            raise ValueError(
-                "a pressure has no mass: impact is one of displacements alone, as of "
-                "Spaces.petrov_galerkin(mesh)"
+    if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
+        raise ValueError("impact is one against rigid surfaces, not of two bodies")
+    if is_hybrid(space):
+        raise ValueError(
+            "a pressure has no mass: impact is one of displacements alone, as of "
+            "Spaces.petrov_galerkin(mesh)"
+        )
+    each: list[PathInTime | None] = list(paths) if isinstance(paths, Iterable) else [paths]
+    each = each or [None] * len(pairs)
+    if len(each) != len(pairs):
+        raise ValueError(f"{len(each)} paths for {len(pairs)} contact pairs")
+    for k, path in enumerate(each):
+        if not (path is None or arguments.is_function(path)):
+            raise TypeError(
+                f"the path of contact pair {k} is {arguments.described(path)}: it has to be a "
+                "function of time"
             )
-        each: list[PathInTime | None] = [paths] if callable(paths) else list(paths)
-        each = each or [None] * len(pairs)
-        if len(each) != len(pairs):
-            raise ValueError(f"{len(each)} paths for {len(pairs)} contact pairs")
-        for k, path in enumerate(each):
-            if not (path is None or callable(path)):
-                raise TypeError(
-                    f"the path of contact pair {k} is {arguments.described(path)}: it has to be a "
-                    "function of time"
-                )
     return each
 
 
-def checked_remedies(remedies: Remedies, space: fem.FunctionSpace) -> dict[Remedy, float]:
+def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
     """The remedies of a problem, and what each may take, over the first attempt.
 
     Raises:
-        ValueError: for one that there is not, a multiple that is not positive, or what differs
-            between processes.
+        ValueError: for one that there is not, or a multiple that is not positive.
     """
-    with collective(space.mesh.comm):
-        named = isinstance(remedies, Collection) and not isinstance(remedies, str)
-        if not named or any(one not in REMEDIES for one in remedies):
-            raise ValueError(
-                f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
-            )
-        some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
-        each = {k: positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
-    agree(space.mesh.comm, {"the remedies": list(each.items())})
-    return each
+    named = isinstance(remedies, Collection) and not isinstance(remedies, str)
+    if not named or any(one not in REMEDIES for one in remedies):
+        raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
+    some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
+    return {k: positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
 
 
 def checked_step(
@@ -177,27 +151,24 @@ def checked_step(
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for another number or dimension of motions, states of other pairs or that are
-            not finite, or what differs between processes.
+        ValueError: for another number or dimension of motions, and states of other pairs or that
+            are not finite.
     """
-    comm, pairs = space.mesh.comm, len(own.pairs)
-    with collective(comm):
-        _each([state], ContactState, "the state")
-        check_belongs(state, own, "the state")
-        if not state.converged:
-            raise ValueError("the state at the start is no solution: it can be a guess only")
-        if guess is not None:
-            _check_guess(guess, pairs)
-        moved = list(motions) if isinstance(motions, Iterable) else [motions]
-        if motions is None or not moved:
-            moved = [None] * pairs
-        if len(moved) != pairs:
-            raise ValueError(f"{len(moved)} motions for {pairs} contact pairs")
-        for k, motion in enumerate(moved):
-            if motion is not None:
-                _check_motions([motion], space, k)
-    start = None if guess is None else [pair.status for pair in guess.pairs]
-    agree(comm, {"the state": state.pairs, "the motions": moved, "the state to start from": start})
+    pairs = len(own.pairs)
+    _each([state], ContactState, "the state")
+    check_belongs(state, own, "the state")
+    if not state.converged:
+        raise ValueError("the state at the start is no solution: it can be a guess only")
+    if guess is not None:
+        _check_guess(guess, pairs)
+    moved = list(motions) if isinstance(motions, Iterable) else [motions]
+    if motions is None or not moved:
+        moved = [None] * pairs
+    if len(moved) != pairs:
+        raise ValueError(f"{len(moved)} motions for {pairs} contact pairs")
+    for k, motion in enumerate(moved):
+        if motion is not None:
+            _check_motions([motion], space, k)
     return moved
 
 
@@ -209,58 +180,55 @@ def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
         raise ValueError("the load is not finite")
 
 
-def checked_loading(
-    load: object, guess: ContactState | None, space: fem.FunctionSpace
-) -> Loading | None:
+def checked_loading(load: object, guess: ContactState | None) -> Loading | None:
     """What changes in an increment of a residual.
 
     Raises:
         TypeError: for anything but a function.
         ValueError: for a guess.
     """
-    with collective(space.mesh.comm):
-        if not (load is None or callable(load)):
-            raise TypeError(
-                f"the load of a residual is {arguments.described(load)}: give a function of the "
-                "share (0, 1] of the increment, which sets constants and functions in it"
-            )
-        if guess is not None:
-            raise ValueError("a problem of a residual starts from its state: it takes no guess")
+    if not (load is None or arguments.is_function(load)):
+        raise TypeError(
+            f"the load of a residual is {arguments.described(load)}: give a function of the share "
+            "(0, 1] of the increment, which sets constants and functions in it"
+        )
+    if guess is not None:
+        raise ValueError("a problem of a residual starts from its state: it takes no guess")
     return load
 
 
 def checked_history(
-    history: Sequence[fem.Function], update: Callable[[], None] | None, space: fem.FunctionSpace
+    history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
 ) -> list[fem.Function]:
     """Functions that belong to the state.
 
     Raises:
         TypeError: for anything else.
     """
-    with collective(space.mesh.comm):
-        if not (update is None or callable(update)):
-            raise TypeError(f"update is {arguments.described(update)}: it has to be a function")
+    if not (update is None or arguments.is_function(update)):
+        raise TypeError(f"update is {arguments.described(update)}: it has to be a function")
+    with collective(comm) as same:
+        same["the history"] = [getattr(one, "function_space", None) for one in history]
         return _each(history, fem.Function, "a function of the history")
 
 
 def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
     """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
-    with collective(comm):
-        for k, pair in enumerate(pairs):
-            if pair.interference:
-                raise ValueError(
-                    f"contact pair {k} has interference, which small displacements only can have: "
-                    "start with the surface outside of the body, and move it in"
-                )
-            if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
-                log.warning("contact pair %d: differences stand in for a gradient function", k)
-            if not isinstance(pair.surface, RigidBody):
-                raise ValueError(
-                    f"contact pair {k}: deformed bodies cannot touch a "
-                    f"{type(pair.surface).__name__}, which knows no closest points; use Sphere "
-                    "(a circle in the plane), Plane or SignedDistance, such as one of a punch with "
-                    "rounded edges"
-                )
+    for k, pair in enumerate(pairs):
+        if pair.interference:
+            raise ValueError(
+                f"contact pair {k} has interference, which small displacements only can have: "
+                "start with the surface outside of the body, and move it in"
+            )
+        if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
+            log.warning("contact pair %d: differences stand in for a gradient function", k)
+        if not isinstance(pair.surface, RigidBody):
+            raise ValueError(
+                f"contact pair {k}: deformed bodies cannot touch a "
+                f"{type(pair.surface).__name__}, which knows no closest points; use Sphere (a "
+                "circle in the plane), Plane or SignedDistance, such as one of a punch with "
+                "rounded edges"
+            )
 
 
 def checked_increments(
@@ -296,7 +264,6 @@ def checked_increments(
             raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
         for state in guesses:
             _check_guess(state, len(pairs))
-    agree(comm, {"the number of loads": len(given), "the number of states": len(guesses)})
     for k, load in enumerate(given):
         if not is_finite(load):
             raise ValueError(f"the load of increment {k} is not finite")
@@ -304,21 +271,19 @@ def checked_increments(
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 
 
-def check_state(state: ContactState, own: ContactState, space: fem.FunctionSpace) -> None:
+def check_state(state: ContactState, own: ContactState) -> None:
     """Raises unless a state is one of a problem's contact nodes."""
-    with collective(space.mesh.comm):
-        _each([state], ContactState, "the state")
-        check_belongs(state, own, "the state")
+    _each([state], ContactState, "the state")
+    check_belongs(state, own, "the state")
 
 
-def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
+def checked_path(path: str | Path) -> Path:
     """Checks the path of a file.
 
     Raises:
         TypeError: for what is none.
     """
-    with collective(space.mesh.comm):
-        arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     return Path(path)
 
 
@@ -396,6 +361,7 @@ class ContactProblem:
 
     _finite: FiniteStepping | None = None
 
+    @same_everywhere
     def __init__(
         self,
         K: PETSc.Mat,
@@ -411,7 +377,7 @@ class ContactProblem:
         check_mesh(space.mesh)
         self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
         callback = checked_callback(space.mesh.comm, callback)
-        each = checked_remedies(remedies, space)
+        each = checked_remedies(remedies)
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
@@ -420,6 +386,7 @@ class ContactProblem:
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     @classmethod
+    @same_everywhere
     def of_residual(
         cls,
         residual: ufl.Form,
@@ -466,7 +433,7 @@ class ContactProblem:
         problem = PetrovGalerkinProblem(residual, u, conditions, solver)
         space, K = u.function_space, problem.system.matrix
         own = cls.__new__(cls)
-        functions = checked_history(history, update, space)
+        functions = checked_history(history, update, space.mesh.comm)
         u.x.array[:] = 0.0
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
@@ -491,6 +458,7 @@ class ContactProblem:
         own.undeformed = replace(start, history=values, smallness=None)
         return own
 
+    @same_everywhere
     def step(
         self,
         state: ContactState,
@@ -527,7 +495,7 @@ class ContactProblem:
         """
         moved = checked_step(self._space, self.undeformed, state, motions, guess)
         if self._finite is not None:
-            return self._finite.step(state, checked_loading(load, guess, self._space), moved)
+            return self._finite.step(state, checked_loading(load, guess), moved)
         check_nodal_load(load, self._K, self._space.mesh.comm)
         if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
             self.release()
@@ -541,6 +509,7 @@ class ContactProblem:
 
         return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
 
+    @same_everywhere
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         (self._finite or self._stepping).release()
@@ -550,6 +519,7 @@ class ContactProblem:
         """Spaces of the functions that belong to the state."""
         return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
+    @same_everywhere
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
 
@@ -562,9 +532,10 @@ class ContactProblem:
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        check_state(state, self.undeformed, self._space)
-        write_state(checked_path(path, self._space), state, self._space, self._histories)
+        check_state(state, self.undeformed)
+        write_state(checked_path(path), state, self._space, self._histories)
 
+    @same_everywhere
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
 
@@ -576,11 +547,12 @@ class ContactProblem:
             ValueError: if the file holds no state, or one of another mesh or other pairs.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path, self._space), self._space, self._histories)
+        state = read_state(checked_path(path), self._space, self._histories)
         check_belongs(state, self.undeformed, "the file's state")
         return state
 
 
+@same_everywhere
 def solve_contact(
     K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
