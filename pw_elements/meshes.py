@@ -162,7 +162,8 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
     if dim not in (2, 3):
         raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
     with collective(comm) as same:
-        same["from a file"] = from_file = isinstance(source, str | Path)
+        from_file = isinstance(source, str | Path)
+        same["source"] = source if from_file else None  # a model is process 0's
         if comm.rank == 0 and from_file:
             _open(gmsh, Path(source))
     try:

@@ -106,6 +106,7 @@ def draw(
     arguments.mesh(mesh)
     with collective(mesh.comm):
         _check(mesh, values, displacement)
+        check_axes(axes)
     number("scale", scale)
     vector("view", view, 2)
     if limits is not None:
@@ -130,6 +131,14 @@ def draw(
     if label:
         axes.figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
     return axes
+
+
+def check_axes(axes: object) -> None:
+    """Raises TypeError for what is not Matplotlib's; local."""
+    if axes is not None:
+        from matplotlib.axes import Axes
+
+        arguments.of_type("axes", axes, Axes, "give Matplotlib's, figure.subplots()")
 
 
 def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -> None:

@@ -172,6 +172,7 @@ class Reduction:
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
+    @same_everywhere
     def __post_init__(self) -> None:
         with collective(arguments.processes(self.offset, self.space)):
             for name, matrix in (("left", self.left), ("right", self.right)):
@@ -397,6 +398,7 @@ class Reduction:
         self.left.multTranspose(remainder, reduced)
         return reduced
 
+    @same_everywhere
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r + a_0.
 
@@ -406,7 +408,6 @@ class Reduction:
         Raises:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
-        # local, since it is asked in every iteration: a vector has one size on all processes
         arguments.petsc_vector("the reduced vector", reduced)
         expected = self.right.getSizes()[1]
         arguments.same_sizes(

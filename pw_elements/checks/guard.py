@@ -41,9 +41,9 @@ T = TypeVar("T")
 
 # Arguments and attributes that differ by nature: parts of a mesh by numbers or masks, values at
 # nodes, and what only some processes have
-_LOCAL = {"where", "nodes", "free", "parts", "history", "substates", "callback", "axes", "source"}
-# Mark of an error that is raised on all processes, and how many they are
-_KNOWN = "_known_to_processes"
+_LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
+# Of each open block, the errors that blocks within it have raised on how many processes
+_open: list[list[tuple[BaseException, int]]] = []
 # Attributes by which things know their processes, directly or by what they belong to
 _OWNERS = (
     "comm",
@@ -70,13 +70,17 @@ def collective(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     same: dict[str, object] = {}
     own: BaseException | None = None
     digest = 0
+    known: list[tuple[BaseException, int]] = []
+    _open.append(known)
     try:
         yield same
         if comm.size > 1:
             digest = int.from_bytes(_digest(same)[:7])
     except BaseException as raised:
         own = raised
-    if own is not None and getattr(own, _KNOWN, 0) == comm.size:  # by a block within this one
+    finally:
+        _open.pop()
+    if own is not None and any(own is error and n == comm.size for error, n in known):
         raise own
     ends = np.array([comm.size if own is None else comm.rank, digest, -digest])
     comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
@@ -91,7 +95,8 @@ def collective(comm: MPI.Comm) -> Iterator[dict[str, object]]:
 
 
 def _known(error: BaseException, comm: MPI.Comm) -> BaseException:
-    setattr(error, _KNOWN, comm.size)
+    if _open:
+        _open[-1].append((error, comm.size))
     return error
 
 
@@ -123,6 +128,7 @@ def same_everywhere(function: Callable[P, T]) -> Callable[P, T]:
                     same |= {k: part for k, part in parts.items() if k not in _LOCAL}
         return function(*args, **kwargs)
 
+    called.compares = True  # type: ignore[attr-defined]
     return called
 
 
@@ -155,11 +161,14 @@ def _sent(error: BaseException | None) -> BaseException | None:
     """The error as it can be sent: classes within functions, or of more than words, cannot."""
     if error is None:
         return None
-    args = (str(error),) if isinstance(error, Exception) else error.args
-    try:
-        return pickle.loads(pickle.dumps(type(error)(*args)))
-    except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
+    for args in (error.args, (str(error),)):
+        try:
+            sent = pickle.loads(pickle.dumps(type(error)(*args)))
+        except Exception:
+            continue
+        if str(sent) == str(error):
+            return sent
+    return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 def answer(

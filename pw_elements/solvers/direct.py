@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements.checks import collective, of_type, processes
+from pw_elements.checks import collective, of_type, processes, same_everywhere
 from pw_elements.checks import matrix as check_matrix
 
 log = logging.getLogger("pw_elements.linear_solver")
@@ -207,6 +207,7 @@ class Direct:
             kinds = (str, int, float, np.number)
             of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
 
+    @same_everywhere
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
         """Binds the solver to a square matrix (n, n).
 

@@ -32,7 +32,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
@@ -89,8 +89,6 @@ _FREE_STIFFNESS = 1e-8
 # fitted to what MUMPS says of blocks of tetrahedra and hexahedra with 8 000 to 92 000 unknowns
 _FACTOR_BYTES = 160.0
 _FACTOR_POWER = 1.42
-
-_NUMBERS = "it takes and gives this process' part of vectors (n,)"
 
 T = TypeVar("T")
 
@@ -259,6 +257,7 @@ class Iterative:
         if not 0 < self.tolerance < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
 
+    @same_everywhere
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "Krylov":
@@ -274,6 +273,8 @@ class Iterative:
         """
         if supports is None:
             raise ValueError(NO_SUPPORTS)
+        with collective(supports.space.mesh.comm):
+            arguments.matrix("the matrix", matrix)
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
@@ -396,6 +397,7 @@ class _Foreign:
 
     def __init__(self, iterate: _Iterate) -> None:
         self._iterate = iterate
+        self.failed: BaseException | None = None  # PETSc would make an error of its own of it
 
     def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
         comm = right.comm.tompi4py()
@@ -406,7 +408,7 @@ class _Foreign:
             def image(values: Array) -> Array:
                 with collective(comm) as same:  # all still iterate, and ask for the same
                     same["the next step of iterate"] = apply.__name__
-                    x.setArray(arguments.field("iterate", np.ravel(values), x.array_r.shape, _NUMBERS))
+                    x.setArray(_own(values, x))
                 apply(x, y)
                 return np.array(y.array_r)
 
@@ -414,10 +416,25 @@ class _Foreign:
 
         product, precondition = of(ksp.getOperators()[0].mult), of(ksp.getPC().apply)
         size = ksp.getTolerances()[1]
-        with collective(comm):
-            found = self._iterate(product, precondition, np.array(right.array_r), size)
-            solution.setArray(arguments.field("iterate", np.ravel(found), right.array_r.shape, _NUMBERS))
+        try:
+            with collective(comm):
+                found = self._iterate(product, precondition, np.array(right.array_r), size)
+                solution.setArray(_own(found, right))
+        except BaseException as error:
+            self.failed = error
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
+
+
+def solve_by(ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+    """Solves by a method, PETSc's or another's, whose own errors are raised."""
+    ksp.solve(right, solution)
+    if ksp.getType() == "python" and (failed := ksp.getPythonContext().failed):
+        raise failed
+
+
+def _own(values: Array, like: PETSc.Vec) -> Array:
+    layout = "it takes and gives this process' part of vectors (n,)"
+    return arguments.field("iterate", np.ravel(values), like.array_r.shape, layout)
 
 
 def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:

@@ -1,11 +1,14 @@
-"""What fails on one process fails on all of them, at once and with the same words."""
+"""What fails or differs on one process ends all of them, at once and with the same words."""
 
+import re
 from dataclasses import replace
+from itertools import islice
 from unittest.mock import patch
 
 from mpi4py import MPI
 
 import numpy as np
+import pytest
 import ufl
 from dolfinx import fem
 
@@ -25,13 +28,20 @@ from pw_elements.contact import (
     ContactProblem,
     Motion,
     Plane,
+    SignedDistance,
     solve_contact,
     solve_impact,
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, on_lines, triangles
+from pw_elements.solvers import SolverReport
 from tests.contact.cases import Block, at
+from tests.contact.iterative import Solid
+from tests.library.faces import ROOT, calls, otherwise, public
 from tests.parallel import run_on
+
+# Seconds that a file of scenarios may take, within which a process that waits is found
+WAITING = 60
 
 COMM = MPI.COMM_WORLD
 BLOCK = Block(8, comm=COMM)
@@ -49,10 +59,13 @@ HERE = f"of which process {WRONG} has "
 FAR = f"1000000: local numbers are counted from 0, {HERE}"
 
 
+RAISED = KeyError("x")
+
+
 def errs(value):
     """What a user's function gives that fails on one process."""
     if BAD:
-        raise KeyError("x")
+        raise RAISED
     return value
 
 
@@ -79,13 +92,55 @@ class Unreached(Plane):
         return errs(super().closest(x))
 
 
-def slid():
+class Law:
+    """Friction that fails on one process, when it is first or last asked."""
+
+    def __init__(self, first="limit", last=0):
+        self._first, self._left = first, last
+
+    def at(self, _):
+        return errs(0.0) if self._first == "at" else 0.3
+
+    def limit(self, mu, force):
+        self._left -= 1
+        return (errs(mu * force) if self._left < 0 else mu * force), mu + 0 * force
+
+
+class Foreign:
+    """A Krylov method that fails on one process, after some products."""
+
+    matrix_free, orientations, report = True, (), SolverReport("steepest descent", 0)
+
+    def __init__(self, products, steps=3):
+        self._products, self._steps = products, steps
+
+    def prepare(self, *_, **__):
+        return self
+
+    def iterate(self, product, precondition, right, _):
+        for k in range(self._steps):
+            if k == self._products:
+                errs(0)
+            product(precondition(right))
+        return 0 * right
+
+    def release(self):
+        pass
+
+
+def by(solver):
+    solid = Solid(n=2, comm=COMM)
+    plate = solid.arguments("plate by forces")
+    return solve_contact(*plate, solver=solver)
+
+
+def slid(surface=FLOOR, load=None, conditions=(), **options):
     u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
     top = [prescribe(U, i, at(1, 2.0)) for i in (0, 1)]
-    pair = ContactPair(FOOT, Unreached((0, 0), (0, 1)))
     stretched = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
-    problem = ContactProblem.of_residual(stretched, u, top, pair)
-    return problem.step(problem.undeformed, motions=Motion((0, 0.01)))
+    held = [*top, *conditions]
+    problem = ContactProblem.of_residual(stretched, u, held, ContactPair(FOOT, surface), **options)
+    return problem.step(problem.undeformed, load, motions=Motion((0, 0.01)))
 
 
 def floor(mu=0.3, surface=FLOOR, motions=()):
@@ -173,6 +228,12 @@ def step_from(**values):
     return problem().step(replace(start, pairs=(replace(pair, **wrong),)), LOAD)
 
 
+def solved_impact(duration, law):
+    unit, still = diagonal(ones()), K.createVecRight()
+    pair = ContactPair(FOOT, FLOOR, law)
+    return solve_impact(symmetric_part(K), unit, BLOCK.free, pair, U, duration, still, LOAD)
+
+
 def impact(duration=1.0, **stated):
     unit, pair = diagonal(ones()), BLOCK.pair(0.3)
     return solve_impact(symmetric_part(K), unit, BLOCK.free, pair, U, duration, ones(), **stated)
@@ -217,7 +278,8 @@ SCENARIOS = [
     (f"the image of the mesh {FAILED}", lambda: mapped(square(4), errs)),
     (f"the image of the mesh {FAILED}", lambda: curved(square(4), errs)),
     (f"divisions: {DIFFERS}", lambda: square(4 + BAD)),
-    (f"y_lines: {DIFFERS}", lambda: on_lines(COMM, [0, 1], [0, np.nan if BAD else 1.0], "triangle")),
+    (f"y_lines: {DIFFERS}",
+     lambda: on_lines(COMM, [0, 1], [0, np.nan if BAD else 1.0], "triangle")),
     (f"the marker of contact pair 0 {FAILED}", lambda: contact(ContactPair(errs_below, FLOOR))),
     (f"the nodes of contact pair 0 have the numbers 1000000 to {FAR}",
      lambda: contact(ContactPair([10**6] if BAD else FOOT, FLOOR))),
@@ -229,7 +291,8 @@ SCENARIOS = [
     (f"pairs: {DIFFERS}", lambda: contact(floor(0.3 + BAD))),
     (f"the gap of the surface of contact pair 0 {FAILED}",
      lambda: contact(floor(surface=Gap(fails="gap")))),
-    (f"the closest points of the surface of contact pair 0 {FAILED}", slid),
+    (f"the closest points of the surface of contact pair 0 {FAILED}",
+     lambda: slid(Unreached((0, 0), (0, 1)))),
     ("the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
      lambda: contact(floor(surface=Gap(wrong="normal")))),
     (f"pairs: {DIFFERS}",
@@ -263,21 +326,116 @@ SCENARIOS = [
 # fmt: on
 
 
-def said(comm):
+# fmt: off
+# Every way in which a user's function is called; on one process it fails
+USERS = {
+    "marker of nodes": lambda: prescribe(U, 0, errs_below),
+    "marker of facets": lambda: boundary_measure(MESH, errs_below),
+    "marker of a line": lambda: forces_along(U, LOAD, errs_below),
+    "marker of a surface": lambda: SurfaceNodes.of(BLOCK.body, errs_below),
+    "marker of a pair": lambda: contact(ContactPair(errs_below, FLOOR)),
+    "image": lambda: mapped(square(4), errs),
+    "image of a curved mesh": lambda: curved(square(4), errs),
+    "friction": lambda: contact(floor(lambda x: errs(0 * x[0]))),
+    "law, of a node": lambda: contact(floor(Law("at"))),
+    "law, at once": lambda: contact(floor(Law())),
+    "law, later": lambda: contact(floor(Law(last=30))),
+    "law, in an impact": lambda: solved_impact(0.1, Law(last=28)),
+    "gap": lambda: contact(floor(surface=Gap(fails="gap"))),
+    "normal": lambda: contact(floor(surface=Gap(fails="normal"))),
+    "closest points": lambda: slid(Unreached((0, 0), (0, 1))),
+    "signed distance": lambda: slid(SignedDistance(lambda x: errs(x[:, 1]))),
+    "its gradient": lambda: slid(SignedDistance(lambda x: x[:, 1], lambda x: errs(0 * x + [0, 1]))),
+    "callback": lambda: contact(callback=errs),
+    "callback of one process": lambda: contact(callback=errs if BAD else None),
+    "load of a residual": lambda: stated(errs),
+    "load of a step": lambda: slid(load=errs),
+    "update": lambda: slid(update=lambda: errs(0)),
+    "callback at large strains": lambda: slid(callback=errs),
+    "load of an impact": lambda: impact(load=lambda _: errs(LOAD)),
+    "path": lambda: impact(paths=[lambda _: errs((0, 0))]),
+    "iterate, at once": lambda: by(Foreign(0)),
+    "iterate, between products": lambda: by(Foreign(2)),
+    "iterate, at the end": lambda: by(Foreign(3, 4)),
+}
+# fmt: on
+ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
+
+
+def said(comm, errors):
     """What all processes say in each scenario that ends otherwise than it should."""
-    wrong = []
-    for words, scenario in SCENARIOS:
-        try:
-            scenario()
-            found = "nothing"
-        except Exception as error:
-            kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
-            found = f"{kind}{error}"
-        each = comm.allgather(found)
-        if len(set(each)) > 1 or not found.startswith(words):
-            wrong.append((words, each))
+    wrong = [
+        (words, each)
+        for words, scenario in SCENARIOS
+        if len(set(each := ends(comm, scenario))) > 1 or not each[0].startswith(words)
+    ]
+    global RAISED
+    for RAISED in errors:
+        for name, call in USERS.items():
+            each = ends(comm, call)
+            words = "KeyError: 'x'" if isinstance(RAISED, Exception) else repr(RAISED)
+            if len(set(each)) > 1 or words not in each[0]:
+                wrong.append((name, repr(RAISED), each))
     return wrong
 
 
-def test_an_error_on_one_process_ends_all_with_the_same_words():
-    assert run_on(3, said) == [[]] * 3
+def ends(comm, call):
+    """What a call says on each process."""
+    try:
+        call()
+        found = "nothing"
+    except Exception as error:
+        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        found = f"{kind}{error}"
+    except BaseException as error:
+        found = repr(error)
+    return comm.allgather(found)
+
+
+def test_an_error_on_one_process_ends_all_with_the_same_words(request):
+    errors = ERRORS if request.config.getoption("--nightly") else ERRORS[:1]
+    assert run_on(3, said, errors, limit=WAITING) == [[]] * 3
+
+
+def differing(comm, most):
+    """Calls of public functions that do not end alike if one argument of a process differs."""
+    wrong, count = [], 0
+    for name, (function, right) in calls(comm).items():
+        for argument, value in right.items():
+            for other in islice(otherwise(value), most):
+                changed = right | ({argument: other} if comm.rank == comm.size - 1 else {})
+                each = ends(comm, lambda f=function, given=changed: f(**given))
+                count += 1
+                if len(set(each)) > 1 or each[0] == "nothing":
+                    wrong.append((name, argument, repr(other), each))
+    return wrong, count
+
+
+@pytest.mark.parametrize("processes", [2, 3])
+def test_processes_that_are_given_different_arguments_are_told(processes, request):
+    nightly = request.config.getoption("--nightly")
+    if processes > 2 and not nightly:
+        pytest.skip("with --nightly")
+    for wrong, count in run_on(processes, differing, 10 if nightly else 1, limit=WAITING):
+        assert wrong == []
+        assert count > 200
+
+
+def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
+    """Dataclasses do it where they are made, in their `__post_init__`."""
+    text = (ROOT / "docs/how-to/parallel.md").read_text()
+    local = set(re.findall(r"`([\w.]+)`", text.partition("stay local:")[2].partition("\n\n")[0]))
+    known = set(calls(MPI.COMM_SELF))
+    assert local | known == set(public())
+    assert not local & known
+    for name, thing in public().items():
+        parts = (
+            [thing]
+            if not isinstance(thing, type)
+            else [thing.__init__, getattr(thing, "__post_init__", None)]
+        )
+        assert any(hasattr(p, "compares") for p in parts) == (name in known), name
+
+
+def test_nobody_calls_abort():
+    assert not [p for p in (ROOT / "pw_elements").rglob("*.py") if "Abort(" in p.read_text()]

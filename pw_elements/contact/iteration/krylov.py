@@ -43,6 +43,7 @@ from pw_elements.solvers import (
     destroy,
     free_motion,
     python_matrix,
+    solve_by,
     with_levels,
 )
 from pw_elements.spaces import SubSpace
@@ -385,7 +386,7 @@ class KrylovTangent:
         stalled = False
         while left > (target := self._target(left, reduced)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
-            self._ksp.solve(rest, step)
+            solve_by(self._ksp, rest, step)
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
             stalled = left >= min(_STALLED * target, before)

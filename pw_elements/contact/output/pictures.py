@@ -17,13 +17,13 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse import csgraph
 
-from pw_elements.checks import arguments, same_everywhere
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.fields import check_state
 from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
 from pw_elements.elasticity import Body, Indices, StressState, SurfaceNodes
-from pw_elements.pictures import SUB_TRIANGLES
+from pw_elements.pictures import SUB_TRIANGLES, check_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,6 +77,8 @@ def plot(
 
     arguments.of_type("body", body, Body, "pressures need the body's surface measure")
     arguments.flag("opposite", opposite)
+    with collective(body.spaces.mesh.comm):
+        check_axes(axes)
     check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
     if not 0 <= pair < len(state.pairs):

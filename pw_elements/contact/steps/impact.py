@@ -392,6 +392,7 @@ class _March:
             interface.cone,
             dt,
         )
+        interface.check_laws()
         velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
         self._v.setArray(velocity)
         self._u.axpy(dt, self._v)
