@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--force", action="store_true", help="compute also what is stored")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     results = ROOT / "results" if FROM.is_absolute() else Path("results")
-    parser.add_argument("--out", type=FROM.joinpath, default=results, metavar="DIR")
+    parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
         with handled(stop):
@@ -80,6 +80,12 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(INTERRUPTED, file=sys.stderr)
         return 130
+
+
+def _folder(name: str) -> Path:
+    if not name:
+        raise argparse.ArgumentTypeError("the name of a folder is empty")
+    return FROM / name
 
 
 def _command(options: argparse.Namespace) -> int:

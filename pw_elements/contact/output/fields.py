@@ -4,7 +4,7 @@ fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fiel
 write("punch.bp", states, body)
 """
 
-import os
+import secrets
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -314,7 +314,8 @@ def write(
         given = [float(s.increment) for s in states] if times is None else list(times)
         _check_series(path, states, given, space)
     fields = ContactFields.of(states[0], body)
-    unfinished, old = (path.with_name(f".{comm.bcast(os.getpid())}-{k}-{path.name}") for k in "ab")
+    token = comm.bcast(secrets.token_hex(8))
+    unfinished, old = (path.with_name(f".{token}-{k}-{path.name}") for k in "ab")
     with collective(comm):
         if comm.rank == 0:
             unfinished.mkdir()

@@ -519,6 +519,16 @@ class ContactProblem:
         """Spaces of the functions that belong to the state."""
         return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
+    def _fingerprint(self) -> dict[str, np.ndarray]:
+        """What tells the problem from others, on any number of processes."""
+        known = {
+            name: np.concatenate([getattr(pair, name).ravel() for pair in self.undeformed.pairs])
+            for name in ("gap", "normal", "friction")
+        }
+        if self._finite is None:
+            known["stiffness"] = np.array([self._K.norm(PETSc.NormType.FROBENIUS)])
+        return known
+
     @same_everywhere
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
@@ -533,7 +543,8 @@ class ContactProblem:
             OSError: if the file cannot be written.
         """
         check_state(state, self.undeformed)
-        write_state(checked_path(path), state, self._space, self._histories)
+        path = checked_path(path)
+        write_state(path, state, self._space, self._histories, self._fingerprint())
 
     @same_everywhere
     def load(self, path: str | Path) -> ContactState:
@@ -544,10 +555,12 @@ class ContactProblem:
 
         Raises:
             TypeError: for anything but a path.
-            ValueError: if the file holds no state, or one of another mesh or other pairs.
+            ValueError: if the file holds no state, one that has been changed since, or one of
+                another mesh, stiffness, friction or surface.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path), self._space, self._histories)
+        path = checked_path(path)
+        state = read_state(path, self._space, self._histories, self._fingerprint())
         check_belongs(state, self.undeformed, "the file's state")
         return state
 
