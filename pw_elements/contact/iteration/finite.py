@@ -24,21 +24,19 @@ from petsc4py import PETSc
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import ufl
 from basix import PolysetType
 from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import NotFound
 from pw_elements.spaces import SubSpace, is_hybrid
-
-Array = npt.NDArray[np.float64]
 
 # A step is halved so often at most
 _HALVINGS = 10
@@ -52,29 +50,17 @@ _WAY = np.linspace(0.05, 0.95, 19)
 
 @dataclass(frozen=True)
 class DeformedPlace:
-    """Gap, slip and force components about deformed nodes, linear in y = X + a - U and r.
+    """Gap, slip and force components about deformed nodes, linear in y = X + a - U and r."""
 
-    Args:
-        interface: the contact points (m).
-        translations: U there, (pairs, dim).
-        at: a - U there, (m, dim).
-        frame: normals and tangents, (m, dim, dim).
-        gap: (m,).
-        slip: (m, dim - 1).
-        moved: derivatives of gap and slip by y, (m, dim, dim).
-        turned: of the force components, by the turning of the frame, (m, dim, dim).
-        jumped: (m,), whether the normal has turned by a right angle since the start.
-    """
-
-    interface: Interface
-    translations: Array
-    at: Array
-    frame: Array
-    gap: Array
-    slip: Array
-    moved: Array
-    turned: Array
-    jumped: npt.NDArray[np.bool_]
+    interface: Interface  # contact points (m)
+    translations: Array  # U there, (pairs, dim)
+    at: Array  # a - U there, (m, dim)
+    frame: Array  # normals and tangents, (m, dim, dim)
+    gap: Array  # (m,)
+    slip: Array  # (m, dim - 1)
+    moved: Array  # derivatives of gap and slip by y, (m, dim, dim)
+    turned: Array  # of the force components, by the turning of the frame, (m, dim, dim)
+    jumped: Mask  # (m,), whether the normal has turned by a right angle since the start
 
     def gaps(self, displacement: Array, translations: Array) -> Array:
         """Gaps (m,) at displacements (m, dim) and translations (pairs, dim)."""
@@ -104,12 +90,7 @@ class DeformedPlace:
 
 
 class DeformedKinematics:
-    """Gaps, frames and slips of deformed points against rigid surfaces since an increment's start.
-
-    Args:
-        interface: the contact points (m).
-        past: where the increment starts.
-    """
+    """Gaps, frames and slips of deformed points at rigid surfaces since an increment's start."""
 
     def __init__(self, interface: Interface, past: Reference) -> None:
         self._interface = interface
@@ -147,7 +128,7 @@ class DeformedKinematics:
             s > _RIGHT_ANGLE,
         )
 
-    def passed(self, place: DeformedPlace) -> npt.NDArray[np.bool_]:
+    def passed(self, place: DeformedPlace) -> Mask:
         """Points (m,) whose normals have turned over, on a straight way through the surface."""
         within = np.zeros(len(place.gap), dtype=bool)
         if not len(self._interface.gathered(place.jumped[place.jumped])):
@@ -170,15 +151,7 @@ def _arc(s: Array) -> tuple[Array, Array]:
 
 
 class CellGuard:
-    """Looks for cells that a deformation turns inside out, at all quadrature points of a form.
-
-    Args:
-        u: displacements, or these and a pressure.
-        form: whose integrals over cells state their degrees or points.
-
-    Attributes:
-        extent: largest coordinate.
-    """
+    """Looks for cells that u turns inside out, at all quadrature points of a form's integrals."""
 
     def __init__(self, u: fem.Function, form: ufl.Form) -> None:
         self._mesh = u.function_space.mesh
@@ -222,17 +195,9 @@ def _points(integral: ufl.Integral) -> Array:
 
 
 class FiniteEquilibrium:
-    """Equilibrium F(u) = H r of a body under large strains, linearised where the iteration is.
+    """An `Equilibrium` F(u) = H r under large strains, linearised where the iteration is.
 
-    Args:
-        body: residual and tangent.
-        system: linear systems, which take the tangent.
-        reduction: supports with the values at the end.
-        guard: of the cells.
-        start: all unknowns (n,) at the start.
-
-    Attributes:
-        load, offset: as in `Equilibrium`.
+    It begins at all unknowns (n,) `start`; the reduction has what supports prescribe at the end.
     """
 
     def __init__(

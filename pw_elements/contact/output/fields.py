@@ -15,6 +15,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, io
 
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
@@ -27,8 +28,6 @@ from pw_elements.spaces import (
     scalar_space,
     split,
 )
-
-Array = npt.NDArray[np.float64]
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _NEAR = 1e-9
@@ -244,7 +243,7 @@ def _spread(
             array[here[here >= 0]] = sign * columns[here >= 0]
 
 
-def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
     """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
     local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
     return np.where(nodes < 0, -1, local)

@@ -127,12 +127,11 @@ def read_state(
     except Exception as failed:  # of whatever kind: any bytes may be in a file
         said = str(failed) or type(failed).__name__
         raise ValueError(f"{path} holds no contact state: {said}") from None
-    for name, values in (problem or {}).items():
+    for name, own in (problem or {}).items():
         stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
-        size = np.abs(values[np.isfinite(values)]).max(initial=1.0 if name == "normal" else 0.0)
-        if stored.shape == values.shape and np.allclose(stored, values, rtol=0, atol=_SAME * size):
-            continue
-        raise ValueError(f"{path} has the state of a problem with another {name}")
+        size = np.abs(own[np.isfinite(own)]).max(initial=0.0)
+        if stored.shape != own.shape or not np.allclose(stored, own, rtol=0, atol=_SAME * size):
+            raise ValueError(f"{path} has the state of a problem with another {name}")
     fields = dict(zip(_NODES, fields_of(space), strict=False))
     if missing := fields.keys() - arrays.keys():
         raise ValueError(f"{path} has the state of a body without {missing.pop()}")

@@ -41,9 +41,8 @@ from pw_elements.contact.steps.stepping import (
     Callback,
     Remedy,
     Stepping,
-    checked_callback,
 )
-from pw_elements.progress import bar, doing
+from pw_elements.progress import bar, doing, told
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -58,8 +57,6 @@ from pw_elements.spaces import is_hybrid
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
-log = logging.getLogger("pw_elements.contact")
-
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME_PLACE = 1e-9
@@ -72,21 +69,18 @@ def checked_problem(
     space: fem.FunctionSpace,
     max_iterations: int,
     solver: Solver,
-) -> list[ContactPair]:
-    """The pairs of a problem, one or several.
-
-    Raises:
-        TypeError: for arguments of the wrong type.
-        ValueError: for what does not make one problem (see `check_problem` and, of two bodies,
-            `mortar.check_weights`), no iterations, or what differs between processes.
-    """
+    callback: Callback | None = None,
+) -> tuple[ContactPair, ...]:
+    """The pairs of a problem, one or several, that make one with all else."""
     arguments.space(space)
     whole("max_iterations", max_iterations, 1)
+    with collective(space.mesh.comm):  # only some processes may have one
+        _check_function("callback", callback, "it has to be a function")
     stated = _each(pairs, ContactPair, "a contact pair")
     check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
     if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
         check_weights(K, space)
-    return stated
+    return tuple(stated)
 
 
 def checked_paths(
@@ -94,12 +88,7 @@ def checked_paths(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
 ) -> list[PathInTime | None]:
-    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
-
-    Raises:
-        TypeError: for anything but functions of time.
-        ValueError: for another number than that of the pairs, or pairs of two bodies.
-    """
+    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list."""
     if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
         raise ValueError("impact is one against rigid surfaces, not of two bodies")
     if is_hybrid(space):
@@ -107,25 +96,14 @@ def checked_paths(
             "a pressure has no mass: impact is one of displacements alone, as of "
             "Spaces.petrov_galerkin(mesh)"
         )
-    each: list[PathInTime | None] = list(paths) if isinstance(paths, Iterable) else [paths]
-    each = each or [None] * len(pairs)
-    if len(each) != len(pairs):
-        raise ValueError(f"{len(each)} paths for {len(pairs)} contact pairs")
+    each = _of_pairs("paths", paths if isinstance(paths, Iterable) else [paths], len(pairs))
     for k, path in enumerate(each):
-        if not (path is None or arguments.is_function(path)):
-            raise TypeError(
-                f"the path of contact pair {k} is {arguments.described(path)}: it has to be a "
-                "function of time"
-            )
+        _check_function(f"the path of contact pair {k}", path, "it has to be a function of time")
     return each
 
 
 def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
-    """The remedies of a problem, and what each may take, over the first attempt.
-
-    Raises:
-        ValueError: for one that there is not, or a multiple that is not positive.
-    """
+    """The remedies of a problem, and what each may take, over the first attempt."""
     named = isinstance(remedies, Collection) and not isinstance(remedies, str)
     if not named or any(one not in REMEDIES for one in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
@@ -140,32 +118,15 @@ def checked_step(
     motions: Motion | Sequence[Motion | None] | None,
     guess: ContactState | None,
 ) -> list[Motion | None]:
-    """The motion of each pair in one increment; one of a single pair needs no list.
-
-    Args:
-        space: of the problem.
-        own: a state of the problem.
-        state: from which it goes on, as the others.
-        motions: none, or one of each pair.
-        guess: to start from.
-
-    Raises:
-        TypeError: for arguments of the wrong type.
-        ValueError: for another number or dimension of motions, and states of other pairs or that
-            are not finite.
-    """
-    pairs = len(own.pairs)
-    _each([state], ContactState, "the state")
+    """The motion of each pair in an increment of a problem, of which `own` is a state."""
     check_belongs(state, own, "the state")
     if not state.converged:
         raise ValueError("the state at the start is no solution: it can be a guess only")
     if guess is not None:
-        _check_guess(guess, pairs)
-    moved = list(motions) if isinstance(motions, Iterable) else [motions]
-    if motions is None or not moved:
-        moved = [None] * pairs
-    if len(moved) != pairs:
-        raise ValueError(f"{len(moved)} motions for {pairs} contact pairs")
+        _check_guess(guess, len(own.pairs))
+    given: Any = () if motions is None else motions
+    each = given if isinstance(given, Iterable) else [given]
+    moved = _of_pairs("motions", each, len(own.pairs))
     for k, motion in enumerate(moved):
         if motion is not None:
             _check_motions([motion], space, k)
@@ -180,18 +141,13 @@ def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
         raise ValueError("the load is not finite")
 
 
-def checked_loading(load: object, guess: ContactState | None) -> Loading | None:
-    """What changes in an increment of a residual.
-
-    Raises:
-        TypeError: for anything but a function.
-        ValueError: for a guess.
-    """
-    if not (load is None or arguments.is_function(load)):
-        raise TypeError(
-            f"the load of a residual is {arguments.described(load)}: give a function of the share "
-            "(0, 1] of the increment, which sets constants and functions in it"
-        )
+def checked_loading(
+    load: Any,  # noqa: ANN401
+    guess: ContactState | None,
+) -> Loading | None:
+    """What changes in an increment of a residual."""
+    remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
+    _check_function("the load of a residual", load, remedy)
     if guess is not None:
         raise ValueError("a problem of a residual starts from its state: it takes no guess")
     return load
@@ -200,13 +156,8 @@ def checked_loading(load: object, guess: ContactState | None) -> Loading | None:
 def checked_history(
     history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
 ) -> list[fem.Function]:
-    """Functions that belong to the state.
-
-    Raises:
-        TypeError: for anything else.
-    """
-    if not (update is None or arguments.is_function(update)):
-        raise TypeError(f"update is {arguments.described(update)}: it has to be a function")
+    """Functions that belong to the state."""
+    _check_function("update", update, "it has to be a function")
     with collective(comm) as same:
         same["the history"] = [getattr(one, "function_space", None) for one in history]
         return _each(history, fem.Function, "a function of the history")
@@ -220,8 +171,9 @@ def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
                 f"contact pair {k} has interference, which small displacements only can have: "
                 "start with the surface outside of the body, and move it in"
             )
-        if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
-            log.warning("contact pair %d: differences stand in for a gradient function", k)
+        if getattr(pair.surface, "gradient", True) is None:
+            words = f"contact pair {k}: differences stand in for a gradient function"
+            told(comm, logging.WARNING, words, ".contact")
         if not isinstance(pair.surface, RigidBody):
             raise ValueError(
                 f"contact pair {k}: deformed bodies cannot touch a "
@@ -238,11 +190,7 @@ def checked_increments(
     start: ContactState | Sequence[ContactState],
     space: fem.FunctionSpace,
 ) -> list[tuple[PETSc.Vec, list[Motion | None], ContactState | None]]:
-    """Load, motion of each pair, and state to start from, of each increment.
-
-    Raises:
-        TypeError, ValueError: as `checked_step`, for all increments.
-    """
+    """Load, motion of each pair, and state to start from, of each increment."""
     comm = space.mesh.comm
     motions: list[list[Motion | None]] = []
     with collective(comm):
@@ -271,24 +219,14 @@ def checked_increments(
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 
 
-def check_state(state: ContactState, own: ContactState) -> None:
-    """Raises unless a state is one of a problem's contact nodes."""
-    _each([state], ContactState, "the state")
-    check_belongs(state, own, "the state")
-
-
 def checked_path(path: str | Path) -> Path:
-    """Checks the path of a file.
-
-    Raises:
-        TypeError: for what is none.
-    """
     arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     return Path(path)
 
 
 def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
-    """Raises ValueError for a state of other contact nodes than a problem's own, or with NaN."""
+    """Raises an error for a state of other contact nodes than a problem's own, or with NaN."""
+    _each([state], ContactState, what)
     alike = len(state.pairs) == len(own.pairs) and all(
         pair.position.shape == mine.position.shape
         and np.abs(pair.position - mine.position).max() <= _SAME_PLACE * np.abs(mine.position).max()
@@ -305,6 +243,19 @@ def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     for thing in things:
         arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
     return things
+
+
+def _of_pairs(what: str, given: Iterable, pairs: int) -> list:
+    """As many things as there are pairs, None of each if none are given."""
+    each = list(given) or [None] * pairs
+    if len(each) != pairs:
+        raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
+    return each
+
+
+def _check_function(name: str, given: object, remedy: str) -> None:
+    if not (given is None or arguments.is_function(given)):
+        raise TypeError(f"{name} is {arguments.described(given)}: {remedy}")
 
 
 def _check_finite(state: ContactState, what: str) -> None:
@@ -373,10 +324,9 @@ class ContactProblem:
         callback: Callback | None = None,
         remedies: Remedies = REMEDIES,
     ) -> None:
-        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_mesh(space.mesh)
         self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
-        callback = checked_callback(space.mesh.comm, callback)
         each = checked_remedies(remedies)
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
@@ -437,11 +387,10 @@ class ContactProblem:
         u.x.array[:] = 0.0
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
-        own.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        own.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_rigid(own.pairs, space.mesh.comm)
         check_mesh(space.mesh)
         own._space = space
-        callback = checked_callback(space.mesh.comm, callback)
         own._finite = FiniteStepping(
             problem,
             conditions,
@@ -521,10 +470,11 @@ class ContactProblem:
 
     def _fingerprint(self) -> dict[str, np.ndarray]:
         """What tells the problem from others, on any number of processes."""
-        known = {
-            name: np.concatenate([getattr(pair, name).ravel() for pair in self.undeformed.pairs])
-            for name in ("gap", "normal", "friction")
-        }
+        pairs = self.undeformed.pairs
+        size = max(np.abs(pair.position).max() for pair in pairs)
+        surfaces = [part for pair in pairs for part in (pair.gap / size, pair.normal.ravel())]
+        friction = [pair.friction for pair in pairs]
+        known = {"surface": np.concatenate(surfaces), "friction": np.concatenate(friction)}
         if self._finite is None:
             known["stiffness"] = np.array([self._K.norm(PETSc.NormType.FROBENIUS)])
         return known
@@ -542,7 +492,8 @@ class ContactProblem:
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        check_state(state, self.undeformed)
+        with collective(self._space.mesh.comm):
+            check_belongs(state, self.undeformed, "the state")
         path = checked_path(path)
         write_state(path, state, self._space, self._histories, self._fingerprint())
 
