@@ -17,7 +17,8 @@ hardly hold the body. Then factors go on, if they fit.
 
 import logging
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -39,9 +40,13 @@ from pw_elements.solvers.direct import (
     FreePressure,
     LinearSolver,
     NotConverged,
+    Options,
     PreparedSolver,
     SingularSystem,
     SolverReport,
+    check_options,
+    refuse_unused,
+    said_clearly,
     set_options,
 )
 from pw_elements.solvers.matrices import (
@@ -75,6 +80,8 @@ NO_SUPPORTS = (
     "other reductions, and a pressure that is split, need Direct()"
 )
 
+# Options that would take the levels from their places
+_LEVELS = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))")
 # Iterations allowed, and vectors kept to be orthogonal to
 _MOST_ITERATIONS = 1000
 _KEPT_VECTORS = 100
@@ -240,19 +247,27 @@ class Iterative:
             relative to the largest nodal contact force.
         options: PETSc options without prefix and hyphen, such as
             `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
-            the method and `ksp_max_it` its iterations.
+            the method and `ksp_max_it` its iterations. The two levels cannot be exchanged.
 
     Raises:
-        ValueError: for a tolerance that is not between 0 and 1.
+        TypeError, ValueError: for a tolerance that is not between 0 and 1, or invalid options; once
+            it solves, for those that are not used.
     """
 
     matrix_free: ClassVar[bool] = True
     tolerance: float = 1e-11
-    options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not 0 < self.tolerance < 1:
+        if not 0 < arguments.number("tolerance", self.tolerance) < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
+        check_options(self.options)
+        for name, value in self.options.items():
+            if _LEVELS.fullmatch(name) or (value in ("preonly", "none") and "ksp_type" in name):
+                raise ValueError(
+                    f"option {name} = {value}: what Iterative() is made of cannot be exchanged; "
+                    "Direct() has factors, mg_coarse_ the coarse level's own options"
+                )
 
     @same_everywhere
     def prepare(
@@ -277,7 +292,8 @@ class Iterative:
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
                 "not known to be positive definite: use Direct()"
             )
-        return Krylov(matrix, supports, self)
+        with said_clearly(self.options):
+            return Krylov(matrix, supports, self)
 
 
 class Krylov:
@@ -297,6 +313,7 @@ class Krylov:
         foreign: _Iterate | None = None,
     ) -> None:
         self._how, self._matrix, self._foreign = how, matrix, foreign
+        self.options = how.options
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self.multigrid: Multigrid | SaddlePoint
         if hybrid := is_hybrid(supports.space):
@@ -359,7 +376,7 @@ class Krylov:
         rest, size = right.copy(), right.norm()
         # Rounding makes the residual that GMRES updates drift from the true one
         for _ in range(2):
-            self.ksp.solve(rest, step)
+            solve_by(self.ksp, rest, step, self._how.options)
             solution.axpy(1.0, step)
             self.operator.mult(solution, rest)
             rest.aypx(-1.0, right)
@@ -422,9 +439,13 @@ class _Foreign:
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
 
 
-def solve_by(ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+def solve_by(
+    ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Options | None = None
+) -> None:
     """Solves by a method, PETSc's or another's, whose own errors are raised."""
-    ksp.solve(right, solution)
+    with said_clearly(options or {}):
+        ksp.solve(right, solution)
+    refuse_unused(ksp, options or {})
     if ksp.getType() == "python" and (failed := ksp.getPythonContext().failed):
         raise failed
 

@@ -383,7 +383,7 @@ class KrylovTangent:
         stalled = False
         while left > (target := self._target(left, reduced)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
-            solve_by(self._ksp, rest, step)
+            solve_by(self._ksp, rest, step, self._krylov.options)
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
             stalled = left >= min(_STALLED * target, before)
