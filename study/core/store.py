@@ -86,8 +86,9 @@ def write_whole(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     # a name that nobody else knows, of a file that nobody else has made
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.{os.getpid()}{_UNFINISHED}")
+    unfinished = temporary.open("xb")
     try:
-        with temporary.open("xb") as stream:
+        with unfinished as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())

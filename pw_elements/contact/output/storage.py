@@ -127,17 +127,17 @@ def read_state(
     except Exception as failed:  # of whatever kind: any bytes may be in a file
         said = str(failed) or type(failed).__name__
         raise ValueError(f"{path} holds no contact state: {said}") from None
-    for name, own in (problem or {}).items():
-        stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
-        size = np.abs(own[np.isfinite(own)]).max(initial=0.0)
-        if stored.shape != own.shape or not np.allclose(stored, own, rtol=0, atol=_SAME * size):
-            raise ValueError(f"{path} has the state of a problem with another {name}")
     fields = dict(zip(_NODES, fields_of(space), strict=False))
     if missing := fields.keys() - arrays.keys():
         raise ValueError(f"{path} has the state of a body without {missing.pop()}")
     if any(_names(k)[0] not in arrays for k in range(len(history))):
         raise ValueError(f"{path} has the state of a problem with less history")
     row = {name: _rows(path, arrays[_NODES[name]], field.space) for name, field in fields.items()}
+    for name, own in (problem or {}).items():
+        stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
+        size = np.abs(own[np.isfinite(own)]).max(initial=0.0)
+        if stored.shape != own.shape or not np.allclose(stored, own, rtol=0, atol=_SAME * size):
+            raise ValueError(f"{path} has the state of a problem with another {name}")
     moved = fields["displacement"]
     for pair in pairs:
         pair |= {
@@ -226,8 +226,9 @@ def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
     path = path.resolve()  # of a link, what it leads to
     _refuse_irregular(path, "it is not replaced")
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    unfinished = temporary.open("xb")
     try:
-        with temporary.open("xb") as stream:
+        with unfinished as stream:
             np.savez_compressed(stream, allow_pickle=False, **arrays)
             stream.flush()
             os.fsync(stream.fileno())
