@@ -164,6 +164,9 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
     with collective(comm) as same:
         from_file = isinstance(source, str | Path)
         same["source"] = source if from_file else None  # a model is process 0's
+        if comm.rank == 0 and not (from_file or hasattr(source, "getPhysicalGroups")):
+            words = "it has to be a file's name, or gmsh.model"
+            raise TypeError(f"the source is {arguments.described(source)}: {words}")
         if comm.rank == 0 and from_file:
             _open(gmsh, Path(source))
     try:

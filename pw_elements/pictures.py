@@ -105,11 +105,16 @@ def draw(
     with collective(mesh.comm):
         _check(mesh, values, displacement)
         check_axes(axes)
+    import matplotlib.pyplot as plt
+
     number("scale", scale)
+    arguments.of_type("label", label, str, "it has to be a string")
+    arguments.flag("edges", edges)
+    if not (isinstance(colours, str) and colours in plt.colormaps()):
+        raise ValueError(f"colours = {colours!r}: give the name of one of Matplotlib's colour maps")
     vector("view", view, 2)
     if limits is not None:
         vector("limits", limits, 2)
-    import matplotlib.pyplot as plt
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 

@@ -329,7 +329,7 @@ class PetrovGalerkinProblem:
         self.system = System(
             u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
         )
-        self._solver: LinearSolver = solver or Direct()
+        self._solver: LinearSolver = Direct() if solver is None else solver
         self._held: dict[fem.Constant, Array] = {}
 
     @same_everywhere

@@ -178,6 +178,13 @@ class Reduction:
         with collective(arguments.processes(self.offset, self.space)):
             for name, matrix in (("left", self.left), ("right", self.right)):
                 arguments.of_type(f"the {name} matrix", matrix, PETSc.Mat, "give a PETSc matrix")
+            for name, thing, kind in (
+                ("inner matrix", self.inner, PETSc.Mat),
+                ("space", self.space, fem.FunctionSpace),
+                ("supports", self.supports, Supports),
+            ):
+                remedy = "`Reduction.dirichlet` and `condensation` make it"
+                arguments.of_type(f"its {name}", thing, (kind, type(None)), remedy)
             arguments.petsc_vector("the offset", self.offset)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
@@ -241,6 +248,7 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
+        arguments.space(space)
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
@@ -291,7 +299,7 @@ class Reduction:
         Args:
             share: factor of the prescribed values.
         """
-        if share == 1:
+        if arguments.number("share", share) == 1:
             return self
         offset = self.offset.copy()
         offset.scale(share)
@@ -324,6 +332,7 @@ class Reduction:
         """
         if self.supports is None:
             raise ValueError(NO_SUPPORTS)
+        self._check_system(K)
         space = self.supports.space
         projection = Projection(self.supports.free, space.dofmap.index_map_bs)
         scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
@@ -339,6 +348,7 @@ class Reduction:
         Args:
             K: stiffness (n, n).
         """
+        self._check_system(K)
         scale = None if self.space is None else equilibration(self.space, K)
         if scale is None:
             return self

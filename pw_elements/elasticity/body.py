@@ -46,6 +46,7 @@ from pw_elements.spaces import (
     SubSpace,
     by_cell_tag,
     cell_measure,
+    check_parts,
     exterior_facets,
     is_hybrid,
     marked,
@@ -279,6 +280,7 @@ class Body:
         """
         arguments.mesh(mesh)
         arguments.of_type("material", material, Material, "Material(E, nu) makes one")
+        check_parts(parts)
         largest = _largest(material.poissons_ratio, mesh.comm)
         plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
         if largest <= _HYBRID_NU or plane_stress:

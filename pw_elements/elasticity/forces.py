@@ -234,6 +234,8 @@ class SurfaceNodes:
         body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
         up = np.eye(body.spaces.mesh.geometry.dim)[-1]
+        kinds = (Expr, type(None))
+        arguments.of_type("stretch", stretch, kinds, "SurfaceNodes.stretch(u) makes it")
         load = up if stretch is None else stretch * ufl.as_vector(up.tolist())
 
         def weights(of: Body) -> Weights:

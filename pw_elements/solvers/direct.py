@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements._compat import option_used
-from pw_elements.checks import collective, of_type, processes, same_everywhere
+from pw_elements.checks import collective, flag, of_type, processes, same_everywhere
 from pw_elements.checks import matrix as check_matrix
 from pw_elements.progress import told
 
@@ -215,6 +215,7 @@ class Direct:
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
+        flag("symmetric", symmetric)
         with collective(processes(matrix)):
             check_matrix("the matrix", matrix)
         with said_clearly(self.options):

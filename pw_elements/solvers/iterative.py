@@ -285,6 +285,8 @@ class Iterative:
         """
         if supports is None:
             raise ValueError(NO_SUPPORTS)
+        arguments.of_type("supports", supports, Supports, "a reduction's `supports` are some")
+        arguments.flag("symmetric", symmetric)
         with collective(supports.space.mesh.comm):
             arguments.matrix("the matrix", matrix)
         if symmetric:

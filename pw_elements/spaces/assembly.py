@@ -72,6 +72,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
             that is wrong for it.
     """
+    arguments.flag("blocked", blocked)
     compiled = compiled_form(form, 2, "a matrix")
     nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)

@@ -52,6 +52,7 @@ class Spaces:
     def __post_init__(self) -> None:
         arguments.space(self.trial, "the trial space")
         arguments.space(self.test, "the test space")
+        check_parts(self.parts)
         _assert_one_numbering(self.trial, self.test)
 
     @classmethod
@@ -93,7 +94,8 @@ class Spaces:
                 `Reduction.dirichlet(spaces, conditions)` makes it continuous within each. Without
                 them the pressure is off by ten per cent and more where materials meet.
         """
-        weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
+        shape = _shape(mesh, None)
+        weights = macro_element(mesh.topology.cell_name(), shape)
         trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
         return cls(trial, test, parts)
 
@@ -277,12 +279,17 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     return scalars
 
 
+def check_parts(parts: object) -> None:
+    kinds = (MeshTags, type(None))
+    arguments.of_type("parts", parts, kinds, "dolfinx.mesh.meshtags makes them")
+
+
 def _mixed(
     mesh: Mesh, displacement: basix.ufl._ElementBase, parts: MeshTags | None
 ) -> fem.FunctionSpace:
     if parts is not None:
         with collective(mesh.comm):
-            arguments.of_type("parts", parts, MeshTags, "dolfinx.mesh.meshtags makes them")
+            check_parts(parts)
             if parts.topology != mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
     return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from itertools import islice
+from time import perf_counter
 from unittest.mock import patch
 
 from mpi4py import MPI
@@ -23,6 +24,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.algebra import symmetric_part
+from pw_elements.checks import guard
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -439,3 +441,35 @@ def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
 
 def test_nobody_calls_abort():
     assert not [p for p in (ROOT / "pw_elements").rglob("*.py") if "Abort(" in p.read_text()]
+
+
+def shares(comm):
+    """Time of digests and of comparing them, over that of a contact solution."""
+    body = Block(80, comm=comm)
+    assert body.K.getSize()[0] > 25_600
+    spent, within, compare = [], [], guard._digest
+
+    def timed(value):
+        if within:
+            return compare(value)
+        within.append(value)
+        begun = perf_counter()
+        found = compare(value)
+        spent.append(perf_counter() - begun)
+        within.pop()
+        return found
+
+    with patch.object(guard, "_digest", timed):
+        begun = perf_counter()
+        body.solve(0.3, 60.0, increments=2)
+        whole = perf_counter() - begun
+    begun = perf_counter()
+    for _ in range(100):
+        comm.Allreduce(np.zeros(3, dtype=int), np.empty(3, dtype=int))
+    return (sum(spent) + len(spent) * (perf_counter() - begun) / 100) / whole
+
+
+def test_comparing_arguments_takes_a_hundredth_at_most(request):
+    if not request.config.getoption("--nightly"):
+        pytest.skip("with --nightly")
+    assert max(run_on(2, shares, limit=600)) < 0.01

@@ -16,7 +16,7 @@ import ufl
 from dolfinx import fem, io
 
 from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import arguments, collective, same_everywhere, vector
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
@@ -304,13 +304,15 @@ def write(
         RuntimeError: if DOLFINx has been built without ADIOS2.
         OSError: if something else is there, or the folder cannot be written in.
     """
+    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     path, space = Path(path), _trial(body)
     states = [states] if isinstance(states, ContactState) else list(states)
     comm = space.mesh.comm
     with collective(comm):
         for state in states:
             arguments.of_type("a state", state, ContactState, _STATE)
-        given = [float(s.increment) for s in states] if times is None else list(times)
+        increments = [float(s.increment) for s in states]
+        given = increments if times is None else list(vector("times", times))
         _check_series(path, states, given, space)
     fields = ContactFields.of(states[0], body)
     token = comm.bcast(secrets.token_hex(8))

@@ -45,7 +45,6 @@ from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undefo
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import SmallnessCheck
-from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
 from pw_elements.spaces import Assembled
 
@@ -270,13 +269,13 @@ def solve_impact(
         step = _COURANT * critical
     if step > critical:
         raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
-    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
+    steps = np.ceil(duration / step * (1 - _EQUAL))
     if steps > max_steps:
         raise ValueError(
             f"duration = {duration:.6g} takes {steps:.3g} steps of {step:.3g}, more than max_steps "
             f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
         )
-    sibling: Sibling | None = Assembled.of(K).sibling
+    steps, sibling = int(steps), Assembled.of(K).sibling
     interface = nodal_interface(stated, space, reduction, Assembled.of(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()

@@ -379,7 +379,7 @@ class ContactProblem:
             TypeError, ValueError: for arguments that do not make a contact problem.
             DegenerateMesh: for cells that are flat or inverted.
         """
-        solver = solver or Direct()
+        solver = Direct() if solver is None else solver
         problem = PetrovGalerkinProblem(residual, u, conditions, solver)
         space, K = u.function_space, problem.system.matrix
         own = cls.__new__(cls)
