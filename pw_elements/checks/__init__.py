@@ -5,6 +5,7 @@ from pw_elements.checks.arguments import (
     extents,
     field,
     flag,
+    is_function,
     is_number,
     matrix,
     number,

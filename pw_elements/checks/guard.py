@@ -22,7 +22,7 @@ from hashlib import blake2b
 from itertools import zip_longest
 from pathlib import Path
 from traceback import format_exception_only
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -38,6 +38,7 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 P = ParamSpec("P")
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 # Arguments and attributes that differ by nature: parts of a mesh by numbers or masks, values at
 # nodes, and what only some processes have
@@ -112,12 +113,12 @@ def _refuse_differing(comm: MPI.Comm, same: Mapping[str, object]) -> None:
             raise _known(error, comm)
 
 
-def same_everywhere(function: Callable[P, T]) -> Callable[P, T]:
+def same_everywhere(function: F) -> F:
     """A function that all processes call with the same arguments: they are compared first."""
     signature = inspect.signature(function)
 
     @wraps(function)
-    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+    def called(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
         if MPI.COMM_WORLD.size > 1:
             with collective(processes(*args, *kwargs.values())) as same:
                 given = signature.bind(*args, **kwargs)
@@ -129,7 +130,7 @@ def same_everywhere(function: Callable[P, T]) -> Callable[P, T]:
         return function(*args, **kwargs)
 
     called.compares = True  # type: ignore[attr-defined]
-    return called
+    return cast(F, called)
 
 
 def processes(*things: object) -> MPI.Comm:

@@ -45,6 +45,7 @@ SECTIONS = {
     "V15": "study.verification.v15_rubber",
     "V16": "study.verification.v16_sliding",
     "Q": "study.rivals.q_compare",
+    "W": "study.engineering.w_engineering",
     "P": "study.peers.p_compare",
     "K": "study.cost.k_cost",
 }

@@ -164,13 +164,9 @@ def mortar_sides(
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
     """The pair's own surface, with a body, and what it faces, where that is deformable.
 
-    The space is that of the displacements.
-    Areas of the own surface are of what faces the opposite one, and NaN where that is too little
-    for a pressure; nodes that face nothing have their whole areas, and no forces.
-
-    Raises:
-        ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
-            two of the opposite surface at one place.
+    The space is that of the displacements. Areas of the own surface are of what faces the opposite
+    one, and NaN where that is too little for a pressure; nodes that face nothing have their whole
+    areas, and no forces.
     """
     own = None if body is None else _surface(number, pair, body, space)
     if not len(pair.opposite):

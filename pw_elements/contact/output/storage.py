@@ -93,12 +93,7 @@ def read_state(
     history: Sequence[fem.FunctionSpace] = (),
     problem: Mapping[str, Array] | None = None,
 ) -> ContactState:
-    """Reads a state, each process the values of its own nodes.
-
-    Raises:
-        ValueError: if the file holds no state, one that has been changed since, or one of another
-            mesh or `problem`.
-    """
+    """Reads a state of a `problem`, each process the values of its own nodes."""
     comm = space.mesh.comm
     with collective(comm):
         try:
