@@ -315,7 +315,7 @@ class Krylov:
         foreign: _Iterate | None = None,
     ) -> None:
         self._how, self._matrix, self._foreign = how, matrix, foreign
-        self.options = how.options
+        self.options, self.foreign = how.options, foreign is not None
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self.multigrid: Multigrid | SaddlePoint
         if hybrid := is_hybrid(supports.space):

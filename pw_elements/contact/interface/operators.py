@@ -150,9 +150,8 @@ class Interface:
 
     def check_laws(self) -> None:
         """Raises, on all processes, what a law of friction has raised on one."""
-        if not self.cone.cannot_fail:
-            with collective(self.comm):
-                answer(self.comm, "a law of friction", self.cone.tell)
+        with collective(self.comm):
+            answer(self.comm, "a law of friction", self.cone.tell)
 
     @cached_property
     def interference(self) -> Array:

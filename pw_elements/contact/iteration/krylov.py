@@ -383,7 +383,10 @@ class KrylovTangent:
         stalled = False
         while left > (target := self._target(left, reduced)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
-            solve_by(self._ksp, rest, step, self._krylov.options)
+            if self._size and not self._krylov.foreign:  # its options have been looked at
+                self._ksp.solve(rest, step)
+            else:
+                solve_by(self._ksp, rest, step, self._krylov.options)
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
             stalled = left >= min(_STALLED * target, before)

@@ -119,6 +119,8 @@ class Cone:
     @staticmethod
     def _of(law: Friction, at: Array, force: Array) -> tuple[Array, Array]:
         limit, slope = law.limit(at, force)
+        if isinstance(law, Coulomb):
+            return limit, slope
         words = "it gives the limits and their slopes, (n,) each"
         names = ("the limit of friction", limit), ("its slope", slope)
         return tuple(field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]

@@ -387,7 +387,8 @@ class _March:
             interface.cone,
             dt,
         )
-        interface.check_laws()
+        if not interface.cone.cannot_fail:
+            interface.check_laws()
         velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
         self._v.setArray(velocity)
         self._u.axpy(dt, self._v)
