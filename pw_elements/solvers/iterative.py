@@ -85,6 +85,11 @@ _LEVELS = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type)
 # Iterations allowed, and vectors kept to be orthogonal to
 _MOST_ITERATIONS = 1000
 _KEPT_VECTORS = 100
+# Stiffnesses that differ by more than 1e5 make vectors lose their orthogonality
+_GMRES: Options = {
+    "ksp_converged_maxits": True,
+    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
+}
 # The true residual over what the method takes it for
 _DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
@@ -358,7 +363,7 @@ class Krylov:
         counted = self._counted  # a method would make a cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # residuals are judged here, not by an error of PETSc's
-        set_options(ksp, {"ksp_converged_maxits": True} | dict(self._how.options))
+        set_options(ksp, {**_GMRES, **self._how.options})
         return ksp
 
     @property
