@@ -370,7 +370,7 @@ class RigidMotions:
         ]
         chosen = self.modes.simplest(null_space(alone, group, _ZERO_STIFFNESS))
         works = self._at_points(works=True) @ chosen.motions.T
-        return chosen, works.reshape(*self._system.interface.position.shape, -1)
+        return chosen, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
