@@ -48,7 +48,7 @@ _EDGE = float(np.cos(np.pi / 4)) - 1e-9
 # Overlaps of less than this part of the slave's sub-facet are none
 _NO_OVERLAP = 1e-12
 # Sub-facets whose normals have a larger cosine stand across each other, or look the same way
-_FACING = -1e-2
+FACING = -1e-2
 # Corners of a sub-facet of a surface, by their number, one after the other along its rim
 _RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 # Steps of Newton's method, which ends earlier where they change no place in a cell by more
@@ -221,8 +221,8 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
     are the master's unit normals.
     """
-    one, other = _candidates(slave, master)
-    facing = np.sum(along[one] * outward[other], axis=1) < _FACING
+    one, other = candidates(slave, master)
+    facing = np.sum(along[one] * outward[other], axis=1) < FACING
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
     basis = np.concatenate([edges, along[:, None]], axis=1)[one]
@@ -282,7 +282,7 @@ def stretches(corners: Array, weight: Array | None = None) -> Array:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
+def candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
     """Pairs whose bounding balls meet, the slave's widened by its distance from the master."""
     if not len(slave) or not len(master):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
