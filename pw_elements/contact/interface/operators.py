@@ -16,9 +16,10 @@ on is that the force can be read from `Points.equation`, and that G's unit times
 over K's, by which the law's scale is found. Law, kinematics and loop see points only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal
 
 from mpi4py import MPI
@@ -30,6 +31,7 @@ import scipy.sparse as sp
 
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
+from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, NotFound, RigidBody, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
@@ -89,12 +91,15 @@ class Interface:
         field: SubSpace,
         interfering: Sequence[bool] = (),
         inverse: PETSc.Mat | None = None,
+        mortars: Mapping[int, SlidingMortar] = MappingProxyType({}),
     ) -> None:
         """Puts pairs together, whose points move with displacements among the unknowns (n,).
 
         Surfaces, at their initial places, may cut the body in pairs that are `interfering`.
-        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these.
+        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these. Pairs
+        of bodies at large sliding have `mortars`, which tell `force` and the rest anew.
         """
+        self.mortars = mortars
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
@@ -110,9 +115,10 @@ class Interface:
         self.noise = np.concatenate([part.noise for part in points])
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
-        self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), field)
-        transposed = _matrix(sp.vstack([part.force for part in points], "csr"), field)
-        self.force = transposed.transpose(PETSc.Mat())
+        self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))
+        self.force = self.rows(sp.vstack([part.force for part in points], "csr")).transpose(
+            PETSc.Mat()
+        )
         self._inverse = inverse
         self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
 
@@ -207,6 +213,18 @@ class Interface:
             rows.append(of_pair[place[first : first + counts[self.comm.rank]]])
         return np.concatenate(rows)
 
+    def rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
+        """A matrix with these rows on this process, of displacements, for all unknowns."""
+        csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+        sizes = ((rows.shape[0], PETSc.DETERMINE), self.field.sizes)
+        matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
+        return matrix if self.field.is_all else matrix.matMult(self.field.selection())
+
+    def of_unknowns(self, rows: sp.csr_matrix) -> PETSc.Mat:
+        """A matrix (n, n) with these rows of this process' displacements by displacements."""
+        matrix = self.rows(rows)
+        return matrix if self.field.is_all else self.field.selection().transposeMatMult(matrix)
+
     @cached_property
     def _order(self) -> list[npt.NDArray[np.intp]]:
         """Order by position of each pair's points as they are gathered."""
@@ -275,7 +293,10 @@ class Interface:
         return self._by_pair("normal", translations, (dim,))
 
     def closest(self, moved: Array) -> tuple[Array, Array, Array]:
-        """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved."""
+        """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved.
+
+        They are zero in pairs of bodies.
+        """
         x = self.position + moved
         m, dim = x.shape
         found = np.zeros(m), np.zeros((m, dim)), np.zeros((m, dim, dim))
@@ -283,7 +304,7 @@ class Interface:
         with collective(self.comm):
             for k, surface in enumerate(self.surfaces):
                 mine = self.pair == k
-                if not mine.any():
+                if not mine.any() or k in self.mortars:
                     continue
                 assert isinstance(surface, RigidBody)  # others are refused before
                 whose = f"the closest points of the surface of contact pair {k}"
@@ -313,14 +334,6 @@ class Interface:
                     given = answer(self.comm, whose, getattr(surface, what), x[mine])
                     values[mine] = checked_field(whose, given, (int(mine.sum()), *shape), layout)
         return values
-
-
-def _matrix(rows: sp.csr_matrix, field: SubSpace) -> PETSc.Mat:
-    """A matrix with these rows on this process, of displacements, for all unknowns."""
-    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    sizes = ((rows.shape[0], PETSc.DETERMINE), field.sizes)
-    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=field.space.mesh.comm)
-    return matrix if field.is_all else matrix.matMult(field.selection())
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

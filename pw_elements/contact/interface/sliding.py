@@ -224,7 +224,9 @@ class SlidingMortar:
                 slave.append(s[e])
                 master.append(t[found.master] - m)
         entry = np.concatenate(slave), np.concatenate(master)
-        return Meeting(faced, normal, (place[0] * over, place[1] * over), rows, _joined(parts), entry)
+        return Meeting(
+            faced, normal, (place[0] * over, place[1] * over), rows, _joined(parts), entry
+        )
 
     def start(self, x: Array) -> sp.csr_array:
         """S_0, (m, m + k), at positions (m + k, 2)."""
@@ -285,9 +287,7 @@ class SlidingMortar:
         sign = np.where(_value(c1) < 0, -1.0, 1.0)
         return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
 
-    def _integrals(
-        self, z: Vector, normal: Vector, found: Segments
-    ) -> tuple[list[Any], list[Any]]:
+    def _integrals(self, z: Vector, normal: Vector, found: Segments) -> tuple[list[Any], list[Any]]:
         """Of products of weights: of facets' own, (f,) each, and with the master's, (q,) each."""
         facet, q = found.slave, len(found.slave)
         ends = [

@@ -27,6 +27,7 @@ from pw_elements.contact.iteration import (
     Increment,
     Policy,
     Reference,
+    Sliding,
     contact_state,
     newton,
     sticking,
@@ -88,7 +89,7 @@ class FiniteStepping:
         self._body, self._callback = problem.system, callback
         self._reduction = reduction.equilibrated(problem.system.matrix)
         self._whole = problem.u.function_space
-        self.interface = nodal_interface(pairs, self._whole, self._reduction)
+        self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
         self.space = self.interface.field.space
         self._guard = CellGuard(problem.u, problem.form)
         self.history, self._update = list(history), update
@@ -176,9 +177,12 @@ class FiniteStepping:
         """The state at translations and forces, in one piece."""
         interface, (translations, forces) = self.interface, goal
         reduction = replace(self._reduction, offset=prescribed(self._whole, self._conditions)[1])
-        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, state.unknowns)
-        past = Reference.of(state, interface)
-        kinematics = DeformedKinematics(interface, past)
+        past, sliding = Reference.of(state, interface), None
+        if interface.mortars:
+            sliding = Sliding(interface, state.unknowns, past.translations, translations)
+        start = state.unknowns, sliding
+        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, *start)
+        kinematics = DeformedKinematics(interface, past, sliding)
         totals = np.array([forces[at] for at in system.free])
         increment = Increment(system, equilibrium, translations, totals, past, deformed=kinematics)
         moved = np.where(np.isnan(translations), state.translations, translations)

@@ -243,8 +243,9 @@ def checked_history(
         return _each(history, fem.Function, "a function of the history")
 
 
-def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
+def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
     """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
+    comm = space.mesh.comm
     with collective(comm):
         for k, pair in enumerate(pairs):
             if pair.interference:
@@ -254,7 +255,14 @@ def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
                 )
             if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
                 log.warning("contact pair %d: differences stand in for a gradient function", k)
-            if not isinstance(pair.surface, RigidBody):
+            if isinstance(pair.surface, DeformableSurface):
+                if space.mesh.geometry.dim == 3 or pair.surface.coincident:
+                    raise ValueError(
+                        f"contact pair {k}: two deformed bodies slide on each other in the plane "
+                        "and in axisymmetry only, and from where they are: sides cannot count as "
+                        "coincident"
+                    )
+            elif not isinstance(pair.surface, RigidBody):
                 raise ValueError(
                     f"contact pair {k}: deformed bodies cannot touch a "
                     f"{type(pair.surface).__name__}, which knows no closest points; use Sphere "
@@ -471,7 +479,7 @@ class ContactProblem:
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
         own.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
-        check_rigid(own.pairs, space.mesh.comm)
+        check_deformed(own.pairs, space)
         check_mesh(space.mesh)
         own._space = space
         callback = checked_callback(space.mesh.comm, callback)
