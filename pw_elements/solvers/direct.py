@@ -93,8 +93,8 @@ class PreparedSolver(Protocol):
     """A solver of systems with one matrix, whose entries may change between solutions.
 
     `solve` and contact need `solve`, `solve_changed`, `report`, `orientations` and `release` of
-    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides, and contact of two
-    bodies at large sliding `take`.
+    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides. For contact of two
+    bodies at large sliding it also has `take`, as `Factors` do.
     """
 
     ksp: PETSc.KSP
@@ -132,10 +132,6 @@ class PreparedSolver(Protocol):
 
     def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
         """Solution after `rows` rows have changed since `solve`, if that is cheaper; or None."""
-        ...
-
-    def take(self, matrix: PETSc.Mat) -> None:
-        """Goes on with another matrix of the same size, whose pattern may be another one."""
         ...
 
     def release(self) -> None:

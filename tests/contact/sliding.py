@@ -16,7 +16,7 @@ from tests.contact.large import neo_hookean
 from tests.contact.two_bodies import joined
 
 
-def two(lower, upper, divisions, shape=lambda x, y, body: (x, y), comm=MPI.COMM_SELF):
+def two(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
     """A mesh of two rectangles, ((x0, y0), (x1, y1)) each, with nodes moved by `shape`."""
     meshes = []
     for body, (box, n) in enumerate(zip((lower, upper), divisions, strict=True)):
@@ -58,7 +58,7 @@ class Bodies:
         return states[1:]
 
 
-def die(divisions=((12, 5), (8, 4)), curvature=1.2, friction=0.3, upper_is_slave=True, **options):
+def die(divisions=((12, 5), (8, 4)), curvature=1.2, friction=0.3, upper_is_slave=True, comm=MPI.COMM_SELF):
     """A parabolic die on a block; the die's lower side is the slave by default."""
 
     def shape(x, y, body):
@@ -67,7 +67,7 @@ def die(divisions=((12, 5), (8, 4)), curvature=1.2, friction=0.3, upper_is_slave
         low = 0.01 + curvature * x**2 / 2
         return x, low + (y - 0.0) * (1 - low)
 
-    mesh = two(((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0)), divisions, shape)
+    mesh = two(((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0)), divisions, shape, comm)
 
     def under(x):
         inside = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)

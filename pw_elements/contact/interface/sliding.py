@@ -7,7 +7,7 @@ weights are linear; so all sums over nodes below are exact, and a rigid motion c
     D_ji = integral of w_j w_i,   M_jk = integral of w_j w_k,   A_j = integral of w_j
 
 over what the slave's facets have of the master's, the mean place of a node over the mean place of
-what it faces is S x = (D x_1 - M x_2) / A, the gap -n·S x, and the slip since S was S_0
+what it faces is S x = (D x_1 - M x_2) / A, the gap n·S x, and the slip since S was S_0
 
     v = t·(S_0 - S) x:
 
@@ -21,6 +21,7 @@ each other, but for the ends of the master.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -41,11 +42,11 @@ _COVERED = 1e-6
 
 
 class Varying:
-    """Numbers (n,) with their derivatives (n, k), sparse: differentiation in forward mode."""
+    """Numbers (n,) and derivatives (n, k), sparse or not: differentiation in forward mode."""
 
     __array_ufunc__ = None  # arrays leave operations to this class
 
-    def __init__(self, value: Array, slope: sp.csr_array) -> None:
+    def __init__(self, value: Array, slope: Any) -> None:  # noqa: ANN401
         self.value, self.slope = value, slope
 
     def __add__(self, other: "Numbers") -> "Varying":
@@ -88,10 +89,13 @@ Numbers: TypeAlias = Varying | Array | float
 Vector: TypeAlias = tuple[Any, Any]  # of numbers
 
 
-def _times(slope: sp.csr_array, factor: Array | float) -> sp.csr_array:
+def _times(slope: Any, factor: Array | float) -> Any:  # noqa: ANN401
     each = np.broadcast_to(factor, slope.shape[:1])
-    data = slope.data * np.repeat(each, np.diff(slope.indptr))
-    return sp.csr_array((data, slope.indices, slope.indptr), slope.shape)
+    if isinstance(slope, np.ndarray):
+        return slope * each[:, None]
+    scaled = copy(slope)  # of the same pattern, which needs no check
+    scaled.data = slope.data * np.repeat(each, np.diff(slope.indptr))
+    return scaled
 
 
 def _cross(a: Vector, b: Vector) -> Any:  # noqa: ANN401
@@ -106,18 +110,6 @@ def _sums(index: Indices, n: int) -> sp.csr_array:
     """Matrix (n, len(index)) that adds entries up by their index."""
     ones, column = np.ones(len(index)), np.arange(len(index))
     return sp.csr_array(sp.coo_array((ones, (index, column)), (n, len(index))))
-
-
-@dataclass(frozen=True)
-class Segments:
-    """What facets (q) have of each other."""
-
-    slave: Indices  # (q,)
-    master: Indices  # (q,)
-    # (q,), of the slave's coordinates [-1, 1]: whether ends are those of its facet, not a node's of
-    # the master, which are given by local numbers
-    whole: tuple[Mask, Mask]
-    node: tuple[Indices, Indices]
 
 
 @dataclass(frozen=True)
@@ -177,32 +169,57 @@ class SlidingMortar:
         self._one = _directed(one)
         self._other = _directed(other) + self.slaves
         self.kept = np.ones((self.slaves, 2), dtype=bool)
-        starts, ends = (_sums(end, len(self.nodes)) for end in self._one.T)
-        # chords between both neighbours of each of the slave's nodes
-        self._chords = sp.csr_array((starts + ends)[: self.slaves] @ (ends - starts).T)
+        a, b = self._one.T
+        # nodes before and behind, which are themselves at ends
+        self._before, self._behind = (np.arange(self.slaves) for _ in range(2))
+        self._before[b], self._behind[a] = a, b
 
     def meet(self, x: Array, slopes: bool = True) -> Meeting:
         """Where nodes are at positions (m + k, 2), with derivatives or without."""
         n, m = len(x), self.slaves
+        one, other = self._pairs(x)
+        (a, b), (c, d) = self._one[one].T, self._other[other].T
+        nodes = np.stack([self._before[a], a, b, self._behind[b], c, d], axis=1)
+        corners: Any = [(x[node, 0], x[node, 1]) for node in nodes.T]
+        ends = self._ends(corners, nodes)
+        low, high = np.nan_to_num(ends[0], nan=-np.inf), np.nan_to_num(ends[1], nan=np.inf)
+        length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
+        covered = np.bincount(one, length, minlength=len(self._one))[one]
+        some = (length > 0) & (covered > _COVERED)
+        one, other, nodes, low, high = (part[some] for part in (one, other, nodes, low, high))
+        corners, count = [(x[node, 0], x[node, 1]) for node in nodes.T], nodes.size * 2
+        to_facets: Any = _sums(one, len(self._one))
         z: Any = (x[:, 0].copy(), x[:, 1].copy())
-        normal = self._normals(z)
-        found = self._segments(z, normal)
         if slopes:
-            one = sp.eye_array(2 * n, format="csr")
-            z = tuple(Varying(x[:, axis], one[axis::2]) for axis in (0, 1))
-            normal = self._normals(z)
-        W, Q = self._integrals(z, normal, found)
-        (a, b), (c, d) = self._one.T, self._other.T
+            units = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
+            corners = [
+                (Varying(at[0], unit[0]), Varying(at[1], unit[1]))
+                for at, unit in zip(corners, units, strict=True)
+            ]
+            eye = sp.eye_array(2 * n, format="csr")
+            z = tuple(Varying(z[axis], eye[axis::2]) for axis in (0, 1))
+        W, Q = self._integrals(corners, nodes, (low < -1, high > 1))
+        if slopes:  # by all positions
+            columns = (2 * nodes[:, :, None] + np.arange(2)).ravel()
+            pattern = columns, np.arange(0, count + 1, 12)
+            W, Q = (
+                [
+                    Varying(v.value, sp.csr_array((v.slope.ravel(), *pattern), (len(one), 2 * n)))
+                    for v in each
+                ]
+                for each in (W, Q)
+            )
+        W = [to_facets @ v for v in W]
+        chord = [part[self._behind] - part[self._before] for part in z]
+        normal = self._unit((-chord[1], chord[0]), slice(None))
+        (a, b), (c, d) = self._one.T, self._other[other].T
         facets = (_sums(a, m), _sums(b, m))
         area = facets[0] @ (W[0] + W[1]) + facets[1] @ (W[1] + W[2])
         faced = _value(area) > 0
         over = (area + ~faced) ** -1.0
-        e = found.slave
         pairs = [(a, a, W[0]), (a, b, W[1]), (b, a, W[1]), (b, b, W[2])]
         pairs += [
-            (s[e], t[found.master], -Q[2 * i + j])
-            for i, s in enumerate((a, b))
-            for j, t in enumerate((c, d))
+            (s[one], t, -Q[2 * i + j]) for i, s in enumerate((a, b)) for j, t in enumerate((c, d))
         ]
         place: list[Any] = [0.0, 0.0]
         for s, t, value in pairs:
@@ -220,9 +237,9 @@ class SlidingMortar:
         parts, slave, master = [], [], []
         for j, s in enumerate((a, b)):
             for k, t in enumerate((c, d)):
-                parts.append(own[j][0][e] * Q[k] + own[j][1][e] * Q[2 + k])
-                slave.append(s[e])
-                master.append(t[found.master] - m)
+                parts.append(own[j][0][one] * Q[k] + own[j][1][one] * Q[2 + k])
+                slave.append(s[one])
+                master.append(t - m)
         entry = np.concatenate(slave), np.concatenate(master)
         return Meeting(
             faced, normal, (place[0] * over, place[1] * over), rows, _joined(parts), entry
@@ -242,83 +259,91 @@ class SlidingMortar:
         value = np.concatenate([np.ones(len(lone)), share - 1, -share])
         return met.rows + sp.csr_array((value, (np.tile(lone, 3), column)), met.rows.shape)
 
-    def _normals(self, z: Vector) -> Vector:
-        """Unit normals out of the master."""
-        across = -(self._chords @ z[1]) * self.kept[:, 0], self._chords @ z[0] * self.kept[:, 1]
-        over = _dot(across, across) ** -0.5
-        return across[0] * over, across[1] * over
+    def _unit(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
+        """Unit normals at slave nodes."""
+        kept = across[0] * self.kept[node, 0], across[1] * self.kept[node, 1]
+        over = _dot(kept, kept) ** -0.5
+        return kept[0] * over, kept[1] * over
 
-    def _segments(self, z: Vector, normal: Vector) -> Segments:
-        """By values alone."""
-        x, n = np.stack(z, axis=1), np.stack(normal, axis=1)
+    def _pairs(self, x: Array) -> tuple[Indices, Indices]:
+        """Facets that may see each other, for they are near and look at each other."""
         one, other = candidates(x[self._one], x[self._other])
-        edge = np.diff(x[self._other], axis=1)[:, 0]
+        (a, b), edge = self._one.T, np.diff(x[self._other], axis=1)[:, 0]
+        chords = x[self._behind] - x[self._before]
+        n = np.stack(self._unit((-chords[:, 1], chords[:, 0]), slice(None)), axis=1)
         out = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
-        facing = np.sum(n[self._one].mean(axis=1)[one] * out[other], axis=1) > -FACING
-        one, other = one[facing], other[facing]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            # master facets run against the slave's
-            low, high = (self._seen(z, normal, one, self._other[other, k]) for k in (1, 0))
-            low, high = np.nan_to_num(low, nan=-np.inf), np.nan_to_num(high, nan=np.inf)
-        start, end = np.maximum(low, -1.0), np.minimum(high, 1.0)
-        some = end > start
-        length = np.where(some, end - start, 0.0) / 2
-        covered = np.bincount(one, length, minlength=len(self._one))[one]
-        some &= covered > _COVERED
-        one, other = one[some], other[some]
-        ends = self._other[other, 1], self._other[other, 0]
-        return Segments(one, other, (low[some] < -1.0, high[some] > 1.0), ends)
+        facing = np.sum((n[a] + n[b])[one] * out[other], axis=1) > -2 * FACING
+        return one[facing], other[facing]
 
-    def _facets(self, z: Vector, facet: Indices) -> tuple[Vector, Vector]:
-        """Middles and half chords of slave facets."""
-        a, b = self._one[facet].T
-        ends = [(part[a], part[b]) for part in z]
-        return (
-            ((ends[0][0] + ends[0][1]) * 0.5, (ends[1][0] + ends[1][1]) * 0.5),
-            ((ends[0][1] - ends[0][0]) * 0.5, (ends[1][1] - ends[1][0]) * 0.5),
+    def _frame(self, corners: Sequence[Vector], nodes: Indices) -> tuple[Vector, ...]:
+        """Middles and halves of chords and of normals along them."""
+        before, a, b, behind = corners[:4]
+        normals = [
+            self._unit((low[1] - high[1], high[0] - low[0]), nodes[:, k])
+            for k, (low, high) in ((1, (before, b)), (2, (a, behind)))
+        ]
+        return tuple(
+            ((low[0] + sign * high[0]) * 0.5 * sign, (low[1] + sign * high[1]) * 0.5 * sign)
+            for low, high in ((a, b), normals)
+            for sign in (1.0, -1.0)
         )
 
-    def _seen(self, z: Vector, normal: Vector, facet: Indices, node: Indices) -> Any:  # noqa: ANN401
-        """Coordinates of slave facets, in [-1, 1], whose normals go through nodes."""
-        (middle, half), (mean, change) = self._facets(z, facet), self._facets(normal, facet)
-        away = middle[0] - z[0][node], middle[1] - z[1][node]
-        c0, c2 = _cross(away, mean), _cross(half, change)
-        c1 = _cross(half, mean) + _cross(away, change)
-        sign = np.where(_value(c1) < 0, -1.0, 1.0)
-        return c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign)
+    def _ends(self, corners: Sequence[Vector], nodes: Indices) -> list[Any]:
+        """Coordinates in [-1, 1] of the slave's facets whose normals go through the master's nodes.
 
-    def _integrals(self, z: Vector, normal: Vector, found: Segments) -> tuple[list[Any], list[Any]]:
-        """Of products of weights: of facets' own, (f,) each, and with the master's, (q,) each."""
-        facet, q = found.slave, len(found.slave)
-        ends = [
-            self._seen(z, normal, facet, np.where(whole, self._one[facet, 0], node)) * ~whole
-            + whole * side
-            for node, whole, side in zip(found.node, found.whole, (-1.0, 1.0), strict=True)
-        ]
-        each, count = np.repeat(np.arange(q), len(_PLACES)), np.tile(_PLACES, q)
-        (middle, half), (mean, change) = self._facets(z, facet), self._facets(normal, facet)
-        length = _dot(half, half) ** 0.5
-        at = ((ends[0] + ends[1]) * 0.5)[each] + ((ends[1] - ends[0]) * 0.5)[each] * count
-        measure = ((ends[1] - ends[0]) * 0.5 * length)[each] * np.tile(_WEIGHTS, q)
+        They run against each other.
+        """
+        middle, half, mean, change = self._frame(corners, nodes)
+        found = []
+        for node in (corners[5], corners[4]):
+            away = middle[0] - node[0], middle[1] - node[1]
+            c0, c2 = _cross(away, mean), _cross(half, change)
+            c1 = _cross(half, mean) + _cross(away, change)
+            sign = np.where(_value(c1) < 0, -1.0, 1.0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                found.append(c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign))
+        return found
+
+    def _integrals(
+        self, corners: Sequence[Vector], nodes: Indices, whole: tuple[Mask, Mask]
+    ) -> tuple[list[Any], list[Any]]:
+        """Of products of the slave's weights, and of these with the master's, (q,) each.
+
+        Where a segment reaches as far as its facet, `whole` (q,) tells it of each end.
+        """
+        q, ends = len(nodes), []
+        middle, half, mean, change = self._frame(corners, nodes)
+        for end, all_, side in zip(self._ends(corners, nodes), whole, (-1.0, 1.0), strict=True):
+            ends.append(_where(all_, side, end))
+        each, t = np.repeat(np.arange(q), len(_PLACES)), np.tile(_PLACES, q)
+        extent = (ends[1] - ends[0]) * 0.5
+        at = ((ends[0] + ends[1]) * 0.5)[each] + extent[each] * t
+        measure = (extent * _dot(half, half) ** 0.5)[each] * np.tile(_WEIGHTS, q)
         place, direction = (
-            (mid[0][each] + change[0][each] * at, mid[1][each] + change[1][each] * at)
-            for mid, change in ((middle, half), (mean, change))
+            (mid[0][each] + way[0][each] * at, mid[1][each] + way[1][each] * at)
+            for mid, way in ((middle, half), (mean, change))
         )
         if self._revolved:
             measure = measure * place[0] * (2 * np.pi)
-        c, d = self._other[found.master[each]].T
-        apart = place[0] - z[0][c], place[1] - z[1][c]
-        edge = z[0][d] - z[0][c], z[1][d] - z[1][c]
+        c, d = corners[4:]
+        apart = place[0] - c[0][each], place[1] - c[1][each]
+        edge = (d[0] - c[0])[each], (d[1] - c[1])[each]
         along = _cross(apart, direction) / _cross(edge, direction)
-        w = (1 - at) * 0.5, (1 + at) * 0.5
-        to_facets, to_segments = _sums(facet[each], len(self._one)), _sums(each, q)
-        own = [to_facets @ (measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
-        theirs = [to_segments @ (measure * w_i * v) for w_i in w for v in (1 - along, along)]
-        return own, theirs
+        w, sums = ((1 - at) * 0.5, (1 + at) * 0.5), _sums(each, q)
+        own = [sums @ (measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
+        return own, [sums @ (measure * w_i * v) for w_i in w for v in (1 - along, along)]
 
 
 def _value(numbers: Numbers) -> Any:  # noqa: ANN401
     return numbers.value if isinstance(numbers, Varying) else numbers
+
+
+def _where(fixed: Mask, value: float, numbers: Numbers) -> Numbers:
+    """A value where it is fixed, and numbers elsewhere, which may be none where it is."""
+    if not isinstance(numbers, Varying):
+        return np.where(fixed, value, numbers)
+    slope = np.where(fixed[:, None], 0.0, numbers.slope)
+    return Varying(np.where(fixed, value, numbers.value), slope)
 
 
 def _joined(parts: Sequence[Any]) -> Numbers:

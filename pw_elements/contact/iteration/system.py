@@ -412,7 +412,13 @@ class Tangent:
             return
         self._place = points.place(self._first)
         self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
-        self.solver.take(self.matrix)
+        take = getattr(self.solver, "take", None)
+        if take is None:
+            raise ValueError(
+                "two bodies at large sliding need a solver whose factors follow another pattern, "
+                "such as Direct()"
+            )
+        take(self.matrix)
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
         """More than final is by factors of the very matrix."""
