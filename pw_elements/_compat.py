@@ -1,9 +1,9 @@
 """What DOLFINx 0.9 and its successors name differently."""
 
-import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh
+
+from pw_elements.arrays import Array, Local
 
 try:
     from dolfinx.io.gmsh import model_to_mesh
@@ -13,13 +13,13 @@ except ImportError:  # before DOLFINx 0.10
 __all__ = ["cell_nodes", "interpolation_points", "model_to_mesh"]
 
 
-def cell_nodes(mesh: Mesh) -> npt.NDArray[np.int32]:
+def cell_nodes(mesh: Mesh) -> Local:
     """Numbers (cells, nodes) of the geometry's nodes in each cell, ghosts included."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
-def interpolation_points(space: fem.FunctionSpace) -> npt.NDArray[np.float64]:
+def interpolation_points(space: fem.FunctionSpace) -> Array:
     """Points (n, dim) of the reference cell at which functions of the space are interpolated."""
     points = space.element.interpolation_points
     return points() if callable(points) else points

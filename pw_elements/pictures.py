@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import agree, arguments, collective, number, vector
 from pw_elements.elasticity import facets_in_cells
 from pw_elements.spaces import exterior_facets
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 SUB_TRIANGLES = {
     6: [[0, 5, 4], [1, 3, 5], [2, 4, 3], [3, 4, 5]],
@@ -176,7 +174,7 @@ def _faces(
     return _Faces(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
 
 
-def _anywhere(x: Array) -> npt.NDArray[np.bool_]:
+def _anywhere(x: Array) -> Mask:
     return np.ones(x.shape[1], dtype=bool)
 
 

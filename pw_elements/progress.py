@@ -64,6 +64,12 @@ def bar(done: int, total: int) -> str:
     return f"|{'#' * full}{'-' * (_BAR - full)}| {done}/{total}"
 
 
+def told(comm: MPI.Comm, level: int, words: str, of: str = "") -> None:
+    """Logs words once, on process 0; `of` names the logger, such as ".contact"."""
+    if comm.rank == 0:
+        logging.getLogger(f"pw_elements{of}").log(level, words)
+
+
 def hush() -> None:
     """Wipes the line out until the next thing is done: something else is to be written."""
     if _doing:

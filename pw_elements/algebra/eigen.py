@@ -9,9 +9,10 @@ them is larger than one, and that part grows.
 """
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from time import perf_counter
+from typing import TypeVar
 
 from petsc4py import PETSc
 from slepc4py import SLEPc
@@ -22,8 +23,9 @@ import numpy.typing as npt
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
+from pw_elements.arrays import Array
 from pw_elements.checks import collective, flag, number, processes, whole
-from pw_elements.progress import doing
+from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
     Iterative,
@@ -40,7 +42,7 @@ from pw_elements.solvers import (
 )
 from pw_elements.spaces import Assembled, is_hybrid
 
-log = logging.getLogger("pw_elements.eigen")
+T = TypeVar("T")
 
 _STIFFNESS = "the stiffness"
 _MASS = "the mass"
@@ -98,9 +100,9 @@ class BucklingModes:
         report: what solved the linear systems.
     """
 
-    factors: npt.NDArray[np.float64]
+    factors: Array
     shapes: list[PETSc.Vec]
-    residuals: npt.NDArray[np.float64]
+    residuals: Array
     imaginary: float
     report: SolverReport
 
@@ -121,9 +123,9 @@ class VibrationModes:
         report: what solved the linear systems.
     """
 
-    eigenvalues: npt.NDArray[np.float64]
+    eigenvalues: Array
     shapes: list[PETSc.Vec]
-    residuals: npt.NDArray[np.float64]
+    residuals: Array
     imaginary: float
     rigid: int
     report: SolverReport
@@ -161,63 +163,48 @@ def vibration_modes(
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
     """
-    _check(K, (_MASS, M), reduction, count, symmetrised, solver)
+    asked = _Asked(reduction, count, symmetrised, solver)
+    asked.check(K, _MASS, M)
     refuse_negative(_MASS, M, reduction.space)
     if shift is not None:
         shift = number("shift", shift)
-    taken = _chosen(solver, reduction, symmetrised)
-    every = partial(_vibrations, unblocked(K), unblocked(M), reduction, count, symmetrised, shift)
-    return with_fallback(taken, solver, reduction.supports, every)
+    K, M = unblocked(K), unblocked(M)
+    return asked.by_solver(lambda taken: _vibrations(K, M, asked, taken, shift))
 
 
 def _vibrations(
-    K: PETSc.Mat,
-    M: PETSc.Mat,
-    reduction: Reduction,
-    count: int,
-    symmetrised: bool,
-    shift: float | None,
-    solver: LinearSolver,
+    K: PETSc.Mat, M: PETSc.Mat, asked: "_Asked", solver: LinearSolver, shift: float | None
 ) -> VibrationModes:
-    A, B, reduced_by, supports = _pair(M, K, reduction.equilibrated(K), solver)
-    if symmetrised:
-        A, B = symmetric_part(A), symmetric_part(B)
-    mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
+    pair = _Pair.of(M, K, asked, solver)
+    mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (pair.A, pair.B))
     if not (0 < mass < np.inf and 0 < stiffness < np.inf):
         raise NoModes("the mass or stiffness matrix is zero or not finite")
     short = stiffness / mass  # eigenvalue of a mode as short as an element
     given = shift is not None
     if shift is None:
-        shift = -_SHIFT * short / B.getSize()[0]
+        shift = -_SHIFT * short / pair.B.getSize()[0]
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
-    Assembled().mark(B)  # the next call would lose what it knows, and never free mesh and all
-    B.axpy(-shift, M if supports else A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    A.scale(short)
-    if supports is not None:
-        reduced_by = reduction.masked().equilibrated(B)  # by which the solver scales pressures
-    indefinite = _UNSTABLE if shift <= 0 else _TOO_HIGH
-    mu, reduced, residuals, report = _largest(
-        A, B, count, symmetrised, indefinite, solver, reduced_by, supports, loose=True
-    )
+    Assembled().mark(pair.B)  # the next call would lose what it knows, and never free mesh and all
+    mass_matrix = M if pair.supports else pair.A
+    pair.B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    pair.A.scale(short)
+    if pair.supports is not None:  # by this the solver scales pressures
+        pair = replace(pair, reduction=asked.reduction.masked().equilibrated(pair.B))
+    mu, shapes, residuals, report = _largest(pair, asked, solver, shift)
     if mu.real.min() <= 0:
         raise NoModes(
-            f"only {np.sum(mu.real > 0)} of {count} eigenvalues lie above the shift {shift:.6g}"
+            f"only {np.sum(mu.real > 0)} of {asked.count} eigenvalues lie above the shift "
+            f"{shift:.6g}"
         )
     values = shift + short / mu
     rigid = np.abs(values) < _RIGID_EIGENVALUE * short
     elastic = values[~rigid]
     lowest = elastic.real.min(initial=np.inf)
     if not given and 0 < lowest < -_SLENDER * shift:
-        again = _vibrations(K, M, reduction, count, symmetrised, -lowest, solver)
+        again = _vibrations(K, M, asked, solver, -lowest)
         return replace(again, report=again.report.after(report))
-    return VibrationModes(
-        values.real,
-        [_shape(reduced_by, mode) for mode in reduced],
-        residuals,
-        float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0)),
-        int(rigid.sum()),
-        report,
-    )
+    imaginary = float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0))
+    return VibrationModes(values.real, shapes, residuals, imaginary, int(rigid.sum()), report)
 
 
 def buckling(
@@ -246,117 +233,111 @@ def buckling(
         NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
-    _check(K, (_INITIAL_STRESS, K_sigma), reduction, count, symmetrised, solver)
-    taken = _chosen(solver, reduction, symmetrised)
-    every = partial(_buckles, unblocked(K), K_sigma, reduction, count, symmetrised)
-    return with_fallback(taken, solver, reduction.supports, every)
+    asked = _Asked(reduction, count, symmetrised, solver)
+    asked.check(K, _INITIAL_STRESS, K_sigma)
+    K = unblocked(K)
+    return asked.by_solver(lambda taken: _buckles(K, K_sigma, asked, taken))
 
 
 def _buckles(
-    K: PETSc.Mat,
-    K_sigma: PETSc.Mat,
-    reduction: Reduction,
-    count: int,
-    symmetrised: bool,
-    solver: LinearSolver,
+    K: PETSc.Mat, K_sigma: PETSc.Mat, asked: "_Asked", solver: LinearSolver
 ) -> BucklingModes:
-    A, B, reduced_by, supports = _pair(K_sigma, K, reduction.equilibrated(K), solver)
-    if symmetrised:
-        A, B = symmetric_part(A), symmetric_part(B)
-    size = A.norm(PETSc.NormType.FROBENIUS)
+    pair = _Pair.of(K_sigma, K, asked, solver)
+    size = pair.A.norm(PETSc.NormType.FROBENIUS)
     if not 0 < size < np.inf:
         raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
     # K_sigma d = mu K d with mu = -scale/factor: the largest positive -mu is the smallest
     # positive factor, and the scale brings mu to order one whatever the units of the load
-    scale = B.norm(PETSc.NormType.FROBENIUS) / size
-    A.scale(-scale)
-    mu, reduced, residuals, report = _largest(
-        A, B, count, symmetrised, _UNSTABLE, solver, reduced_by, supports, loose=False
-    )
+    scale = pair.B.norm(PETSc.NormType.FROBENIUS) / size
+    pair.A.scale(-scale)
+    mu, shapes, residuals, report = _largest(pair, asked, solver)
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
-            f"only {np.sum(mu.real > _UNSTRESSED)} of {count} factors are positive: "
+            f"only {np.sum(mu.real > _UNSTRESSED)} of {asked.count} factors are positive: "
             "the load pulls where it should press"
         )
-    return BucklingModes(
-        scale / mu.real,
-        [_shape(reduced_by, mode) for mode in reduced],
-        residuals,
-        float(np.max(np.abs(mu.imag) / mu.real)),
-        report,
-    )
+    imaginary = float(np.max(np.abs(mu.imag) / mu.real))
+    return BucklingModes(scale / mu.real, shapes, residuals, imaginary, report)
 
 
-def _check(
-    K: PETSc.Mat,
-    other: tuple[str, PETSc.Mat],
-    reduction: Reduction,
-    count: int,
-    symmetrised: bool,
-    solver: Solver,
-) -> None:
-    check_problem({_STIFFNESS: K, **dict([other])}, reductions=(reduction,), solver=solver)
-    with collective(processes(reduction)):
-        whole("count", count, 1)
-        flag("symmetrised", symmetrised)
-    refuse_negative(_STIFFNESS, K, reduction.space)
+@dataclass(frozen=True)
+class _Asked:
+    """How many modes of a pair, or of its symmetric part, under which supports, and by what."""
+
+    reduction: Reduction
+    count: int
+    symmetrised: bool
+    solver: Solver
+
+    def check(self, K: PETSc.Mat, name: str, other: PETSc.Mat) -> None:
+        reduction = self.reduction
+        check_problem({_STIFFNESS: K, name: other}, reductions=(reduction,), solver=self.solver)
+        with collective(processes(reduction)):
+            whole("count", self.count, 1)
+            flag("symmetrised", self.symmetrised)
+        refuse_negative(_STIFFNESS, K, reduction.space)
+
+    def by_solver(self, modes: Callable[[LinearSolver], T]) -> T:
+        why = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
+        space, supports = self.reduction.space, self.reduction.supports
+        if self.symmetrised and space is not None and is_hybrid(space):
+            raise ValueError(
+                "a pair of hybrid spaces has no symmetrised twin: it is never definite"
+            )
+        taken = auto_solver(self.solver, supports, why, modes=True)
+        return with_fallback(taken, self.solver, supports, modes)
 
 
-def _chosen(solver: Solver, reduction: Reduction, symmetrised: bool) -> LinearSolver:
-    why = "a symmetrised pair needs its pivots counted" if symmetrised else ""
-    hybrid = reduction.space is not None and is_hybrid(reduction.space)
-    if hybrid and symmetrised:
-        raise ValueError("a pair of hybrid spaces has no symmetrised twin: it is never definite")
-    return auto_solver(solver, reduction.supports, why, modes=True)
+@dataclass(frozen=True)
+class _Pair:
+    """A d = mu B d, reduced; without a reduced matrix: A masked, B a free copy, and supports."""
 
+    A: PETSc.Mat
+    B: PETSc.Mat
+    reduction: Reduction
+    supports: Supports | None
 
-def _pair(
-    A: PETSc.Mat, B: PETSc.Mat, reduction: Reduction, solver: LinearSolver
-) -> tuple[PETSc.Mat, PETSc.Mat, Reduction, Supports | None]:
-    """The reduced pair; or, for a matrix-free solver, A masked, B as a free copy, and supports."""
-    if not is_matrix_free(solver):
-        return reduction.matrix(A), reduction.matrix(B), reduction, None
-    masked = reduction.masked()
-    return masked.matrix(A), B.copy(), masked, masked.supports
+    @classmethod
+    def of(cls, A: PETSc.Mat, B: PETSc.Mat, asked: _Asked, solver: LinearSolver) -> "_Pair":
+        reduction = asked.reduction.equilibrated(B)
+        if is_matrix_free(solver):
+            masked = reduction.masked()
+            return cls(masked.matrix(A), B.copy(), masked, masked.supports)
+        A, B = reduction.matrix(A), reduction.matrix(B)
+        if asked.symmetrised:
+            A, B = symmetric_part(A), symmetric_part(B)
+        return cls(A, B, reduction, None)
 
 
 def _largest(
-    A: PETSc.Mat,
-    B: PETSc.Mat,
-    count: int,
-    symmetric: bool,
-    indefinite: str,
-    solver: LinearSolver,
-    reduction: Reduction,
-    supports: Supports | None,
-    loose: bool,
-) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], npt.NDArray[np.float64], SolverReport]:
-    """The `count` values mu (n,) of A d = mu B d with the largest real parts, d and residuals.
+    pair: _Pair, asked: _Asked, solver: LinearSolver, shift: float | None = None
+) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], Array, SolverReport]:
+    """The values mu (n,) of A d = mu B d with the largest real parts, full d, and residuals.
 
-    The two d of a complex pair are the real and the imaginary part of one. A `loose` pair is
-    regular though rigid motions be free; `indefinite` says what a symmetric B without definiteness
-    means.
+    The two d of a complex pair are the real and the imaginary part of one. A shifted pair is
+    regular though rigid motions be free.
     """
+    A, B, count, supports = pair.A, pair.B, asked.count, pair.supports
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
     inverse: PreparedSolver
     if supports is not None and isinstance(solver, Iterative):
-        inverse = krylov = solver.prepare(B, symmetric, supports)
-        if loose:
-            krylov.multigrid.ready()
-        else:
+        inverse = krylov = solver.prepare(B, asked.symmetrised, supports)
+        if shift is None:
             with explained():
                 krylov.set_up()
+        else:
+            krylov.multigrid.ready()
         B = krylov.operator
     else:
-        ldl = symmetric or (_by_mumps(solver) and _is_symmetric(B))
-        inverse = factorise(B, ldl, solver, reduction)
-    if symmetric:
-        _refuse_indefinite(inverse, indefinite)
+        ldl = asked.symmetrised or (_by_mumps(solver) and _is_symmetric(B))
+        inverse = factorise(B, ldl, solver, pair.reduction)
+    if asked.symmetrised:
+        _refuse_indefinite(inverse, _TOO_HIGH if (shift or 0.0) > 0 else _UNSTABLE)
     eigensolver = SLEPc.EPS().create(A.comm)
     eigensolver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
-    eigensolver.setProblemType(kind.GHEP if symmetric else kind.GNHEP)
+    eigensolver.setProblemType(kind.GHEP if asked.symmetrised else kind.GNHEP)
     eigensolver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
     eigensolver.setDimensions(nev=min(count + _SPARE_EIGENVALUES, A.getSize()[0]))
     eigensolver.setTolerances(_EIGENVALUE_TOLERANCE, _MAX_ITERATIONS)
@@ -368,21 +349,20 @@ def _largest(
             eigensolver.solve()
     except PETSc.Error as error:
         raise NoModes(f"the eigenvalue solver broke down: {error}") from error
-    if comm.rank == 0:
-        steps = eigensolver.getIterationNumber()
-        seconds = perf_counter() - begun
-        log.info("%s: %d iterations, %s, %.2f s", what, steps, inverse.report.method, seconds)
+    steps, how = eigensolver.getIterationNumber(), inverse.report.method
+    words = f"{what}: {steps} iterations, {how}, {perf_counter() - begun:.2f} s"
+    told(comm, logging.INFO, words, ".eigen")
     if eigensolver.getConverged() < count:
         raise NoModes(
             f"only {eigensolver.getConverged()} of {count} eigenvalues converged "
-            f"in {eigensolver.getIterationNumber()} iterations"
+            f"in {steps} iterations"
         )
     values, residuals, modes = np.empty(count, dtype=complex), np.empty(count), []
     for i in range(count):
         real, imaginary = B.createVecRight(), B.createVecRight()
         values[i] = eigensolver.getEigenpair(i, real, imaginary)
         residuals[i] = _residual(A, B, values[i], real, imaginary)
-        modes.append(imaginary if values[i].imag < 0 else real)
+        modes.append(_shape(pair.reduction, imaginary if values[i].imag < 0 else real))
     eigensolver.destroy()
     if supports is not None and not residuals.max() <= _MODE_RESIDUAL:
         raise NotConverged(

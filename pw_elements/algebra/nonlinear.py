@@ -27,8 +27,9 @@ from ufl.algorithms.check_arities import ArityMismatch
 
 from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
+from pw_elements.arrays import Array
 from pw_elements.checks import agree, answer, arguments, collective, whole
-from pw_elements.progress import doing
+from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -46,8 +47,6 @@ from pw_elements.spaces import (
     with_cell_rules,
     with_degrees,
 )
-
-log = logging.getLogger("pw_elements.problems")
 
 # Newton's method is done with a correction below this, over the largest value of u: it is
 # quadratic, and the next one would be round-off
@@ -69,7 +68,6 @@ _REASONS = {
     _LINE_SEARCH: "no step along Newton's direction helps",
 }
 
-Array = npt.NDArray[np.float64]
 Load: TypeAlias = Callable[[float], None] | fem.Constant | Sequence[fem.Constant]
 
 # An increment is cut into so many parts at most
@@ -97,7 +95,7 @@ class System:
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual, self._tangent = u, residual, tangent
-        self.matrix = petsc.create_matrix(tangent)
+        self.matrix = Assembled(tangent).mark(petsc.create_matrix(tangent))
         self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._forces = petsc.assemble_vector(residual)
 
@@ -213,8 +211,8 @@ class Newton:
         if iteration:
             self._before.aypx(-1.0, now)
             self.corrections.append(_largest(self._before) / (_largest(now) or 1.0))
-            words = "iteration %d: correction %.1e, residual %.1e"
-            told(now.comm, logging.DEBUG, words, iteration, self.corrections[-1], residual)
+            correction = f"correction {self.corrections[-1]:.1e}, residual {residual:.1e}"
+            told(now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems")
         now.copy(self._before)
         small = iteration and self.corrections[-1] <= _CORRECTION
         if residual == 0 or (small and self._relative_residual(snes) <= _RESIDUAL):
@@ -247,11 +245,6 @@ class Newton:
 def _largest(x: PETSc.Vec) -> float:
     """Largest size of an entry; NaN if one is not finite, over which PETSc's maximum may pass."""
     return float(x.norm(PETSc.NormType.INFINITY)) if is_finite(x) else np.nan
-
-
-def told(comm: MPI.Comm | PETSc.Comm, level: int, words: str, *values: object) -> None:
-    if comm.rank == 0:
-        log.log(level, words, *values)
 
 
 class PetrovGalerkinProblem:
@@ -375,14 +368,8 @@ class PetrovGalerkinProblem:
                 with doing(self._comm, f"load {share:.3g}"):
                     self._newton(share)
             except (NotConverged, SingularSystem) as failed:
-                told(
-                    self._comm,
-                    logging.INFO,
-                    "not from %.4g to %.4g: %s",
-                    done / total,
-                    share,
-                    failed,
-                )
+                words = f"not from {done / total:.4g} to {share:.4g}: {failed}"
+                told(self._comm, logging.INFO, words, ".problems")
                 self.u.x.array[:] = last
                 self._apply(path, done / total)
                 if load is None or size == 1:
@@ -438,7 +425,8 @@ class PetrovGalerkinProblem:
         newton.solve()
         taken = tuple(newton.corrections)
         self.increments += (Increment(share, tuple(newton.residuals), taken),)
-        told(self._comm, logging.INFO, "load %.4g: %d iterations", share, len(taken))
+        words = f"load {share:.4g}: {len(taken)} iterations"
+        told(self._comm, logging.INFO, words, ".problems")
 
 
 def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
+from pw_elements.arrays import Mask
 from pw_elements.checks import arguments, collective, listed
 from pw_elements.solvers import (
     NO_SUPPORTS,
@@ -49,7 +50,7 @@ _ZERO_ENTRY = 1e-13
 
 def prescribed(
     space: fem.FunctionSpace, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]
-) -> tuple[npt.NDArray[np.bool_], PETSc.Vec]:
+) -> tuple[Mask, PETSc.Vec]:
     """Which owned degrees of freedom are free, and the prescribed values (zero where free)."""
     arguments.space(space)
     each = [conditions] if isinstance(conditions, fem.DirichletBC) else conditions
@@ -102,13 +103,13 @@ def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> No
         )
 
 
-def check_any(chosen: npt.NDArray[np.bool_], space: fem.FunctionSpace, otherwise: str) -> None:
+def check_any(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
     """Raises ValueError if no degree of freedom of any process is chosen."""
     if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
         raise ValueError(otherwise)
 
 
-def _inner_flexibility(K: PETSc.Mat, inner: npt.NDArray[np.bool_], block: int) -> PETSc.Mat:
+def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
     """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
     comm: MPI.Comm = K.comm.tompi4py()
     chosen = selection(inner, K.createVecLeft())
@@ -217,7 +218,7 @@ class Reduction:
         cls,
         K: PETSc.Mat,
         space: fem.FunctionSpace,
-        nodes: npt.NDArray[np.integer] | npt.NDArray[np.bool_],
+        nodes: npt.NDArray[np.integer] | Mask,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC] = (),
     ) -> "Reduction":
         """Condenses inner nodes statically, and eliminates prescribed degrees of freedom.

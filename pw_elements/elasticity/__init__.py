@@ -12,7 +12,6 @@ from pw_elements.elasticity.body import (
 )
 from pw_elements.elasticity.forces import (
     BoundaryForces,
-    Indices,
     NodalFlux,
     SurfaceNodes,
     by_position,

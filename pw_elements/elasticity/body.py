@@ -18,7 +18,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh, MeshTags, meshtags
@@ -26,6 +25,7 @@ from ufl.core.expr import Expr
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import check_problem
+from pw_elements.arrays import Array, Local
 from pw_elements.checks import (
     agree,
     arguments,
@@ -36,6 +36,7 @@ from pw_elements.checks import (
     vector,
     whole,
 )
+from pw_elements.progress import told
 from pw_elements.spaces import (
     STATE,
     Assembled,
@@ -51,7 +52,7 @@ from pw_elements.spaces import (
 )
 
 Scalar: TypeAlias = float | Expr
-Vector: TypeAlias = Sequence[float] | npt.NDArray[np.float64] | Expr
+Vector: TypeAlias = Sequence[float] | Array | Expr
 
 # Integrands that are no polynomials (hoop strain, curved cells, a varying modulus): what it leaves
 # of natural frequencies is below 1e-4 of the mesh's own error, see section V8 of the study
@@ -70,8 +71,6 @@ _JUMPS = (
     "the material varies and the pressure is continuous: where the material jumps displacements "
     "err by ten per cent and more; give cell tags, Spaces.hybrid(mesh, parts)"
 )
-
-_logger = logging.getLogger("pw_elements")
 
 # A row sum of the mass matrix below this, over its diagonal entry, is zero
 _ZERO_MASS = 1e-12
@@ -234,16 +233,16 @@ class Body:
             below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
             arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
             varies = not (is_number(nu) and is_number(self.material.youngs_modulus))
-            if varies and self.spaces.parts is None and mesh.comm.rank == 0:
-                _logger.warning(_JUMPS)
+            if varies and self.spaces.parts is None:
+                told(mesh.comm, logging.WARNING, _JUMPS)
         elif self.state is not StressState.PLANE_STRESS:
             above = "in plane stress only may it be 0.5, or in the spaces of Spaces.hybrid(mesh)"
             arguments.coefficient(
                 "poissons_ratio", nu, lambda values: values < 0.5, above, mesh.comm
             )
             largest = _largest(nu, mesh.comm)
-            if largest > _LOCKING_NU and mesh.comm.rank == 0:
-                _logger.warning(_LOCKS, largest)
+            if largest > _LOCKING_NU:
+                told(mesh.comm, logging.WARNING, _LOCKS % largest)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
             with collective(mesh.comm):
@@ -287,8 +286,8 @@ class Body:
             spaces = Spaces.petrov_galerkin(mesh)
         else:
             spaces = Spaces.hybrid(mesh, parts)
-            if mesh.comm.rank == 0:
-                _logger.info("hybrid: nu = %g, displacements alone would lock", largest)
+            words = f"hybrid: nu = {largest:g}, displacements alone would lock"
+            told(mesh.comm, logging.INFO, words)
         return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
 
     def strain(self, u: Expr) -> Expr:
@@ -647,7 +646,7 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(Assembled.of(M), lumped=True).mark(lumped)
 
 
-def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> npt.NDArray[np.int32]:
+def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> Local:
     comm = space.mesh.comm
     with collective(comm):
         holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)

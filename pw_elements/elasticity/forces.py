@@ -40,6 +40,7 @@ from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
+from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import agree, arguments, collective, is_number
 from pw_elements.elasticity.body import Body, Material, Scalar, boundary_measure
 from pw_elements.spaces import (
@@ -54,7 +55,6 @@ from pw_elements.spaces import (
     scalar_space,
 )
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Weights: TypeAlias = Callable[[ufl.Measure], ufl.Form]  # their integral over a surface
 
@@ -140,8 +140,8 @@ class BoundaryForces:
         force: (m, components).
     """
 
-    position: npt.NDArray[np.float64]
-    force: npt.NDArray[np.float64]
+    position: Array
+    force: Array
 
 
 def forces_along(
@@ -206,7 +206,7 @@ class SurfaceNodes:
     own_area: Array
     tributary_area: Array
     edges: Indices
-    rim: npt.NDArray[np.bool_]
+    rim: Mask
     node: npt.NDArray[np.int64]
     facets: Indices
 
@@ -332,7 +332,7 @@ class SurfaceNodes:
         force = self._checked(force)
         return (force.T / self.tributary_area).T
 
-    def sawtooth(self, force: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
+    def sawtooth(self, force: Array, closed: Mask | None = None) -> float:
         """Median ratio of mid-side nodes' forces to the mean of both corners'.
 
         2 in the plane for the standard element under uniform pressure, 1 for even forces; NaN
@@ -349,7 +349,7 @@ class SurfaceNodes:
         with np.errstate(divide="ignore"):  # corners of 10-node tetrahedra
             return float(np.median(middle / mean)) if len(middle) else np.nan
 
-    def unevenness(self, values: Array, closed: npt.NDArray[np.bool_] | None = None) -> float:
+    def unevenness(self, values: Array, closed: Mask | None = None) -> float:
         """Median size of mid-side value less the mean of both corners', over the median value.
 
         A second difference: zero for values (m,) (forces or pressures) that vary linearly.
@@ -366,7 +366,7 @@ class SurfaceNodes:
             return np.nan
         return float(np.median(np.abs(middle - mean)) / np.median(np.abs(middle + mean) / 2))
 
-    def _inner(self, values: Array, closed: npt.NDArray[np.bool_] | None) -> tuple[Array, Array]:
+    def _inner(self, values: Array, closed: Mask | None) -> tuple[Array, Array]:
         """Mid-side values, and means of both corners', of edges that count."""
         values = self._checked(values, scalar=True)
         counts = ~self.rim
@@ -412,15 +412,15 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
 
 
-def facet_nodes(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def facet_nodes(space: fem.FunctionSpace, facets: Local) -> Local:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
     cells, _, places = facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], places])
 
 
 def facets_in_cells(
-    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp], npt.NDArray[np.int32]]:
+    space: fem.FunctionSpace, facets: Local
+) -> tuple[Local, npt.NDArray[np.intp], Local]:
     """Cell (f,) of each exterior facet, its side (f,), and places (f, k) of its nodes there."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
@@ -435,7 +435,7 @@ def facets_in_cells(
     return cells, local, closure[local]
 
 
-def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> Local:
     """Local numbers of exterior facets of owned cells with all nodes among global ones (m,)."""
     index_map, topology = space.dofmap.index_map, space.mesh.topology
     local = index_map.global_to_local(nodes)

@@ -17,8 +17,7 @@ import numpy as np
 
 from pw_elements.checks import collective, of_type, processes
 from pw_elements.checks import matrix as check_matrix
-
-log = logging.getLogger("pw_elements.linear_solver")
+from pw_elements.progress import told
 
 # A known solution comes back with a relative error of condition number x round-off: above
 # this, fewer than four digits of any answer would be meant.
@@ -295,8 +294,8 @@ class Factors:
             raise _refused(self._options, error) from error
         self._factorisations += 1
         self._check()
-        if comm.rank == 0:
-            log.debug("%s: %.2f s", what, perf_counter() - begun)
+        words = f"{what}: {perf_counter() - begun:.2f} s"
+        told(comm, logging.DEBUG, words, ".linear_solver")
         if self._mumps:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)

@@ -27,11 +27,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
+from pw_elements.arrays import Array
+from pw_elements.progress import told
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
@@ -53,8 +54,6 @@ from pw_elements.solvers.matrices import (
 )
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
 from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
-
-Array = npt.NDArray[np.float64]
 
 # Eigenvalues of P1 or Q1 mass matrices over their diagonal, and the polynomial's degree
 _MASS = {
@@ -90,8 +89,6 @@ _FACTOR_BYTES = 160.0
 _FACTOR_POWER = 1.42
 
 T = TypeVar("T")
-
-log = logging.getLogger("pw_elements")
 
 # Unknowns in space from which on "auto" takes Krylov's method; for modes, which take some 50
 # solutions, it is slower than factors until these take several gigabytes
@@ -517,14 +514,9 @@ def auto_solver(
     if mesh.geometry.dim < 3 or dofs < (_MANY_FOR_MODES if modes else _MANY):
         return Direct()
     taken: LinearSolver = Direct() if needs_factors else Iterative()
-    if mesh.comm.rank == 0:
-        log.info(
-            "auto: %s for %d unknowns in space%s; factors take some %.2g GB",
-            type(taken).__name__,
-            dofs,
-            f" ({needs_factors})" if needs_factors else "",
-            memory_of_factors(dofs) / 1e9,
-        )
+    why, needed = f" ({needs_factors})" if needs_factors else "", memory_of_factors(dofs) / 1e9
+    what = f"{type(taken).__name__} for {dofs} unknowns in space{why}"
+    told(mesh.comm, logging.INFO, f"auto: {what}; factors take some {needed:.2g} GB")
     return taken
 
 
@@ -546,12 +538,8 @@ def with_fallback(
             raise NotConverged(
                 f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
             ) from failure
-    if comm.rank == 0:
-        log.info(
-            "auto: Iterative gave up, Direct goes on; factors take some %.2g of %.2g GB",
-            needed / 1e9,
-            left / 1e9,
-        )
+    memory = f"factors take some {needed / 1e9:.2g} of {left / 1e9:.2g} GB"
+    told(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
     return compute(Direct())  # whatever the first attempt took has been freed
 
 

@@ -16,14 +16,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import pieces_of
 from pw_elements.spaces import Assembled
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 Sizes = tuple[int, int]
 
 # Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
@@ -111,7 +109,7 @@ def block_diagonal(blocks: Array, sizes: tuple[int, int], comm: PETSc.Comm) -> P
     return PETSc.Mat().createAIJ((sizes, sizes), csr=csr, comm=comm)
 
 
-def selection(free: npt.NDArray[np.bool_], rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
+def selection(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat:
     """Columns of the identity of the owned rows that are free; others are left out, or zero."""
     comm = rows.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
@@ -225,13 +223,13 @@ class Supports:
     """Which degrees of freedom (owned dofs,) of a space are free, the others being prescribed."""
 
     space: fem.FunctionSpace
-    free: npt.NDArray[np.bool_]
+    free: Mask
 
 
 class Projection:
     """Takes the held parts out of vectors: whole unknowns, and directions at some nodes."""
 
-    def __init__(self, free: npt.NDArray[np.bool_], block: int) -> None:
+    def __init__(self, free: Mask, block: int) -> None:
         self._free, self._block = free.reshape(-1, block), block
         self._prescribed: Indices = np.flatnonzero(~free)
         none = np.empty(0)

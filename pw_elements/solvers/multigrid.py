@@ -10,9 +10,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.solvers.matrices import (
     Followers,
     Masked,
@@ -27,9 +27,6 @@ from pw_elements.solvers.matrices import (
     is_blocked,
     python_matrix,
 )
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Part of the held nodes whose change is worth a new coarse level, and new aggregates below it
 _RENEWED = 0.1
@@ -62,8 +59,8 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, P
 def interpolation_matrix(
     linear: fem.FunctionSpace,
     space: fem.FunctionSpace,
-    free: npt.NDArray[np.bool_],
-    at_vertices: npt.NDArray[np.bool_],
+    free: Mask,
+    at_vertices: Mask,
 ) -> PETSc.Mat:
     """Values at free nodes from those at free vertices; DOLFINx's has a cell's zeros, too."""
     element, corners = space.element.basix_element, linear.element.basix_element

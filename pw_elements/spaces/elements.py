@@ -21,7 +21,6 @@ import math
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from basix import (
     CellType,
     ElementFamily,
@@ -33,9 +32,8 @@ from basix import (
 )
 from basix.polynomials import tabulate_polynomial_set
 
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import extents
-
-Array = npt.NDArray[np.float64]
 
 _CELL = CellType.tetrahedron
 # Points nearer to a side than this, of cells of size one, lie on it
@@ -110,7 +108,7 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
         )
 
 
-def _within(points: Array) -> npt.NDArray[np.bool_]:
+def _within(points: Array) -> Mask:
     """Which points (n, 3) are neither on a side of the reference tetrahedron nor outside."""
     return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _ON_SIDE
 
@@ -206,29 +204,13 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """
     shape = extents("shape", shape)
     celltype = CellType.quadrilateral
-    nodes, entities = _quadratic_nodes(celltype)
-    entities = [*entities[:2], [[]]]
-    x, M = _point_evaluations(nodes, entities)
-
     points, weights = basix.make_quadrature(celltype, 5)
     orthonormal = tabulate_polynomial_set(celltype, PolysetType.standard, 2, 0, points)[0]
     px, py = points.T
     monomials = np.array([px**0, px, py, px**2, px * py, py**2, px**2 * py, px * py**2])
     coefficients = np.linalg.qr(((monomials * weights) @ orthonormal.T).T)[0].T
-    element = basix.ufl.custom_element(
-        celltype,
-        [],
-        np.ascontiguousarray(coefficients),
-        x,
-        M,
-        0,
-        MapType.identity,
-        SobolevSpace.H1,
-        False,
-        2,
-        2,
-    )
-    return _blocked(element, shape)
+    space = np.ascontiguousarray(coefficients)
+    return _blocked(_nodal(celltype, space, 2, PolysetType.standard, interior=False), shape)
 
 
 def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
@@ -259,7 +241,7 @@ class _AssumedGradientElement(basix.ufl._BasixElement):
     def __repr__(self) -> str:
         return f"{super().__repr__()}, assumed gradient"
 
-    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and projected first derivatives at points (n, 2): (derivatives, n, nodes)."""
         if nderivs > 1:
             raise NotImplementedError("the composite triangle has first derivatives only")
@@ -284,7 +266,7 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
         # part of a form's signature: what was compiled with the wrong slopes is not found again
         return f"{super().__repr__()}, by sub-cells"
 
-    def tabulate(self, nderivs: int, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and derivatives at points (n, dim): (derivatives, n, nodes)."""
         cell = self._element.cell_type
         linear = basix.create_element(ElementFamily.P, cell, 1)
@@ -307,22 +289,9 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
 
 def _halved_element(cell: CellType) -> basix.ufl._BasixElement:
     """Basix's macro polynomials of degree 1 with point evaluations at the quadratic nodes."""
-    nodes, entities = _quadratic_nodes(cell)
-    x, M = _point_evaluations(nodes, entities)
-    return basix.ufl.custom_element(
-        cell,
-        [],
-        np.eye(len(nodes)),  # the whole macro space: linear on sub-cells and continuous
-        x,
-        M,
-        0,
-        MapType.identity,
-        SobolevSpace.H1,
-        False,
-        1,
-        1,
-        polyset_type=PolysetType.macroedge,
-    )
+    # the whole macro space: linear on sub-cells and continuous
+    nodes = len(basix.create_element(ElementFamily.P, cell, 2).points)
+    return _nodal(cell, np.eye(nodes), 1, PolysetType.macroedge)
 
 
 def _cell(name: str) -> CellType:
@@ -331,25 +300,19 @@ def _cell(name: str) -> CellType:
     return CellType[name]
 
 
-def _quadratic_nodes(cell: CellType) -> tuple[npt.NDArray[np.float64], list[list[list[int]]]]:
-    """Node coordinates (n, dim) of the quadratic element and the node numbers per entity."""
+def _nodal(
+    cell: CellType, space: Array, degree: int, polyset: PolysetType, interior: bool = True
+) -> basix.ufl._BasixElement:
+    """The element of a space, rows in orthonormal polynomials, with values at quadratic nodes."""
     lagrange = basix.create_element(ElementFamily.P, cell, 2, LagrangeVariant.gll_warped)
-    return lagrange.points, lagrange.entity_dofs
-
-
-def _point_evaluations(
-    nodes: npt.NDArray[np.float64], entities: list[list[list[int]]]
-) -> tuple[list[list[npt.NDArray[np.float64]]], list[list[npt.NDArray[np.float64]]]]:
-    """Interpolation points and matrices of nodal dofs, in the arrays Basix asks for."""
-    dimension = nodes.shape[1]
-    x: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
-    M: list[list[npt.NDArray[np.float64]]] = [[] for _ in range(4)]
-    for d, of_dimension in enumerate(entities):
-        for dofs in of_dimension:
-            n = len(dofs)
-            x[d].append(np.ascontiguousarray(nodes[dofs]).reshape(n, dimension))
-            M[d].append(np.eye(n).reshape(n, 1, n, 1))
-    return x, M
+    x, M = lagrange.x, lagrange.M
+    if not interior:
+        x[2], M[2] = [np.zeros((0, 2))], [np.zeros((0, 1, 0, 1))]
+    identity, smooth = MapType.identity, SobolevSpace.H1
+    degrees = degree, degree  # that it holds all of, and that it is within
+    return basix.ufl.custom_element(
+        cell, [], space, x, M, 0, identity, smooth, False, *degrees, polyset_type=polyset
+    )
 
 
 def _blocked(element: basix.ufl._ElementBase, shape: tuple[int, ...]) -> basix.ufl._ElementBase:

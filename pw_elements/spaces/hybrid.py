@@ -10,17 +10,14 @@ from petsc4py import PETSc
 
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
+from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import collective
 
 # What a constant pressure does, over the largest stiffness, that is round-off
 NOTHING = 1e-10
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 
 def mixed_element(
@@ -51,7 +48,7 @@ class SubSpace:
     """A field of its own space among the unknowns of a space, owned by the same processes."""
 
     space: fem.FunctionSpace
-    unknowns: Indices  # (nodes, components), local numbers among the unknowns, ghosts too
+    unknowns: Local  # (nodes, components), local numbers among the unknowns, ghosts too
     rows: tuple[int, int]  # sizes of vectors of unknowns, own and global
 
     @classmethod
@@ -86,7 +83,7 @@ class SubSpace:
         return self.sizes == self.rows
 
     @property
-    def owned(self) -> Indices:
+    def owned(self) -> Local:
         """(owned nodes, components), those of the nodes that this process owns."""
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
@@ -151,9 +148,7 @@ def positions(space: fem.FunctionSpace) -> Array:
     return x
 
 
-def tied(
-    space: fem.FunctionSpace, parts: MeshTags | None, free: npt.NDArray[np.bool_]
-) -> PETSc.Mat:
+def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
     """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
     mesh = space.mesh
     comm, owned = mesh.comm, mesh.topology.index_map(mesh.topology.dim).size_local

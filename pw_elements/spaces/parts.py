@@ -10,17 +10,16 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
+from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import agree, answer, arguments, collective
 
-Mask: TypeAlias = npt.NDArray[np.bool_]
-Indices: TypeAlias = npt.NDArray[np.int32]
 # of points as columns (3, n): True or False for each, (n,)
-Marker: TypeAlias = Callable[[npt.NDArray[np.float64]], Mask]
+Marker: TypeAlias = Callable[[Array], Mask]
 # of facets or nodes: a marker, local numbers of any integer type, or a mask of all of them
 Part: TypeAlias = Marker | npt.NDArray[np.integer] | Mask
 
 
-def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]) -> Mask:
+def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     """Which points (3, n) a marker holds at; local, under the guard; not asked without points."""
     if not callable(where):
         raise TypeError(
@@ -39,7 +38,7 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: npt.NDArray[np.float64]
     return np.ascontiguousarray(given)
 
 
-def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # noqa: ANN401
+def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # noqa: ANN401
     """Local numbers, each once, of what numbers (m,) or a mask (count,) name; local."""
     if isinstance(given, MeshTags):
         raise TypeError(f"{whose} are tags: give the tagged ones, tags.find(value)")
@@ -64,7 +63,7 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Indices:  # 
     return np.unique(numbers).astype(np.int32)
 
 
-def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
+def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective."""
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
     with collective(comm):
@@ -74,12 +73,12 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Indices:
     return np.flatnonzero(holds).astype(np.int32)
 
 
-def exterior_facets(mesh: Mesh, where: Part) -> Indices:
+def exterior_facets(mesh: Mesh, where: Part) -> Local:
     """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices."""
     dimension, comm = mesh.topology.dim - 1, mesh.comm
-    vertices: npt.NDArray[np.float64] = np.zeros((3, 0))
+    vertices: Array = np.zeros((3, 0))
 
-    def seen(x: npt.NDArray[np.float64]) -> Mask:
+    def seen(x: Array) -> Mask:
         nonlocal vertices
         vertices = x.copy()
         return np.zeros(x.shape[1], dtype=bool)

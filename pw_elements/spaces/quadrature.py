@@ -4,6 +4,7 @@ For all other elements FFCx takes the right rule by itself: that of the halved c
 test or trial function is piecewise linear. So it does on the faces of tetrahedra.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import basix.ufl
@@ -36,23 +37,12 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 def with_cell_rules(form: ufl.Form) -> ufl.Form:
     """The form with such points in its integrals over tetrahedra, if its functions need them."""
-    integrals = form.integrals()
-    lacking = [_lacks_rule(integral) for integral in integrals]
-    if not any(lacking):
-        return form
-    return ufl.Form(
-        [_with_rule(i) if lacks else i for i, lacks in zip(integrals, lacking, strict=True)]
-    )
+    return _with(form, lambda part: _rule(part) if _lacks_rule(part) else part.metadata())
 
 
 def without_states(form: ufl.Form) -> ufl.Form:
     """The form without states of stress, which are no matter of its compilation."""
-    return ufl.Form(
-        [
-            i.reconstruct(metadata={k: v for k, v in i.metadata().items() if k != STATE})
-            for i in form.integrals()
-        ]
-    )
+    return _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
 
 
 def with_degrees(form: ufl.Form) -> ufl.Form:
@@ -60,16 +50,18 @@ def with_degrees(form: ufl.Form) -> ufl.Form:
 
     A derivative of the form then has the same points, of which Newton's method has its order.
     """
-    return ufl.Form(
-        [
-            integral
-            if integral.metadata().keys() & {"quadrature_degree", "quadrature_rule"}
-            else integral.reconstruct(
-                metadata={**integral.metadata(), "quadrature_degree": _estimated_degree(integral)}
-            )
-            for integral in form.integrals()
-        ]
-    )
+
+    def stated(part: ufl.Integral) -> dict[str, Any]:
+        known: dict[str, Any] = part.metadata()
+        if known.keys() & {"quadrature_degree", "quadrature_rule"}:
+            return known
+        return {**known, "quadrature_degree": _estimated_degree(part)}
+
+    return _with(form, stated)
+
+
+def _with(form: ufl.Form, metadata: Callable[[ufl.Integral], dict[str, Any]]) -> ufl.Form:
+    return ufl.Form([part.reconstruct(metadata=metadata(part)) for part in form.integrals()])
 
 
 def _lacks_rule(integral: ufl.Integral) -> bool:
@@ -80,7 +72,7 @@ def _lacks_rule(integral: ufl.Integral) -> bool:
     )
 
 
-def _with_rule(integral: ufl.Integral) -> ufl.Integral:
+def _rule(integral: ufl.Integral) -> dict[str, Any]:
     metadata = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
     if rule != "default":
@@ -91,7 +83,7 @@ def _with_rule(integral: ufl.Integral) -> ufl.Integral:
     degree = metadata.get("quadrature_degree", -1)
     if degree < 0:
         degree = _estimated_degree(integral)
-    return integral.reconstruct(metadata={**metadata, **_twelve_cells(degree)})
+    return {**metadata, **_twelve_cells(degree)}
 
 
 def _estimated_degree(integral: ufl.Integral) -> int:

@@ -11,7 +11,6 @@ from petsc4py import PETSc
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
@@ -23,9 +22,6 @@ from pw_elements.spaces.elements import (
     serendipity_element,
 )
 from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int32]
 
 
 class NumberingError(RuntimeError):

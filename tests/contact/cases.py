@@ -11,10 +11,12 @@ from pw_elements import (
     Material,
     Reduction,
     Spaces,
+    as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
     prescribe,
+    solve,
 )
 from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, solve_contact
 from pw_elements.meshes import mapped, triangles
@@ -47,9 +49,22 @@ class Elastic:
         """Positions (n, dim) of nodes, ghosts' too."""
         return self.displacements.tabulate_dof_coordinates()[:, : self.dim]
 
+    @cached_property
+    def M(self):
+        return assemble_matrix(self.body.mass())
+
     @property
     def nothing(self):
         return self.K.createVecLeft()
+
+    def weight(self, force):
+        """Load vector of a force per volume."""
+        return assemble_vector(self.body.body_load(force))
+
+    def prestress(self, load, supports, form="G"):
+        """Initial stress matrix of the stress under a load."""
+        moved = as_function(self.space, solve(self.K, load, supports))
+        return assemble_matrix(self.body.initial_stress(self.body.stress(moved), form))
 
     def load(self, traction, where):
         surface = boundary_measure(self.mesh, where)

@@ -3,6 +3,8 @@
 Started by test_sliding.py with `mpirun -n 1` and more, as JSON.
 """
 
+import json
+
 from mpi4py import MPI
 
 import numpy as np
@@ -10,7 +12,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_rectangle
 
-from pw_elements import Spaces, prescribe
+from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
 from tests.contact.large import neo_hookean
 from tests.contact.two_bodies import joined
@@ -27,47 +29,73 @@ def two(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
     return joined(*meshes, comm)
 
 
-class Bodies:
-    """A body below on a held base, and one above whose top is moved by `motion`."""
+PATH = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
+STORED = 1
 
-    def __init__(self, mesh, own, opposite, base, top, friction=0.3, revolved=False, **options):
+
+class Bodies:
+    """A body on a held base, and one above whose top is moved, both turned on the way.
+
+    Args:
+        mesh: of both.
+        own, opposite: sides of the pair.
+        base, top: markers.
+        turned: degrees by which supports turn all in the last increment.
+        options: of `ContactProblem.of_residual`.
+    """
+
+    def __init__(self, mesh, own, opposite, base, top, friction, turned=0.0, **options):
         spaces = Spaces.petrov_galerkin(mesh)
+        self.body = Body(spaces, Material(1.0), "plane strain")
         self.space, self.u = spaces.trial, fem.Function(spaces.trial)
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 4})
         F = ufl.Identity(2) + ufl.grad(self.u)
         self.residual = ufl.inner(neo_hookean(F), ufl.grad(ufl.TestFunction(spaces.test))) * dx
-        self.motion = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
-        self.held = [prescribe(self.space, k, base) for k in range(2)]
-        self.held += [prescribe(self.space, k, top, v) for k, v in enumerate(self.motion)]
-        self.pair = ContactPair(own, DeformableSurface(opposite, revolved), friction=friction)
+        self.given, self.turned = fem.Function(self.space), turned
+        nodes = [fem.locate_dofs_geometrical(self.space, where) for where in (base, top)]
+        self.held = [fem.dirichletbc(self.given, part) for part in nodes]
+        self.top = nodes[1]
+        surface = DeformableSurface(opposite, revolved=False)
+        self.pair = ContactPair(own, surface, friction=friction)
         self.problem = ContactProblem.of_residual(
             self.residual, self.u, self.held, self.pair, **options
         )
 
-    def states(self, motions, start=None):
-        """After each of the translations of the upper body's top."""
-        states = [start or self.problem.undeformed]
-        for end in motions:
-            before = [float(v.value) for v in self.motion]
-
-            def load(share, before=before, end=end):
-                for value, a, b in zip(self.motion, before, end, strict=True):
-                    value.value = (1 - share) * a + share * b
-
-            states.append(self.problem.step(states[-1], load))
-        return states[1:]
+    def hold(self, motion, angle):
+        """Moves the top, and turns base and top by an angle about the origin."""
+        x = self.space.tabulate_dof_coordinates()[:, :2]
+        moved = x.copy()
+        moved[self.top] += motion
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        self.given.x.array[:] = (moved @ np.array([[c, s], [-s, c]]) - x).ravel()
 
 
-def die(divisions=((12, 5), (8, 4)), curvature=1.2, friction=0.3, upper_is_slave=True, comm=MPI.COMM_SELF):
+def slid(bodies, path=PATH, start=None):
+    """States after each of the translations of the upper body's top."""
+    states, before = [start or bodies.problem.undeformed], (0.0, 0.0)
+    if start is not None:
+        before = PATH[start.increment - 1]
+    for k, end in enumerate(path):
+        angles = [bodies.turned * j / len(path) for j in (k, k + 1)]
+
+        def load(share, ends=(*before, *end), angles=angles):
+            motion = (1 - share) * np.array(ends[:2]) + share * np.array(ends[2:])
+            bodies.hold(motion, (1 - share) * angles[0] + share * angles[1])
+
+        states.append(bodies.problem.step(states[-1], load))
+        before = end
+    return states[1:]
+
+
+def die(friction=0.3, upper_is_slave=True, comm=MPI.COMM_SELF, curvature=1.2, **options):
     """A parabolic die on a block; the die's lower side is the slave by default."""
 
     def shape(x, y, body):
-        if body == 0:
-            return x, y
         low = 0.01 + curvature * x**2 / 2
-        return x, low + (y - 0.0) * (1 - low)
+        return (x, y) if body == 0 else (x, low + y * (1 - low))
 
-    mesh = two(((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0)), divisions, shape, comm)
+    boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
+    mesh = two(*boxes, ((12, 3), (8, 3)), shape, comm)
 
     def under(x):
         inside = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)
@@ -76,7 +104,21 @@ def die(divisions=((12, 5), (8, 4)), curvature=1.2, friction=0.3, upper_is_slave
     def above(x):
         return np.isclose(x[1], 0.0)
 
+    def base(x):
+        return np.isclose(x[1], -1.0)
+
+    def top(x):
+        return np.isclose(x[1], 1.0)
+
     sides = (under, above) if upper_is_slave else (above, under)
-    return Bodies(
-        mesh, *sides, lambda x: np.isclose(x[1], -1), lambda x: np.isclose(x[1], 1), friction
-    )
+    return Bodies(mesh, *sides, base, top, friction, **options)
+
+
+if __name__ == "__main__":
+    (last,) = slid(die(comm=MPI.COMM_WORLD), PATH[:3])[-1].pairs
+    names = ("force_normal", "force_tangential", "slip", "gap", "opposite_force")
+    if MPI.COMM_WORLD.rank == 0:
+        numbers = {name: getattr(last, name) for name in names}
+        faced = np.isfinite(numbers["gap"])
+        numbers["gap"] = np.where(faced, numbers["gap"], -1.0)
+        print(json.dumps({name: values.tolist() for name, values in numbers.items()}))

@@ -22,7 +22,6 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.output.pictures import _chains
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, Punch, at
 from tests.contact.test_matching import Blocks
@@ -317,11 +316,3 @@ def test_picture_of_a_line():
         plot(state, block.body, pair=1)
     with pytest.raises(ValueError, match="along = 2"):
         plot(state, block.body, along=2)
-
-
-def test_lines_are_walked_from_an_end_and_round():
-    """Edges in any order and direction: one line of two edges, one ring of three."""
-    edges = np.array([[1, 2, 0], [3, 2, 4], [11, 10, 12], [13, 14, 12], [15, 14, 10]])
-    line, ring = _chains(edges)
-    assert line.tolist() == [0, 1, 2, 3, 4]
-    assert ring.tolist() in ([10, 11, 12, 13, 14, 15, 10], [10, 15, 14, 13, 12, 11, 10])

@@ -8,7 +8,6 @@ import pytest
 from pw_elements import Direct, Iterative
 from pw_elements.contact import SLIP, ContactPair, Coulomb, Motion, NoEquilibrium, Plane
 from pw_elements.contact.model import Cone
-from pw_elements.contact.steps.impact import nodal_contact
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, Block, Elastic, at
 from tests.contact.iterative import FLOOR, Solid
@@ -149,24 +148,6 @@ def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
     load = BLOCK.pressure + BLOCK.load((0.4 * 200 * 4 / 2, 0.0), at(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
         BLOCK.contact(on_floor(Falling(0.3, 1e3)), loads=load)
-
-
-def test_a_law_holds_in_a_step_of_explicit_dynamics():
-    """Slip that is left is along the friction, which then is all that the law allows."""
-    rng, n, step = np.random.default_rng(5), 500, 0.1
-    normal = rng.normal(size=(n, 3))
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    motion, mass, half = rng.normal(size=(n, 3)), rng.uniform(1, 9, n), rng.uniform(1, 99, n)
-    cone, rest = Cone([Falling(0.9, None)], [half]), np.zeros((n, 3))
-    found = nodal_contact(motion, np.zeros(n), normal, rest, rest > 0, mass, cone, step)
-    after = motion + step**2 * found.force / mass[:, None]
-    slip = after - np.sum(after * normal, axis=1)[:, None] * normal
-    limit = 0.9 * found.pressed / (1 + found.pressed / half)
-    size, length = (np.linalg.norm(part, axis=1) for part in (found.friction, slip))
-    assert (size <= limit * (1 + 1e-12)).all()
-    assert np.sum(found.friction * slip, axis=1) == pytest.approx(-limit * length, abs=1e-9)
-    closed = found.pressed > 0
-    assert 0 < (length[closed] < 1e-12).sum() < closed.sum()
 
 
 def test_chords_of_a_cone():

@@ -1,12 +1,10 @@
 """Interfaces: G and H as builders make them, and a law that couples a point to many nodes."""
 
-import sys
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pw_elements import Direct, Iterative, reactions
+from pw_elements import Direct
 from pw_elements.contact import ContactPair, Parabola, Plane
 from pw_elements.contact.interface import Interface, nodal_interface
 from pw_elements.contact.interface.operators import Points
@@ -25,8 +23,7 @@ from pw_elements.contact.iteration.policy import LastHold
 from pw_elements.contact.model import Smallness
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import SubSpace
-from tests.contact.cases import GALERKIN, PW, Block, at
-from tests.contact.test_matching import Blocks
+from tests.contact.cases import Block, at
 
 BLOCK = Block(6)
 HELD = BLOCK.clamped(at(1, 2.0))
@@ -35,16 +32,6 @@ RIGID, CURVED = Plane((0, 0), (0, 1)), Parabola((2, 0), radius=-20.0)
 
 def dense(matrix):
     return matrix.convert("dense").getDenseArray().copy()
-
-
-def test_operators_of_nodes_against_a_rigid_surface():
-    interface = nodal_interface([ContactPair(at(1, 0.0), RIGID, 0.3)], BLOCK.space, HELD)
-    G, H = dense(interface.motion), dense(interface.force)
-    assert np.array_equal(H, G.T)
-    assert np.array_equal(np.sort(G, axis=1)[:, -2:], np.tile([0.0, 1.0], (len(G), 1)))
-    assert np.allclose((G @ BLOCK.x.ravel()).reshape(-1, 2), interface.position)
-    values = np.arange(len(interface.position), dtype=float)  # one process has all of them
-    assert np.array_equal(interface.local([interface.in_order(0, values)]), values)
 
 
 def coupled():
@@ -112,61 +99,3 @@ def test_a_point_may_couple_to_many_nodes_and_its_force_act_elsewhere(descent, d
     before = undeformed(interface, BLOCK.K.createVecRight())
     state = contact_state(increment, now, 1, before, SolverReport("LU", 1), Smallness())
     assert state.residuals.largest() < 1e-10
-
-
-def test_operators_of_matching_nodes_leave_nothing_but_the_foot():
-    """Forces are equal and opposite on the two sides, whatever else acts on them."""
-    blocks = Blocks()
-    load = blocks.load((0.3, -3.0))
-    (state,) = blocks.contact(blocks.pair(), blocks.foot, load)
-    interface = nodal_interface([blocks.pair()], blocks.space, blocks.foot)
-    G, H = dense(interface.motion), dense(interface.force)
-    assert np.array_equal(H, G.T)
-    assert np.abs(G.sum(axis=1)).max() == 0  # nothing moves with a common translation
-    assert np.abs(G @ blocks.x.ravel()).max() < 1e-14  # they lie on each other
-    order = np.lexsort(np.round(interface.position, 9).T[::-1])
-    (pair,) = state.pairs
-    r = np.zeros_like(interface.position)
-    r[order] = pair.force_normal[:, None] * pair.normal + pair.force_tangential
-    left = reactions(blocks.K, state.displacement, load).array_r - H @ r.ravel()
-    foot = np.isclose(blocks.x, 0.0).any(axis=1)
-    assert np.abs(left.reshape(-1, 2)[~foot]).max() < 1e-10
-
-
-MODULES = {"newton", "law", "friction", "system", "policy"}
-SOLVERS = {
-    "factors": (Direct(), {"direct"}),
-    "krylov": (Iterative(), {"krylov", "iterative", "multigrid", "matrices"}),
-}
-
-
-@pytest.mark.parametrize(("name", "method"), [("factors", PW), ("krylov", GALERKIN)])
-def test_an_ordinary_iteration_enters_few_modules(name, method):
-    """From one linear system to the next: between two calls of `Increment.solve`."""
-    solver, its_own = SOLVERS[name]
-    block = Block(8, method)
-    problem = block.problem(block.pair(0.3), solver=solver)
-    pressed = problem.step(problem.undeformed, block.pressure)
-    pulled = block.pressure + block.load((60.0, 0.0), at(0, 4.0))
-    passed = [set()]
-
-    def watch(frame, event, _):
-        if event == "call":
-            module = frame.f_globals.get("__name__", "")
-            if module == "pw_elements.contact.iteration.newton" and frame.f_code.co_name == "solve":
-                passed.append(set())
-            if module.startswith("pw_elements."):
-                passed[-1].add(module.rpartition(".")[2])
-
-    sys.setprofile(watch)
-    try:
-        problem.step(pressed, pulled)
-    finally:
-        sys.setprofile(None)
-    ordinary = passed[1:-1]  # the last one ends in a state
-    assert len(ordinary) >= 2
-    most = MODULES | its_own
-    assert len(most) <= {"factors": 6, "krylov": 9}[name]
-    for modules in ordinary:
-        assert modules <= most
-    assert set.union(*ordinary) == most  # the watch sees them

@@ -10,7 +10,6 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from pw_elements import Direct, Iterative, Spaces
 from pw_elements.contact import STICK, ContactPair, FreeBody, Motion, NotFound, Plane, solve_contact
 from pw_elements.contact.iteration import LinearisedLaw
-from pw_elements.contact.iteration.krylov import _apart
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -101,19 +100,6 @@ def test_the_shell_is_the_assembled_tangent(bodies):
     assert np.all(image.array_r[~whole] == 0)
 
 
-def test_points_at_nodes():
-    solid = Solid()
-    _, _, supports, pair, _ = solid.arguments("tilted")
-    system, direct = (
-        solid.problem(pair, supports, solver=s)._stepping._bound(())[0]
-        for s in (Iterative(), Direct())
-    )
-    points = system.tangent._points
-    assert solid.x[points.node] == pytest.approx(system.interface.position)
-    assert np.array_equal(points.own, points.node[:, None] * 3 + np.arange(3))
-    assert points.scale == pytest.approx(direct.scale, rel=1e-12)
-
-
 @pytest.mark.parametrize(("method", "nu"), [(Spaces.petrov_galerkin, 0.3), (Spaces.hybrid, 0.5)])
 def test_a_coarser_mesh_state_saves_work(method, nu):
     coarse = Solid(method=method, n=2, nu=nu).arguments("rough floor")
@@ -143,18 +129,6 @@ def test_bodies_that_hardly_hold_are_solved():
     assert not np.any(states[1].pairs[0].status == STICK)
     for state in states:
         assert state.report.krylov_iterations < 8 * state.iterations
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_anchors_are_apart(dim):
-    rng = np.random.default_rng(dim)
-    x = rng.normal(size=(50, dim)) * [3.0, 1.0, 0.5][:dim]
-    triangle = x[_apart(x)]
-    edges = triangle[1:] - triangle[0]
-    assert len(edges) == dim - 1
-    assert np.sqrt(np.linalg.det(edges @ edges.T)) > np.prod(np.ptp(x, axis=0)[: dim - 1]) / 2
-    assert _apart(x[:0]) == []
-    assert len(_apart(np.tile(x[0], (4, 1)))) == 1
 
 
 def test_failures_are_those_of_contact():
@@ -191,13 +165,6 @@ def test_matching_nodes_have_the_states_of_the_direct_solver(element, nu):
     stack = Stack((2, 2), "tetrahedron", element=element, nu=nu)
     surface = MatchingNodes(stack.nodes("lower"), Plane((0, 0, 1), (0, 0, 1)))
     iterated(held_by_contact(stack, "upper", surface), element == "hybrid")
-
-
-def test_auto_takes_it_for_large_bodies_in_space():
-    arguments = Solid(method=HYBRID, n=7, nu=0.5).arguments("rough floor")
-    (state,) = solve_contact(*arguments)
-    assert state.report.method == METHODS[True]
-    assert state.report.krylov_iterations < 10 * state.iterations
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])

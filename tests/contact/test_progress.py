@@ -83,7 +83,7 @@ def test_a_callback_that_raises_ends_the_computation():
     problem = BLOCK.problem(BLOCK.pair(0.3), callback=lambda _: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         problem.step(problem.undeformed, BLOCK.pressure)
-    with pytest.raises(ValueError, match="callback: list in place of a function"):
+    with pytest.raises(TypeError, match="callback is of the type list: it has to be a function"):
         solved([])
 
 

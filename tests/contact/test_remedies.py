@@ -6,29 +6,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pw_elements import Direct
 from pw_elements.contact import OPEN, Motion, NotFound
 from pw_elements.contact.interface import NoContactStated
-from pw_elements.contact.iteration import (
-    ContactSystem,
-    Increment,
-    LinearEquilibrium,
-    Policy,
-    Reference,
-)
-from pw_elements.contact.iteration.policy import LastHold
+from pw_elements.contact.iteration import ContactSystem
 from pw_elements.contact.iteration.system import Tangent
-from pw_elements.contact.rescue import Condensation, condensed
-from pw_elements.contact.rescue.condensed import (
-    Budget,
-    CondensedIncrement,
-    gathered,
-    lemke,
-    scattered,
-    sprung,
-)
-from pw_elements.contact.steps.stepping import Target, between, held_by, homogeneous, in_parts
-from tests.contact.cases import Block, Greco, Punch
+from pw_elements.contact.rescue import condensed
+from pw_elements.contact.rescue.condensed import Budget, lemke
+from pw_elements.contact.steps.stepping import Target, held_by, in_parts
+from tests.contact.cases import Punch
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
@@ -93,70 +78,6 @@ def test_lemke_ends_on_a_ray_where_there_is_no_solution():
 # -- the condensed increment -----------------------------------------------------------------
 
 
-def started(case, pair, reduction, load, motions=(), free=()):
-    """An increment from the undeformed body, its first place, and the condensed body."""
-    stated = case.problem(pair, reduction)
-    interface = stated._stepping.interface
-    system, rigid = stated._stepping._bound(free)
-    target = Target.of(load, motions, interface)
-    past = Reference.of(stated.undeformed, interface)
-    equilibrium = LinearEquilibrium.of(system, case.K, load)
-    increment = Increment(system, equilibrium, target.translations, target.totals, past)
-    place = increment.kinematics(np.nan_to_num(target.translations), past.displacement, past.force)
-    condensation = Condensation(case.K, reduction, interface, Direct())
-
-    def policy():
-        hold = LastHold(rigid.left_free, interface.pair, interface.pairs, interface.comm)
-        return Policy(hold, interface.comm)
-
-    return stated, increment, place, condensation, policy
-
-
-def test_condensed_stiffness_is_the_schur_complement():
-    greco = Greco(4)
-    _, _, _, condensation, _ = started(greco, greco.pair(1.0), greco.symmetry, greco.push)
-    K, x = greco.K[:, :], greco.x
-    base = np.flatnonzero(np.isclose(x[:, 1], 0.0))
-    base = base[np.argsort(x[base, 0])]
-    held = np.flatnonzero(np.isclose(x[:, 0], 0.04)) * 2
-    kept = np.setdiff1d((2 * base[:, None] + [0, 1]).ravel(), held, assume_unique=True)
-    inner = np.setdiff1d(np.arange(len(K)), np.concatenate([kept, held]))
-    inverse = np.linalg.inv(K[np.ix_(inner, inner)])
-    schur = K[np.ix_(kept, kept)] - K[np.ix_(kept, inner)] @ inverse @ K[np.ix_(inner, kept)]
-    assert np.abs(condensation.stiffness - schur).max() < 1e-10 * np.abs(schur).max()
-
-
-def test_condensed_points_have_the_forces_and_translations_of_the_whole_body():
-    case = Punch()
-    motion = Motion((0, None), (0, -217.3))
-    nothing = case.nothing
-    stated, increment, place, condensation, _ = started(
-        case, case.pair(0.6), case.foot, nothing, [motion], ((0, 1),)
-    )
-    state = stated.step(stated.undeformed, nothing, [motion])
-    known = state.pairs[0]
-    small = CondensedIncrement(increment, condensation, place)
-    stated_motions = known.displacement.ravel()
-    z = np.append(stated_motions, known.translation[1])
-    assert small.solved_by(z)
-    contact = small.contact(z)
-    largest = known.force_normal.max()
-    assert contact.force[:, 0] == pytest.approx(known.force_normal, abs=1e-9 * largest)
-    assert not small.solved_by(1.001 * z)
-    # from springs alone, without any active set
-    found = small.newton(sprung(small, 1e-3, small.start), 30, False, Budget(np.inf))
-    assert found == pytest.approx(z, rel=1e-8, abs=1e-10 * np.abs(z).max())
-    translations, moved, force = small.split(found)
-    assert translations[0] == pytest.approx(known.translation, rel=1e-8)
-    assert gathered(stated._stepping.interface, moved) == pytest.approx(
-        known.displacement, abs=1e-9 * np.abs(known.displacement).max()
-    )
-    assert gathered(stated._stepping.interface, force)[:, 1].sum() == pytest.approx(-217.3)
-    order = np.arange(len(force))
-    interface = stated._stepping.interface
-    assert gathered(interface, scattered(interface, order)).tolist() == order.tolist()
-
-
 # -- problems on which the iteration fails ---------------------------------------------------
 
 
@@ -177,13 +98,6 @@ def test_remedies_say_what_they_do(monkeypatch, caplog):
         with pytest.raises(NotFound):
             problem(158).solve(remedies=("condensed",))
     assert "too many contact points" in caplog.text
-
-
-def test_large_friction_from_a_cold_start():
-    greco = Greco(16)
-    with pytest.raises(NotFound):
-        greco.solve(30.0, remedies=())
-    assert greco.solve(30.0).residuals.largest() < 1e-11
 
 
 # -- increments in parts ---------------------------------------------------------------------
@@ -253,27 +167,3 @@ def test_parts_are_the_increments_that_a_user_would_make():
 
     _, again = in_parts(unsupported, pressed, start, end, Budget(np.inf))
     assert (again.displacement - cut.displacement).norm() < 1e-12 * cut.displacement.norm()
-
-
-def test_a_state_holds_its_load():
-    """K a - H r is the load, but for what supports carry."""
-    case = Block(8)
-    stated = case.problem(case.pair(0.3))
-    state = stated.step(stated.undeformed, case.pressure)
-    start = held_by(state, case.K, stated._stepping.interface)
-    assert (start.load - case.pressure).norm() < 1e-10 * case.pressure.norm()
-    assert held_by(stated.undeformed, case.K, stated._stepping.interface).stated == 0
-    twice = Target(2 * case.pressure, np.full((1, 2), np.nan), np.array([[4.0, 8.0]]))
-    middle = between(start, twice, 0.25)
-    assert (middle.load - 1.25 * case.pressure).norm() < 1e-10 * case.pressure.norm()
-    assert middle.forces == pytest.approx(0.75 * start.forces + [[1.0, 2.0]])
-    assert np.isnan(middle.translations).all()
-
-
-def test_a_part_of_a_step_without_gaps_is_like_the_whole():
-    case = Block(8)
-    stated = case.problem(case.pair(0.3))
-    assert homogeneous(stated.undeformed)
-    assert not homogeneous(stated.step(stated.undeformed, case.pressure))
-    punch = Punch()
-    assert not homogeneous(punch.problem(punch.pair(0.6), punch.foot).undeformed)

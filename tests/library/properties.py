@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
 
 from pw_elements import (
     Body,
@@ -18,14 +17,22 @@ from pw_elements import (
     reactions,
     solve,
 )
+from study.matrices import dense
 from tests.library.random_meshes import Grid, Placement
 
 METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
 
 
-def dense(matrix):
-    indptr, indices, data = matrix.getValuesCSR()
-    return sp.csr_matrix((data, indices, indptr), shape=matrix.getSize()).toarray()
+def dense_solution(K, f, conditions):
+    """Displacements by NumPy, rows of what is prescribed replaced."""
+    A, b = dense(K), f.array.copy()
+    for condition in conditions:
+        dofs, _ = condition.dof_indices()
+        values = np.zeros(len(b))
+        condition.set(values)
+        A[dofs], b[dofs] = 0, values[dofs]
+        A[dofs, dofs] = 1
+    return np.linalg.solve(A, b)
 
 
 def assert_small(error, bound):
@@ -62,6 +69,11 @@ class Elastic:
     state: str = "plane stress"
     material: Material = field(default_factory=lambda: Material(1.0, 0.3))
 
+    def restated(self, placement, modulus=1.0, density=1.0, grid=None):
+        """The same body elsewhere, renumbered or in other units."""
+        material = Material(modulus, self.material.poissons_ratio, density)
+        return Elastic(grid or self.grid, placement, self.method, self.state, material)
+
     @functools.cached_property
     def placed(self):
         return self.grid.moved(self.placement.point)
@@ -77,6 +89,10 @@ class Elastic:
     @functools.cached_property
     def K(self):
         return assemble_matrix(self.body.stiffness())
+
+    @functools.cached_property
+    def M(self):
+        return assemble_matrix(self.body.mass())
 
     @functools.cached_property
     def x(self):

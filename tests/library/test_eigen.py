@@ -1,3 +1,5 @@
+"""Buckling and vibration: exact and dense eigenvalues, rigid modes, lumped mass, refusals."""
+
 from mpi4py import MPI
 
 import numpy as np
@@ -7,7 +9,6 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import (
-    Body,
     Material,
     NoModes,
     Reduction,
@@ -26,36 +27,23 @@ from study.discretisation import discretise
 from study.matrices import dense
 from study.paper.s7_6_exact import Strip
 from study.verification.t_identity import distorted
+from tests.contact.cases import GALERKIN, PW, Elastic, at
 
-LENGTH, E = 4.0, 3.0
-
-
-def left(x):
-    return np.isclose(x[0], 0.0)
-
-
-def right(x):
-    return np.isclose(x[0], LENGTH)
-
-
-def centre(x):
-    return left(x) & np.isclose(x[1], 0.0)
+COMM, LENGTH, E = MPI.COMM_SELF, 4.0, 3.0
+METHODS = [GALERKIN, PW]
 
 
 def strip(method, stress=-1.0, divisions=(16, 4), held=True):
     """Simply supported strip under a given uniform axial stress: K, K_sigma, supports."""
-    mesh = create_rectangle(MPI.COMM_SELF, [(0.0, -0.5), (LENGTH, 0.5)], list(divisions))
-    body = Body(method(mesh), Material(E, 0.2), StressState.PLANE_STRESS)
-    U = body.spaces.trial
-    conditions = [prescribe(U, 1, left), prescribe(U, 1, right)]
-    if held:
-        conditions.append(prescribe(U, 0, centre))
+    mesh = create_rectangle(COMM, [(0.0, -0.5), (LENGTH, 0.5)], list(divisions))
+    body = Elastic(mesh, method, "plane stress", E, 0.2)
+    centre = (0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
     S = fem.Constant(mesh, np.array([[stress, 0.0], [0.0, 0.0]]))
-    K, K_sigma = (assemble_matrix(form) for form in (body.stiffness(), body.initial_stress(S)))
-    return K, K_sigma, Reduction.dirichlet(U, conditions)
+    supports = body.held((1, at(0, 0.0)), (1, at(0, LENGTH)), *[centre] * held)
+    return body.K, assemble_matrix(body.body.initial_stress(S)), supports
 
 
-@pytest.mark.parametrize("method", [Spaces.galerkin, Spaces.petrov_galerkin])
+@pytest.mark.parametrize("method", METHODS)
 def test_first_three_modes_of_a_strip(method):
     modes = buckling(*strip(method), count=3)
     exact = [Strip(E, 0.2, LENGTH).elasticity(n, "G") for n in (1, 2, 3)]
@@ -68,71 +56,62 @@ def test_first_three_modes_of_a_strip(method):
 
 
 def test_against_dense_eigenvalues():
-    K, K_sigma, supports = strip(Spaces.petrov_galerkin, divisions=(6, 2))
+    K, K_sigma, supports = strip(PW, divisions=(6, 2))
     A, B = (dense(supports.matrix(matrix)) for matrix in (K_sigma, K))
-    mu = np.linalg.eigvals(np.linalg.solve(B, -A))
-    real = np.sort(mu[np.abs(mu.imag) < 1e-10 * np.abs(mu)].real)[::-1]
-    modes = buckling(K, K_sigma, supports, count=4)
-    assert modes.factors == pytest.approx(1 / real[:4], rel=1e-9)
-    As, Bs = (A + A.T) / 2, (B + B.T) / 2
-    symmetric = np.sort(np.linalg.eigvals(np.linalg.solve(Bs, -As)).real)[::-1]
-    modes = buckling(K, K_sigma, supports, count=4, symmetrised=True)
-    assert modes.factors == pytest.approx(1 / symmetric[:4], rel=1e-9)
+    for symmetrised in (False, True):
+        if symmetrised:
+            A, B = (A + A.T) / 2, (B + B.T) / 2
+        mu = np.linalg.eigvals(np.linalg.solve(B, -A))
+        real = np.sort(mu[np.abs(mu.imag) < 1e-10 * np.abs(mu)].real)[::-1]
+        modes = buckling(K, K_sigma, supports, count=4, symmetrised=symmetrised)
+        assert modes.factors == pytest.approx(1 / real[:4], rel=1e-9)
 
 
 def test_refuses_what_cannot_buckle():
     with pytest.raises(NoModes, match="pulls"):
-        buckling(*strip(Spaces.galerkin, stress=1.0))
+        buckling(*strip(GALERKIN, stress=1.0))
     with pytest.raises(NoModes, match="no prestress"):
-        buckling(*strip(Spaces.galerkin, stress=0.0))
+        buckling(*strip(GALERKIN, stress=0.0))
     with pytest.raises(SingularSystem):
-        buckling(*strip(Spaces.galerkin, held=False))
-
-
-METHODS = [Spaces.galerkin, Spaces.petrov_galerkin]
-STEEL = Material(2.1e11, 0.3, density=7856.0)
-
-
-def pair(method, mesh, state, material=STEEL):
-    """K, M and the space of a free body."""
-    body = Body(method(mesh), material, state)
-    return (
-        assemble_matrix(body.stiffness()),
-        assemble_matrix(body.mass()),
-        body.spaces.trial,
-    )
+        buckling(*strip(GALERKIN, held=False))
 
 
 def square(n=6):
-    return mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (n, n)), distorted)
+    return mapped(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (n, n)), distorted)
 
 
 def box():
-    return create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], [2, 3, 2], CellType.tetrahedron)
+    return create_box(COMM, [(0, 0, 0), (1, 2, 1)], [2, 3, 2], CellType.tetrahedron)
 
 
 BODIES = {
-    "2-D": (square, StressState.PLANE_STRESS, 3),
-    "2-D curved": (lambda: curved(square(4), distorted), StressState.PLANE_STRAIN, 3),
+    "2-D": (square, "plane stress", 3),
+    "2-D curved": (lambda: curved(square(4), distorted), "plane strain", 3),
     "slender": (
-        lambda: triangles(MPI.COMM_SELF, (0.0, 0.0), (100.0, 1.0), (100, 1)),
-        StressState.PLANE_STRESS,
+        lambda: triangles(COMM, (0.0, 0.0), (100.0, 1.0), (100, 1)),
+        "plane stress",
         3,
     ),
-    "axisymmetric": (square, StressState.AXISYMMETRIC, 1),
-    "3-D": (box, StressState.SOLID, 6),
+    "axisymmetric": (square, "axisymmetric", 1),
+    "3-D": (box, "solid", 6),
 }
+
+
+def steel(setting, method=PW):
+    """A free body, and the number of its rigid modes."""
+    make_mesh, state, rigid = BODIES[setting]
+    material = Material(2.1e11, 0.3, density=7856.0)
+    return Elastic(make_mesh(), method, state, material=material), rigid
 
 
 @pytest.mark.parametrize("symmetrised", [False, True])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("setting", BODIES)
 def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
-    make_mesh, state, rigid = BODIES[setting]
-    K, M, U = pair(method, make_mesh(), state)
-    modes = vibration_modes(K, M, Reduction.dirichlet(U, []), 9, symmetrised)
+    body, rigid = steel(setting, method)
+    modes = vibration_modes(body.K, body.M, body.held(), 9, symmetrised)
     assert modes.imaginary == 0
-    if setting == "2-D curved" and symmetrised and method == Spaces.petrov_galerkin:
+    if setting == "2-D curved" and symmetrised and method == PW:
         # a rotation is no test function there, so K^T gives it forces
         assert modes.rigid == 2
         assert -1e-3 * modes.eigenvalues[3] < modes.eigenvalues[0] < 0
@@ -142,27 +121,25 @@ def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
     assert np.abs(modes.eigenvalues[:rigid]).max() < 1e-6 * elastic[0]
     assert np.all(np.diff(elastic) >= 0)
     assert modes.residuals.max() < 1e-7
-    image = K.createVecLeft()
+    K = symmetric_part(body.K) if symmetrised else body.K
     for shape in modes.shapes[:rigid]:
-        (symmetric_part(K) if symmetrised else K).mult(shape, image)
-        assert image.norm(3) < 1e-8 * K.norm(3)
+        assert (K * shape).norm(3) < 1e-8 * K.norm(3)
 
 
 @pytest.mark.parametrize("symmetrised", [False, True])
 @pytest.mark.parametrize("method", METHODS)
 def test_frequencies_against_dense_eigenvalues(method, symmetrised):
-    K, M, U = pair(method, square(), StressState.PLANE_STRESS)
-    supports = Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)])
-    modes = vibration_modes(K, M, supports, 6, symmetrised)
-    A, B = (dense(supports.matrix(matrix)) for matrix in (K, M))
+    body, _ = steel("2-D", method)
+    supports = body.clamped(at(0, 0.0))
+    modes = vibration_modes(body.K, body.M, supports, 6, symmetrised)
+    A, B = (dense(supports.matrix(matrix)) for matrix in (body.K, body.M))
     if symmetrised:
         A, B = (A + A.T) / 2, (B + B.T) / 2
-    exact = np.linalg.eigvals(np.linalg.solve(B, A))
-    exact = np.sort(exact.real)[:6]
+    exact = np.sort(np.linalg.eigvals(np.linalg.solve(B, A)).real)[:6]
     assert modes.rigid == 0
     assert modes.imaginary == 0
     assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
-    nearer = vibration_modes(K, M, supports, 5, symmetrised, shift=0.9 * exact[0])
+    nearer = vibration_modes(body.K, body.M, supports, 5, symmetrised, shift=0.9 * exact[0])
     assert nearer.eigenvalues == pytest.approx(exact[:5], rel=1e-9)
     for shape in modes.shapes:
         assert shape.norm(3) == pytest.approx(1.0)
@@ -173,12 +150,13 @@ def test_frequencies_against_dense_eigenvalues(method, symmetrised):
 def test_both_left_matrices_of_guyans_reduction(element):
     def build(cell):
         make = quadrilaterals if cell == "quadrilateral" else triangles
-        return mapped(make(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (3, 3)), distorted)
+        return mapped(make(COMM, (0.0, 0.0), (1.0, 1.0), (3, 3)), distorted)
 
     body = discretise(element, build, Material(2.0, 0.3), StressState.PLANE_STRESS)
-    U, K, M = body.space, body.K, assemble_matrix(body.body.mass())
-    condensed = body.supports([prescribe(U, i, left) for i in (0, 1)])
-    found = {}
+    K, M, found = body.K, assemble_matrix(body.body.mass()), {}
+    held = [prescribe(body.space, i, at(0, 0.0)) for i in (0, 1)]
+    condensed = body.supports(held)
+    every = vibration_modes(K, M, Reduction.dirichlet(body.space, held), 4).eigenvalues
     for name in ("transposed", "same"):
         reduction = condensed.guyan(name)
         modes = vibration_modes(K, M, reduction, 4)
@@ -187,12 +165,8 @@ def test_both_left_matrices_of_guyans_reduction(element):
         exact = np.sort(np.linalg.eigvals(np.linalg.solve(B, A)).real)[:4]
         assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
         assert modes.imaginary == 0
+        assert 1e-6 < np.abs(modes.eigenvalues / every - 1).max() < 0.05
         found[name] = modes.eigenvalues
-    every = vibration_modes(
-        K, M, Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)]), 4
-    )
-    for name in found:
-        assert 1e-6 < np.abs(found[name] / every.eigenvalues - 1).max() < 0.05
     assert np.abs(found["same"] / found["transposed"] - 1).max() > 1e-6
     with pytest.raises(ValueError, match="'symmetric': the names are"):
         condensed.guyan("symmetric")
@@ -200,37 +174,26 @@ def test_both_left_matrices_of_guyans_reduction(element):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_no_rigid_mode_is_missed_however_few_modes_are_asked_for(method):
-    make_mesh, state, rigid = BODIES["slender"]
-    K, M, U = pair(method, make_mesh(), state)
-    free = Reduction.dirichlet(U, [])
-    found = [vibration_modes(K, M, free, count).rigid for count in range(1, 9)]
+    body, rigid = steel("slender", method)
+    found = [vibration_modes(body.K, body.M, body.held(), n).rigid for n in range(1, 9)]
     assert found == [min(count, rigid) for count in range(1, 9)]
 
 
-@pytest.mark.parametrize("slenderness", [500])
-def test_slender_cantilever_is_not_taken_for_free(slenderness):
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (slenderness, 1.0), (slenderness, 1))
-    K, M, U = pair(Spaces.petrov_galerkin, mesh, StressState.PLANE_STRESS, Material(1.0))
-    clamped = Reduction.dirichlet(U, [prescribe(U, i, left) for i in (0, 1)])
-    modes = vibration_modes(K, M, clamped, 2)
+def test_slender_cantilever_is_not_taken_for_free():
+    n = 500
+    bar = Elastic(triangles(COMM, (0.0, 0.0), (n, 1.0), (n, 1)), PW, "plane stress", 1.0, 0.0)
+    modes = vibration_modes(bar.K, bar.M, bar.clamped(at(0, 0.0)), 2)
     assert modes.rigid == 0
-    bernoulli = 1.8751040687**4 / 12 / slenderness**4
-    assert modes.eigenvalues[0] == pytest.approx(bernoulli, rel=2e-3)
-    assert vibration_modes(K, M, Reduction.dirichlet(U, []), 4).rigid == 3
+    assert modes.eigenvalues[0] == pytest.approx(1.8751040687**4 / 12 / n**4, rel=2e-3)
+    assert vibration_modes(bar.K, bar.M, bar.held(), 4).rigid == 3
 
 
 def test_double_buckling_factor_of_a_square_column():
-    mesh = create_box(
-        MPI.COMM_SELF, [(-0.5, -0.5, 0), (0.5, 0.5, 8)], (2, 2, 12), CellType.hexahedron
-    )
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0), StressState.SOLID)
-    U = body.spaces.trial
+    mesh = create_box(COMM, [(-0.5, -0.5, 0), (0.5, 0.5, 8)], (2, 2, 12), CellType.hexahedron)
+    column = Elastic(mesh, PW, "solid", 1.0, 0.0)
     S = ufl.as_matrix(((0, 0, 0), (0, 0, 0), (0, 0, -1.0)))
-    K, K_sigma = (assemble_matrix(form) for form in (body.stiffness(), body.initial_stress(S)))
-    foot = Reduction.dirichlet(
-        U, [prescribe(U, i, lambda x: np.isclose(x[2], 0)) for i in range(3)]
-    )
-    first, second, third = buckling(K, K_sigma, foot, 3).factors
+    K_sigma = assemble_matrix(column.body.initial_stress(S))
+    first, second, third = buckling(column.K, K_sigma, column.clamped(at(2, 0.0)), 3).factors
     assert second == pytest.approx(first, rel=1e-9)
     assert first == pytest.approx(np.pi**2 / (4 * 8**2) / 12, rel=0.02)  # Euler; shear lowers it
     assert third > 8 * first
@@ -238,64 +201,54 @@ def test_double_buckling_factor_of_a_square_column():
 
 @pytest.mark.parametrize("setting", BODIES)
 def test_lumped_mass_of_the_new_element(setting):
-    make_mesh, state, rigid = BODIES[setting]
-    K, M, U = pair(Spaces.petrov_galerkin, make_mesh(), state)
-    lumped = lumped_mass(M, U)
+    body, rigid = steel(setting)
+    lumped = lumped_mass(body.M, body.space)
     diagonal = lumped.getDiagonal()
     assert np.count_nonzero(dense(lumped)) == lumped.getSize()[0]
     assert diagonal.min()[1] > 0
-    assert diagonal.sum() == pytest.approx(dense(M).sum(), rel=1e-12)
-    free = Reduction.dirichlet(U, [])
-    modes, consistent = (vibration_modes(K, mass, free, rigid + 1) for mass in (lumped, M))
+    assert diagonal.sum() == pytest.approx(dense(body.M).sum(), rel=1e-12)
+    modes, consistent = (
+        vibration_modes(body.K, mass, body.held(), rigid + 1) for mass in (lumped, body.M)
+    )
     assert modes.rigid == rigid
     assert modes.eigenvalues[rigid] == pytest.approx(consistent.eigenvalues[rigid], rel=0.2)
 
 
 def test_lumped_mass_of_standard_elements_is_refused():
-    def refused(method, mesh, state):
-        _, M, U = pair(method, mesh, state)
-        with pytest.raises(ValueError, match="no positive lumped mass") as error:
-            lumped_mass(M, U)
-        return str(error.value)
-
-    lower, upper = (0.0, 0.0), (1.0, 1.0)
-    T6 = triangles(MPI.COMM_SELF, lower, upper, (1, 1))
-    message = refused(Spaces.galerkin, T6, StressState.PLANE_STRESS)
-    assert message.startswith("4 nodes ")  # the vertices, zeros
-    assert message.count(".0, 0.0)") == 3
-    Q8 = quadrilaterals(MPI.COMM_SELF, lower, upper, (2, 1))
-    assert refused(Spaces.serendipity, Q8, StressState.PLANE_STRESS).startswith(
-        "6 nodes "
-    )  # negative
-    assert refused(Spaces.galerkin, box(), StressState.SOLID).startswith("36 nodes ")
+    """At the vertices of triangles it is zero, at those of 8-node quadrilaterals negative."""
+    T6 = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (1, 1))
+    Q8 = quadrilaterals(COMM, (0.0, 0.0), (1.0, 1.0), (2, 1))
+    for count, mesh, method, state in (
+        (4, T6, GALERKIN, "plane stress"),
+        (6, Q8, Spaces.serendipity, "plane stress"),
+        (36, box(), GALERKIN, "solid"),
+    ):
+        body, three = Elastic(mesh, method, state), r"(.*\(.*, .*, .*\)){3}"
+        with pytest.raises(ValueError, match=f"^{count} nodes have no positive lumped mass{three}"):
+            lumped_mass(body.M, body.space)
 
 
 def test_frequencies_refuse_what_has_none():
-    K, M, U = pair(Spaces.petrov_galerkin, square(2), StressState.PLANE_STRESS)
-    free = Reduction.dirichlet(U, [])
-    with pytest.raises(SingularSystem):
-        vibration_modes(K, M, free, shift=0.0)
+    body = Elastic(square(2), PW, "plane stress")
+    K, M, free = body.K, body.M, body.held()
     high = 1e3 * vibration_modes(K, M, free, 4).eigenvalues[3]
-    with pytest.raises(NoModes, match="eigenvalues below the shift"):
-        vibration_modes(K, M, free, 3, symmetrised=True, shift=high)
-    with pytest.raises(NoModes, match="lie above the shift"):
-        vibration_modes(K, M, free, M.getSize()[0], shift=high)
-    with pytest.raises(ValueError, match="count = 0: has to be a whole number, 1 at least"):
-        vibration_modes(K, M, free, 0)
-    with pytest.raises(NoModes, match="60 eigenvalues of 50 degrees of freedom"):
-        vibration_modes(K, M, free, 60)
+    for options, kind, words in (
+        ({"shift": 0.0}, SingularSystem, ""),
+        ({"count": 3, "symmetrised": True, "shift": high}, NoModes, "eigenvalues below the shift"),
+        ({"count": M.getSize()[0], "shift": high}, NoModes, "lie above the shift"),
+        ({"count": 0}, ValueError, "count = 0: has to be a whole number, 1 at least"),
+        ({"count": 60}, NoModes, "60 eigenvalues of 50 degrees of freedom"),
+    ):
+        with pytest.raises(kind, match=words):
+            vibration_modes(K, M, free, **options)
     M.scale(0.0)
     with pytest.raises(NoModes, match="zero or not finite"):
         vibration_modes(K, M, free)
 
 
 def test_says_when_a_symmetrised_body_is_unstable():
-    K, M, U = pair(
-        Spaces.petrov_galerkin,
-        triangles(MPI.COMM_SELF, (0.0, -0.5), (4.0, 0.5), (2, 4), "crossed"),
-        StressState.PLANE_STRESS,
-    )
-    free = Reduction.dirichlet(U, [])
-    assert vibration_modes(K, M, free, 4).rigid == 3
+    mesh = triangles(COMM, (0.0, -0.5), (4.0, 0.5), (2, 4), "crossed")
+    body = Elastic(mesh, PW, "plane stress")
+    assert vibration_modes(body.K, body.M, body.held(), 4).rigid == 3
     with pytest.raises(NoModes, match="not positive definite"):
-        vibration_modes(K, M, free, 4, symmetrised=True)
+        vibration_modes(body.K, body.M, body.held(), 4, symmetrised=True)

@@ -27,8 +27,6 @@ from pw_elements.spaces.elements import CELLS
 from study.paper.s3_weight_functions import SUBELEMENTS, printed_weights
 from tests.library.random_meshes import points_within
 
-NODES = {"interval": 3, "triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}
-
 
 def test_equals_the_printed_equations_in_all_subtriangles():
     element = macro_element("triangle")
@@ -64,30 +62,6 @@ def test_slopes_are_those_of_the_values(cell):
         assert within.mean() > 0.9
         difference = (above - below) / (2 * step)
         assert np.abs(slope - difference)[within].max() < 1e-11
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_is_nodal_and_sums_to_one(cell):
-    element = macro_element(cell)
-    points = quadratic_element(cell)._element.points
-    assert element.dim == NODES[cell] == len(points)
-    assert np.abs(element.tabulate(0, points)[0] - np.eye(len(points))).max() < 1e-14
-    table = element.tabulate(1, points_within(cell, 200, 1))
-    assert np.abs(table[0].sum(axis=1) - 1).max() < 1e-13
-    assert np.abs(table[1:].sum(axis=2)).max() < 1e-12
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_vanishes_outside_the_adjoining_subcells(cell):
-    # principle 1: no farther than half the cell away from the node, along every edge direction
-    element = macro_element(cell)
-    nodes, points = element._element.points, points_within(cell, 200, 1)
-    table = element.tabulate(0, points)[0]
-    for node, column in zip(nodes, table.T, strict=True):
-        far = np.abs(points - node).max(axis=1) > 0.5
-        assert far.any() or np.all(node == 0.5)  # all of a cell adjoins its centre
-        assert np.abs(column[far]).max(initial=0) < 1e-14
-    assert table.min() > -1e-14
 
 
 def test_continuous_across_cells_in_a_form():

@@ -1,6 +1,7 @@
 """The iterative solver gives the numbers of the direct one, or says why it does not."""
 
 import logging
+import os
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -22,7 +23,6 @@ from pw_elements import (
     Reduction,
     SingularSystem,
     Spaces,
-    as_function,
     assemble_matrix,
     assemble_vector,
     buckling,
@@ -32,10 +32,13 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements._compat import cell_nodes
+from pw_elements.contact import NoEquilibrium, solve_contact
+from pw_elements.contact.iteration import krylov
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.solvers import Multigrid, auto_solver, matrices
+from pw_elements.solvers import Multigrid, auto_solver, iterative, matrices
 from study.inner_nodes import centre_nodes
-from tests.contact.cases import at
+from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.contact.iterative import Solid, nearly_sliding
 
 
 def box(cell, n=2, comm=MPI.COMM_SELF):
@@ -54,35 +57,32 @@ def bent(build):
 
 
 BODIES = {
-    "pw-T10": lambda: (Spaces.petrov_galerkin(box("tetrahedron")), "solid"),
-    "galerkin-T10": lambda: (Spaces.galerkin(box("tetrahedron")), "solid"),
-    "pw-H27": lambda: (Spaces.petrov_galerkin(box("hexahedron")), "solid"),
-    "galerkin-H27": lambda: (Spaces.galerkin(box("hexahedron")), "solid"),
-    "pw-T6": lambda: (Spaces.petrov_galerkin(rectangle("triangle")), "plane strain"),
-    "galerkin-T6": lambda: (Spaces.galerkin(rectangle("triangle")), "plane stress"),
-    "pw-Q9": lambda: (Spaces.petrov_galerkin(rectangle("quadrilateral")), "axisymmetric"),
-    "galerkin-Q8": lambda: (Spaces.serendipity(rectangle("quadrilateral")), "plane stress"),
-    "composite-T6": lambda: (Spaces.composite(rectangle("triangle")), "plane stress"),
-    "pw-T6, curved": lambda: (Spaces.petrov_galerkin(bent(rectangle("triangle"))), "axisymmetric"),
-    "pw-T10, curved": lambda: (Spaces.petrov_galerkin(bent(box("tetrahedron"))), "solid"),
+    "pw-T10": lambda: (box("tetrahedron"), PW, "solid"),
+    "galerkin-T10": lambda: (box("tetrahedron"), GALERKIN, "solid"),
+    "pw-H27": lambda: (box("hexahedron"), PW, "solid"),
+    "galerkin-H27": lambda: (box("hexahedron"), GALERKIN, "solid"),
+    "pw-T6": lambda: (rectangle("triangle"), PW, "plane strain"),
+    "galerkin-T6": lambda: (rectangle("triangle"), GALERKIN, "plane stress"),
+    "pw-Q9": lambda: (rectangle("quadrilateral"), PW, "axisymmetric"),
+    "galerkin-Q8": lambda: (rectangle("quadrilateral"), Q8, "plane stress"),
+    "composite-T6": lambda: (rectangle("triangle"), Spaces.composite, "plane stress"),
+    "pw-T6, curved": lambda: (bent(rectangle("triangle")), PW, "axisymmetric"),
+    "pw-T10, curved": lambda: (bent(box("tetrahedron")), PW, "solid"),
 }
 
 
-def case(name, nu=0.3):
-    """Stiffness, load and supports with prescribed displacements that are not zero."""
-    spaces, state = BODIES[name]()
-    body = Body(spaces, Material(1000.0, nu), state)
-    U = spaces.trial
-    dim = spaces.mesh.geometry.dim
-    x = U.tabulate_dof_coordinates()
-    left, right = x[:, 0].min(), x[:, 0].max()
-    held = [
-        prescribe(U, i, lambda x, left=left: x[0] < left + 0.1, 0.01 * i - 0.005)
-        for i in range(dim)
-    ]
-    held.append(prescribe(U, dim - 1, lambda x: x[0] > right - 0.1, 0.02))
-    f = assemble_vector(body.body_load([0.3, -1.0, 0.2][:dim]))
-    return body, assemble_matrix(body.stiffness()), f, Reduction.dirichlet(U, held)
+class Case(Elastic):
+    """A body, its load, and supports with prescribed displacements that are not zero."""
+
+    def __init__(self, name, nu=0.3):
+        super().__init__(*BODIES[name](), nu=nu)
+        left, right = self.x[:, 0].min(), self.x[:, 0].max()
+        self.f = self.weight([0.3, -1.0, 0.2][: self.dim])
+        foot = [(i, lambda x: x[0] < left + 0.1, 0.01 * i - 0.005) for i in range(self.dim)]
+        self.supports = self.held(*foot, (self.dim - 1, lambda x: x[0] > right - 0.1, 0.02))
+
+    def solved(self, solver):
+        return solve(self.K, self.f, self.supports, solver)
 
 
 def difference(a, b):
@@ -91,11 +91,11 @@ def difference(a, b):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_displacements_are_those_of_the_direct_solver(name):
-    _, K, f, held = case(name)
-    before = K.norm()
-    a = solve(K, f, held, Iterative())
-    assert difference(a, solve(K, f, held, Direct())) < 1e-10
-    assert K.norm() == before  # nothing is written into it
+    case = Case(name)
+    before = case.K.norm()
+    a = case.solved(Iterative())
+    assert difference(a, case.solved(Direct())) < 1e-10
+    assert case.K.norm() == before  # nothing is written into it
     report = a.getAttr("report")
     assert report.method == "GMRES with p-multigrid"
     assert report.factorisations == 0
@@ -105,16 +105,13 @@ def test_displacements_are_those_of_the_direct_solver(name):
 @pytest.mark.parametrize("name", ["pw-T10", "pw-H27", "galerkin-H27", "pw-T6", "galerkin-Q8"])
 def test_the_coarse_level_is_the_stiffness_of_linear_elements(name):
     """P^T K P against a matrix that is assembled from linear functions on both sides."""
-    spaces, state = BODIES[name]()
-    degree = 8  # any, but the same: cells are not parallelepipeds
-    material = Material(1000.0, 0.3)
-    K = assemble_matrix(Body(spaces, material, state, quadrature_degree=degree).stiffness())
-    shape = (spaces.mesh.geometry.dim,)
-    linear = fem.functionspace(spaces.mesh, ("Lagrange", 1, shape))
-    both = Spaces(linear, linear)
-    expected = assemble_matrix(Body(both, material, state, quadrature_degree=degree).stiffness())
-    free = Reduction.dirichlet(spaces.trial, []).supports
-    coarse = Multigrid(K, free).coarse
+    mesh, method, state = BODIES[name]()
+    linear, spaces = fem.functionspace(mesh, ("Lagrange", 1, (mesh.geometry.dim,))), method(mesh)
+    K, expected = (  # by one rule, any, but the same: cells are not parallelepipeds
+        assemble_matrix(Body(of, Material(1.0, 0.3), state, quadrature_degree=8).stiffness())
+        for of in (spaces, Spaces(linear, linear))
+    )
+    coarse = Multigrid(K, Reduction.dirichlet(spaces.trial, []).supports).coarse
     # macro functions see the points of each sub-cell: exact on straight simplices only
     exact = "T" in name or name.startswith("galerkin")
     assert (coarse - expected).norm() < (1e-12 if exact else 1e-3) * expected.norm()
@@ -128,11 +125,9 @@ def test_the_coarse_level_follows_what_is_held(blocked, tied):
     With ties, what is held moves with others at the far end.
     """
     random = np.random.default_rng(3)
-    body = Body(Spaces.petrov_galerkin(box("tetrahedron")), Material(1000.0, 0.3), "solid")
-    U = body.spaces.trial
-    K = assemble_matrix(body.stiffness(), blocked)
-    clamped = [prescribe(U, 1, lambda x: np.isclose(x[0], 0))]
-    supports = Reduction.dirichlet(U, clamped).supports
+    body = Elastic(box("tetrahedron"), state="solid")
+    U, K = body.space, assemble_matrix(body.body.stiffness(), blocked)
+    supports = body.held((1, at(0, 0.0))).supports
     grid = Multigrid(K, supports)
     linear = fem.functionspace(U.mesh, ("Lagrange", 1, (3,)))
     x, at_vertices = U.tabulate_dof_coordinates(), linear.tabulate_dof_coordinates()
@@ -143,9 +138,8 @@ def test_the_coarse_level_follows_what_is_held(blocked, tied):
     nodes = random.permutation(np.flatnonzero((x[:, 2] < 0.2) & (x[:, 0] > 0.1)))
     weights = np.zeros((3 * len(nodes), 3 * len(x)))
     if tied:
-        far = (
-            np.flatnonzero((x[:, 2] > 0.8) & (x[:, 0] > 0.1))[:, None] * 3 + np.arange(3)
-        ).ravel()
+        far = np.flatnonzero((x[:, 2] > 0.8) & (x[:, 0] > 0.1))
+        far = (far[:, None] * 3 + np.arange(3)).ravel()
         weights[:, far] = random.normal(size=(len(weights), len(far)))
         opposite = PETSc.Mat().createDense(weights.shape, array=weights, comm=MPI.COMM_SELF)
         grid.tie(nodes, opposite.convert("aij", PETSc.Mat()))
@@ -170,22 +164,20 @@ def test_the_coarse_level_follows_what_is_held(blocked, tied):
 def test_matrices_in_blocks(monkeypatch, rows):
     """They give the same, coarse level included, however many rows are converted at once."""
     monkeypatch.setattr(matrices, "_ROWS_AT_ONCE", rows)
-    body, K, f, held = case("pw-T10")
-    blocked = assemble_matrix(body.stiffness(), blocked=True)
+    case = Case("pw-T10")
+    blocked = assemble_matrix(case.body.stiffness(), blocked=True)
     assert blocked.getType() == "seqbaij"
-    free = Reduction.dirichlet(body.spaces.trial, []).supports
-    coarse = Multigrid(K, free).coarse
-    assert (Multigrid(blocked, free).coarse - coarse).norm() < 1e-14 * coarse.norm()
-    known = solve(K, f, held, Direct())
+    coarse = Multigrid(case.K, case.held().supports).coarse
+    again = Multigrid(blocked, case.held().supports).coarse
+    assert (again - coarse).norm() < 1e-14 * coarse.norm()
+    known, mass = case.solved(Direct()), assemble_matrix(case.body.mass(), blocked=True)
     for solver in (Direct(), Iterative()):
-        assert difference(solve(blocked, f, held, solver), known) < 1e-10
-        modes = [
-            vibration_modes(
-                assemble_matrix(body.stiffness(), b), assemble_matrix(body.mass(), b), held, 3
-            ).eigenvalues
-            for b in (True, False)
-        ]
-        assert modes[0] == pytest.approx(modes[1], rel=1e-10)
+        assert difference(solve(blocked, case.f, case.supports, solver), known) < 1e-10
+    modes = [
+        vibration_modes(K, M, case.supports, 3).eigenvalues
+        for K, M in ((blocked, mass), (case.K, case.M))
+    ]
+    assert modes[0] == pytest.approx(modes[1], rel=1e-10)
 
 
 def test_a_scalar_field():
@@ -203,32 +195,28 @@ def test_a_scalar_field():
 
 
 def test_options_pass_through():
-    _, K, f, held = case("pw-T10")
-    plain = solve(K, f, held, Iterative()).getAttr("report")
+    case = Case("pw-T10")
     options = {"ksp_type": "fgmres", "mg_levels_1_ksp_max_it": 6, "-mg_coarse_pc_type": "lu"}
-    thorough = solve(K, f, held, Iterative(options=options)).getAttr("report")
+    plain, thorough, rough = (
+        case.solved(Iterative(**given)).getAttr("report")
+        for given in ({}, {"options": options}, {"tolerance": 1e-3})
+    )
     assert thorough.method == "FGMRES with p-multigrid"
     assert thorough.krylov_iterations < plain.krylov_iterations
-    rough = solve(K, f, held, Iterative(1e-3)).getAttr("report")
     assert rough.krylov_iterations < plain.krylov_iterations / 2
 
 
 def test_what_does_not_converge_is_not_returned():
-    _, K, f, held = case("pw-T10")
     with pytest.raises(NotConverged, match=r"after 6 iterations in all: Poisson.* use Direct\(\)"):
-        solve(K, f, held, Iterative(options={"ksp_max_it": 3}))  # begun twice
+        Case("pw-T10").solved(Iterative(options={"ksp_max_it": 3}))  # begun twice
 
 
 def test_a_body_without_supports_is_refused():
-    body, K, f, _ = case("pw-T10")
-    U = body.spaces.trial
-    for components in (0, 2):
-        few = [prescribe(U, i, lambda x: x[0] < 0.1) for i in range(components)]
+    case = Case("pw-T10")
+    corner = [(i, lambda x: np.linalg.norm(x, axis=0) < 1e-9) for i in range(3)]
+    for few in ([], [(0, at(0, 0.0)), (1, at(0, 0.0))], corner):
         with pytest.raises(SingularSystem, match="the supports leave a rigid motion free"):
-            solve(K, f, Reduction.dirichlet(U, few), Iterative())
-    corner = [prescribe(U, i, lambda x: np.linalg.norm(x, axis=0) < 1e-9) for i in range(3)]
-    with pytest.raises(SingularSystem, match="the supports leave a rigid motion free"):
-        solve(K, f, Reduction.dirichlet(U, corner), Iterative())
+            solve(case.K, case.f, case.held(*few), Iterative())
 
 
 def two_cubes():
@@ -245,15 +233,13 @@ def two_cubes():
 
 
 def test_each_of_two_bodies_needs_supports():
-    body = Body(Spaces.petrov_galerkin(two_cubes()), Material(1.0, 0.3), "solid")
-    U, K = body.spaces.trial, assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load((0.0, 1.0, 1.0)))
-    left = [prescribe(U, i, at(0, 0.0)) for i in range(3)]
-    both = left + [prescribe(U, i, at(0, 4.0)) for i in range(3)]
+    body = Elastic(two_cubes(), state="solid")
+    f, left = body.weight((0.0, 1.0, 1.0)), [(i, at(0, 0.0)) for i in range(3)]
     with pytest.raises(SingularSystem, match="the supports leave a rigid motion free"):
-        solve(K, f, Reduction.dirichlet(U, left), Iterative())
-    held = Reduction.dirichlet(U, both)
-    assert difference(solve(K, f, held, Iterative()), solve(K, f, held, Direct())) < 1e-10
+        solve(body.K, f, body.held(*left), Iterative())
+    held = body.held(*left, *((i, at(0, 4.0)) for i in range(3)))
+    a, known = (solve(body.K, f, held, solver) for solver in (Iterative(), Direct()))
+    assert difference(a, known) < 1e-10
 
 
 def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
@@ -289,12 +275,10 @@ def test_auto_takes_factors_in_the_plane_and_of_small_bodies(caplog):
     ("name", "free"), [("pw-T10", False), ("galerkin-H27", True), ("pw-T6", True)]
 )
 def test_natural_frequencies_are_those_of_the_direct_solver(name, free):
-    body, K, _, held = case(name)
-    M = assemble_matrix(body.mass())
-    if free:
-        held = Reduction.dirichlet(body.spaces.trial, [])
-    a, b = (vibration_modes(K, M, held, 8, solver=s) for s in (Iterative(), Direct()))
-    assert a.rigid == b.rigid == (free and {2: 3, 3: 6}[body.spaces.mesh.geometry.dim])
+    case = Case(name)
+    held = case.held() if free else case.supports
+    a, b = (vibration_modes(case.K, case.M, held, 8, solver=s) for s in (Iterative(), Direct()))
+    assert a.rigid == b.rigid == (free and {2: 3, 3: 6}[case.dim])
     assert a.eigenvalues[a.rigid :] == pytest.approx(b.eigenvalues[a.rigid :], rel=1e-9)
     assert a.residuals.max() < 1e-9
     assert a.report.method == "GMRES with p-multigrid"
@@ -304,33 +288,112 @@ def test_natural_frequencies_are_those_of_the_direct_solver(name, free):
 
 @pytest.mark.parametrize("name", ["galerkin-T10", "pw-T10", "pw-T6"])
 def test_buckling_factors_are_those_of_the_direct_solver(name):
-    body, K, f, held = case(name)
-    U = body.spaces.trial
-    prestress = body.stress(as_function(U, solve(K, f, held, Direct())))
-    K_sigma = assemble_matrix(body.initial_stress(prestress))
-    a, b = (buckling(K, K_sigma, held, 2, solver=s) for s in (Iterative(), Direct()))
+    case = Case(name)
+    K_sigma = case.prestress(case.f, case.supports)
+    a, b = (buckling(case.K, K_sigma, case.supports, 2, solver=s) for s in (Iterative(), Direct()))
     assert a.factors == pytest.approx(b.factors, rel=1e-8)
     assert b.report.method == ("LDL^T" if name.startswith("galerkin") else "LU") + " by mumps"
     with pytest.raises(SingularSystem, match="rigid motion free"):
-        buckling(K, K_sigma, Reduction.dirichlet(U, []), solver=Iterative())
+        buckling(case.K, K_sigma, case.held(), solver=Iterative())
 
 
 def test_modes_that_need_factors_or_more_iterations():
-    body, K, _, held = case("pw-T10")
-    M = assemble_matrix(body.mass())
+    case = Case("pw-T10")
+    problem = case.K, case.M, case.supports
     with pytest.raises(ValueError, match="does not count negative pivots"):
-        vibration_modes(K, M, held, symmetrised=True, solver=Iterative())
+        vibration_modes(*problem, symmetrised=True, solver=Iterative())
     with pytest.raises(NotConverged, match="left a mode with the residual"):
-        vibration_modes(K, M, held, solver=Iterative(options={"ksp_max_it": 3}))
+        vibration_modes(*problem, solver=Iterative(options={"ksp_max_it": 3}))
 
 
 def test_condensation_needs_factors():
-    spaces = Spaces.petrov_galerkin(rectangle("quadrilateral"))
-    body = Body(spaces, Material(1.0, 0.3), "plane stress")
-    U, K = spaces.trial, assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load((0.0, 1.0)))
+    case = Case("pw-Q9")
+    U = case.space
     held = [prescribe(U, i, lambda x: x[0] < 1.1) for i in (0, 1)]
-    condensed = Reduction.condensation(K, U, centre_nodes(U), held)
+    condensed = Reduction.condensation(case.K, U, centre_nodes(U), held)
     with pytest.raises(ValueError, match=r"static condensation .* need Direct\(\)"):
-        solve(K, f, condensed, Iterative())
-    assert solve(K, f, condensed).getAttr("report").method == "LU by mumps"
+        solve(case.K, case.f, condensed, Iterative())
+    assert solve(case.K, case.f, condensed).getAttr("report").method == "LU by mumps"
+
+
+GAVE_UP = "auto: Iterative gave up, Direct goes on; factors take some"
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Bodies of any size are large."""
+    monkeypatch.setattr(iterative, "_MANY", 1)
+    monkeypatch.setattr(iterative, "_MANY_FOR_MODES", 1)
+    monkeypatch.setattr(krylov, "_ENOUGH", 0)  # GMRES then fails where no node sticks
+
+
+@pytest.mark.usefixtures("small")
+def test_contact_goes_on_with_factors(caplog):
+    arguments = nearly_sliding(Solid(n=2))
+    known = solve_contact(*arguments, solver=Direct())
+    with pytest.raises(NotConverged, match=r"use Direct\(\)") as failed:
+        solve_contact(*arguments, solver=Iterative())
+    assert "auto" not in str(failed.value)
+    told = []
+    with caplog.at_level(logging.INFO, logger="pw_elements"):
+        states = solve_contact(*arguments, callback=told.append)
+    methods = [state.report.method for state in states]
+    assert methods == ["GMRES with p-multigrid", "LU by mumps", "LU by mumps"]
+    assert [state.increment for state in states] == [1, 2, 3]
+    said = [record.getMessage() for record in caplog.records if record.name == "pw_elements"]
+    assert sum(words.startswith(GAVE_UP) for words in said) == 1
+    assert [progress.state for progress in told if progress.state] == states
+    for state, exact in zip(states, known, strict=True):
+        assert difference(state.displacement, exact.displacement) < 1e-9
+        assert np.array_equal(state.pairs[0].status, exact.pairs[0].status)
+        assert state.pairs[0].force == pytest.approx(exact.pairs[0].force, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.usefixtures("small")
+def test_without_memory_for_factors_the_error_stays(monkeypatch):
+    arguments = nearly_sliding(Solid(n=2))
+    monkeypatch.setattr(iterative, "free_memory", lambda _: 1e6)
+    with pytest.raises(NotConverged, match=r"\"auto\" does not use .* 0\.001 GB left"):
+        solve_contact(*arguments)
+
+
+@pytest.mark.parametrize("solver", ["auto", Iterative()])
+@pytest.mark.usefixtures("small")
+def test_a_proof_comes_before_other_ways(solver, caplog):
+    """Pushed by more than friction bears: Krylov's method fails, and no method would do."""
+    K, loads, supports, pair, U = nearly_sliding(Solid(n=2), push=0.8)
+    with caplog.at_level(logging.INFO), pytest.raises(NoEquilibrium, match="slides along"):
+        solve_contact(K, loads, supports, pair, U, solver=solver)
+    assert not any(GAVE_UP in record.getMessage() for record in caplog.records)
+
+
+@pytest.mark.usefixtures("small")
+def test_linear_problems_go_on_with_factors(monkeypatch):
+    """Displacements, also of hybrid bodies, modes and buckling; iterations are few."""
+    monkeypatch.setattr(iterative, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
+    rubber = Elastic(box("tetrahedron"), Spaces.hybrid, "solid", 1.0, 0.5)
+    f, foot = rubber.weight((0.0, 0.0, -1.0)), rubber.clamped(at(0, 0.0))
+    a, known = (solve(rubber.K, f, foot, solver) for solver in ("auto", Direct()))
+    assert a.getAttr("report").method == "LU by mumps"
+    assert difference(a, known) == 0
+    case = Case("pw-T10", nu=0.49)
+    K_sigma = case.prestress(case.f, case.supports)
+    for computed, matrix, name in (
+        (vibration_modes, case.M, "eigenvalues"),
+        (buckling, K_sigma, "factors"),
+    ):
+        found, known = (
+            computed(case.K, matrix, case.supports, 2, solver=s) for s in (None, Direct())
+        )
+        assert found.report == known.report
+        assert getattr(found, name) == pytest.approx(getattr(known, name), rel=1e-10)
+
+
+def test_memory():
+    """MUMPS took 6.2 GB for 212 355 unknowns; no more is left than the machine has."""
+    assert iterative.memory_of_factors(212_355) == pytest.approx(6.2e9, rel=0.3)
+    assert (
+        0
+        < iterative.free_memory(MPI.COMM_WORLD)
+        < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    )

@@ -1,166 +1,193 @@
-"""Direct solvers: what they report, when old factors serve, and whose options pass."""
+"""Linear algebra and direct solvers: dense twins, what they report, when old factors serve."""
+
+import gc
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from dolfinx.mesh import create_rectangle, create_unit_square
 
-from pw_elements import (
-    Body,
-    Direct,
-    Material,
-    Reduction,
-    SingularSystem,
-    Spaces,
-    assemble_matrix,
-    assemble_vector,
-    boundary_measure,
-    prescribe,
-    solve,
-    vibration_modes,
-)
-from pw_elements.elasticity import StressState
+from pw_elements import Direct, SingularSystem, prescribe, solve, vibration_modes
+from pw_elements.algebra import factorise, symmetric_part
 from pw_elements.meshes import triangles
-from tests.contact.cases import Block, at
+from tests.contact.cases import GALERKIN, PW, Block, Elastic, at
+from tests.library.properties import dense, dense_solution
 
-N = 200
+COMM, N = MPI.COMM_SELF, 200
+
+
+def unit_square(method=PW, n=3):
+    return Elastic(create_unit_square(COMM, n, n), method, "plane stress", 7.0)
+
+
+@pytest.fixture(params=[GALERKIN, PW])
+def square(request):
+    return unit_square(request.param)
+
+
+def test_prescribed_values_against_dense_algebra(square):
+    given = [(0, at(0, 0.0)), (1, at(0, 0.0)), (0, at(0, 1.0), 0.03)]
+    f = square.load((1.0, 0.2), at(0, 1.0))
+    a = solve(square.K, f, square.held(*given)).array
+    conditions = [prescribe(square.space, *one) for one in given]
+    assert np.abs(a - dense_solution(square.K, f, conditions)).max() < 1e-12
+
+
+@pytest.mark.parametrize("components", [(), (0,), (1,)])
+def test_missing_supports_end_in_an_error(square, components):
+    """One component held on one side leaves a translation (and a rotation) free."""
+    supports = square.held(*((i, at(0, 0.0)) for i in components))
+    with pytest.raises(SingularSystem, match="rigid motion"):
+        solve(square.K, square.load((1.0, 0.2), at(0, 1.0)), supports)
+
+
+def test_a_balanced_load_does_not_hide_a_missing_support():
+    """The right-hand side is consistent, so the residual alone would be small."""
+    square = unit_square(n=4)
+    f = square.load((1.0, 0.0), at(0, 1.0)) + square.load((-1.0, 0.0), at(0, 0.0))
+    with pytest.raises(SingularSystem):
+        solve(square.K, f, square.held())
+
+
+def test_bad_conditioning_alone_is_no_singularity():
+    """A slender cantilever, entries over 1e11 and a tip that moves 1e5 times its strain."""
+    beam = Elastic(
+        create_rectangle(COMM, [(0, 0), (100, 1)], [200, 1]), PW, "plane stress", 2e11, 0
+    )
+    a = solve(beam.K, beam.load((0.0, -1.0), at(0, 100.0)), beam.clamped(at(0, 0.0)))
+    assert a.array.min() == pytest.approx(-(100**3) / (3 * 2e11 / 12), rel=2e-3)
+
+
+def test_symmetric_part_and_inertia(square):
+    part, K = dense(symmetric_part(square.K)), dense(square.K)
+    assert np.abs(part - part.T).max() == 0
+    assert np.abs(part - (K + K.T) / 2).max() < 1e-15
+    reduced = symmetric_part(square.clamped(at(0, 0.0)).matrix(square.K))
+    eigenvalues = np.linalg.eigvalsh(dense(reduced))
+    assert factorise(reduced, symmetric=True).negative_pivots == (eigenvalues < 0).sum()
+
+
+def test_matrices_and_vectors_outlive_their_mesh():
+    def system():
+        square = unit_square(n=8)
+        return square.K, square.weight((0.0, -1.0)), square.clamped(at(0, 0.0))
+
+    systems = [system() for _ in range(5)]
+    gc.collect()
+    solutions = [solve(*system).norm() for system in systems]
+    assert solutions == pytest.approx([solutions[0]] * 5, rel=1e-12)
+
+
+# -- factors ---------------------------------------------------------------------------------------
 
 
 def matrix_of(dense):
-    matrix = PETSc.Mat().createAIJ(dense.shape, comm=MPI.COMM_SELF)
+    matrix = PETSc.Mat().createAIJ(dense.shape, comm=COMM)
     matrix.setUp()
-    n = len(dense)
-    matrix.setValues(range(n), range(n), dense)
+    return changed(matrix, range(len(dense)), dense)
+
+
+def changed(matrix, rows, values):
+    matrix.setValues(rows, range(matrix.getSize()[1]), values)
     matrix.assemble()
     return matrix
 
 
-def vector_of(values):
-    vector = PETSc.Vec().createSeq(len(values))
-    vector.setArray(values)
-    return vector
+def random_matrix(seed=5):
+    return np.random.default_rng(seed).normal(size=(N, N)) + 20 * np.eye(N)
 
 
-@pytest.fixture
-def dense():
-    rng = np.random.default_rng(5)
-    return rng.normal(size=(N, N)) + 20 * np.eye(N)
-
-
-def test_one_factorisation_serves_after_small_changes(dense):
-    matrix, right = matrix_of(dense), np.arange(float(N))
+def test_one_factorisation_serves_after_small_changes():
+    A, right = random_matrix(), PETSc.Vec().createSeq(N)
+    right.setArray(np.arange(float(N)))
+    matrix, sign = matrix_of(A), int(np.sign(np.linalg.det(A)))
     factors = Direct().prepare(matrix)
     assert factors.report.factorisations == 0
-    x = factors.solve(vector_of(right))
-    assert dense @ x.array_r == pytest.approx(right, abs=1e-11)
-    dense[7] = -dense[7]
-    dense[8, 3] += 5.0
-    matrix.setValues([7, 8], range(N), dense[[7, 8]])
-    matrix.assemble()
-    corrected = factors.solve_changed(vector_of(right), rows=2)
-    assert dense @ corrected.array_r == pytest.approx(right, abs=1e-10)
+    assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
+    A[7] = -A[7]
+    A[8, 3] += 5.0
+    changed(matrix, [7, 8], A[[7, 8]])
+    corrected = factors.solve_changed(right, rows=2)
+    assert A @ corrected.array_r == pytest.approx(right.array_r, abs=1e-10)
     assert factors.report.factorisations == 1
     assert 0 < factors.report.krylov_iterations <= 3
-    assert factors.orientations == (int(np.sign(np.linalg.det(matrix_before(dense)))),)
-    assert factors.solve_changed(vector_of(right), rows=10**6) is None
-    anew = factors.solve(vector_of(right))
-    assert dense @ anew.array_r == pytest.approx(right, abs=1e-11)
+    assert factors.orientations == (sign,)
+    assert factors.solve_changed(right, rows=10**6) is None
+    assert A @ factors.solve(right).array_r == pytest.approx(right.array_r, abs=1e-11)
     assert factors.report.factorisations == 2
     assert set(factors.orientations) == {-1, 1}  # a row has changed its sign
 
 
-def matrix_before(dense):
-    before = dense.copy()
-    before[7] = -before[7]
-    before[8, 3] -= 5.0
-    return before
-
-
-def test_more_changes_than_said_are_not_passed_off_as_a_solution(dense):
-    matrix = matrix_of(dense)
+def test_more_changes_than_said_are_not_passed_off_as_a_solution():
+    matrix, right = matrix_of(random_matrix()), PETSc.Vec().createSeq(N)
+    right.set(1.0)
     factors = Direct().prepare(matrix)
-    factors.solve(vector_of(np.ones(N)))
-    other = np.random.default_rng(6).normal(size=(N, N)) + 20 * np.eye(N)
-    matrix.setValues(range(N), range(N), other)
-    matrix.assemble()
-    assert factors.solve_changed(vector_of(np.ones(N)), rows=1) is None
+    factors.solve(right)
+    changed(matrix, range(N), random_matrix(6))
+    assert factors.solve_changed(right, rows=1) is None
 
 
 @pytest.mark.parametrize("package", ["mumps", "superlu_dist", "petsc"])
 def test_singular_matrices_are_refused_by_any_package(package):
-    dense = np.diag(np.arange(30.0))
     options = {"pc_factor_mat_solver_type": package}
-    prepared = Direct(options).prepare(matrix_of(dense))
+    prepared = Direct(options).prepare(matrix_of(np.diag(np.arange(30.0))))
     with pytest.raises((SingularSystem, PETSc.Error)):
         prepared.set_up()
 
 
 @pytest.fixture(scope="module")
 def beam():
-    mesh = triangles(MPI.COMM_SELF, (0.0, -0.5), (8.0, 0.5), (16, 4))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(2.0, 0.3), StressState.PLANE_STRESS)
-    U = body.spaces.trial
-    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    f = assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, at(0, 8.0))))
-    held = Reduction.dirichlet(U, [prescribe(U, i, at(0, 0.0)) for i in (0, 1)])
-    return body, K, M, f, held
+    mesh = triangles(COMM, (0.0, -0.5), (8.0, 0.5), (16, 4))
+    beam = Elastic(mesh, PW, "plane stress", 2.0)
+    beam.foot = beam.clamped(at(0, 0.0))
+    return beam
 
 
-PACKAGES = [
-    None,
-    Direct(),
-    Direct({"pc_factor_mat_solver_type": "superlu_dist"}),
-    Direct({"mat_mumps_icntl_7": 0}),  # minimum degree
-]
-
-
-def method(solver):
-    package = (solver or Direct()).options.get("pc_factor_mat_solver_type", "mumps")
-    return f"LU by {package}"
-
-
-@pytest.mark.parametrize("solver", PACKAGES)
-def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver):
-    _, K, M, f, held = beam
-    a, reference = solve(K, f, held, solver=solver), solve(K, f, held)
+@pytest.mark.parametrize(
+    ("solver", "package"),
+    [
+        (None, "mumps"),
+        (Direct(), "mumps"),
+        (Direct({"pc_factor_mat_solver_type": "superlu_dist"}), "superlu_dist"),
+        (Direct({"mat_mumps_icntl_7": 0}), "mumps"),  # minimum degree
+    ],
+)
+def test_every_computation_takes_a_solver_and_says_what_ran(beam, solver, package):
+    f = beam.load((-1.0, 0.0), at(0, 8.0))
+    a, reference = solve(beam.K, f, beam.foot, solver=solver), solve(beam.K, f, beam.foot)
     assert (a - reference).norm() < 1e-10 * reference.norm()
     report = a.getAttr("report")
-    assert (report.method, report.factorisations) == (method(solver), 1)
-    modes = vibration_modes(K, M, held, 3, solver=solver)
-    assert modes.eigenvalues == pytest.approx(vibration_modes(K, M, held, 3).eigenvalues, rel=1e-9)
-    assert modes.report.method == method(solver)
+    assert (report.method, report.factorisations) == (f"LU by {package}", 1)
+    modes, known = (vibration_modes(beam.K, beam.M, beam.foot, 3, solver=s) for s in (solver, None))
+    assert modes.eigenvalues == pytest.approx(known.eigenvalues, rel=1e-9)
+    assert modes.report.method == f"LU by {package}"
     assert modes.report.factorisations in (1, 2)  # slender bodies take a second shift
 
 
 def test_a_symmetric_pair_wants_its_pivots_counted(beam):
-    _, K, M, _, held = beam
+    solver = Direct({"pc_factor_mat_solver_type": "petsc"})
     with pytest.raises(ValueError, match="does not count negative pivots"):
-        vibration_modes(
-            K, M, held, 1, symmetrised=True, solver=Direct({"pc_factor_mat_solver_type": "petsc"})
-        )
+        vibration_modes(beam.K, beam.M, beam.foot, 1, symmetrised=True, solver=solver)
 
 
 def test_options_reach_mumps(beam):
-    _, K, _, _, held = beam
-    prepared = Direct({"mat_mumps_icntl_7": 0, "-mat_mumps_icntl_14": 77}).prepare(held.matrix(K))
-    prepared.set_up()
-    factor = prepared.ksp.getPC().getFactorMatrix()
-    assert (factor.getMumpsIcntl(7), factor.getMumpsIcntl(14)) == (0, 77)
-    default = Direct().prepare(held.matrix(K))
-    default.set_up()
-    assert default.ksp.getPC().getFactorMatrix().getMumpsIcntl(14) != 77
+    def parameters(options, *numbers):
+        prepared = Direct(options).prepare(beam.foot.matrix(beam.K))
+        prepared.set_up()
+        factor = prepared.ksp.getPC().getFactorMatrix()
+        return [factor.getMumpsIcntl(n) for n in numbers]
+
+    given = {"mat_mumps_icntl_7": 0, "-mat_mumps_icntl_14": 77}
+    assert parameters(given, 7, 14) == [0, 77]
+    assert parameters({}, 14) != [77]
 
 
 def test_the_count_of_an_eigenvalue_problem_is_of_both_shifts():
     """A slender free-standing bar takes a second shift, and so a second factorisation."""
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (100.0, 1.0), (100, 1))
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.PLANE_STRESS)
-    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    U = body.spaces.trial
-    clamped = Reduction.dirichlet(U, [prescribe(U, i, at(0, 0.0)) for i in (0, 1)])
-    assert vibration_modes(K, M, clamped).report.factorisations == 2
-    short = Block(4)
-    M = assemble_matrix(short.body.mass())
-    held = Reduction.dirichlet(short.space, [prescribe(short.space, i, at(1, 0.0)) for i in (0, 1)])
-    assert vibration_modes(short.K, M, held).report.factorisations == 1
+    mesh = triangles(COMM, (0.0, 0.0), (100.0, 1.0), (100, 1))
+    bar, short = Elastic(mesh, PW, "plane stress", 1.0), Block(4)
+    for body, axis, count in ((bar, 0, 2), (short, 1, 1)):
+        modes = vibration_modes(body.K, body.M, body.clamped(at(axis, 0.0)))
+        assert modes.report.factorisations == count

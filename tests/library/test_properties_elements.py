@@ -1,6 +1,8 @@
 """What holds for the elements on any mesh: hypothesis looks for one on which it does not."""
 
 import functools
+import gc
+import weakref
 
 import numpy as np
 import pytest
@@ -8,22 +10,35 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import interpolation_matrix
 from dolfinx.mesh import exterior_facet_indices
-from hypothesis import assume, given
+from hypothesis import assume, event, given
 from hypothesis import strategies as st
 
 from pw_elements import (
     Material,
+    NoModes,
     Reduction,
     Spaces,
+    as_function,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
+    buckling,
     force_transfer,
     reactions,
     solve,
+    vibration_modes,
 )
+from pw_elements.contact import ContactPair, Motion, Sphere, solve_contact
 from pw_elements.spaces import macro_element
-from tests.library.properties import METHODS, Elastic, assert_small, dense, rigid_modes, terms
+from tests.library.properties import (
+    METHODS,
+    Elastic,
+    assert_small,
+    dense,
+    eigenvalue_error,
+    rigid_modes,
+    terms,
+)
 from tests.library.random_meshes import (
     BODIES,
     CELLS,
@@ -31,10 +46,15 @@ from tests.library.random_meshes import (
     MODULI,
     SEEDS,
     SIMPLICES,
+    UNITS,
     Placement,
     grids,
     points_within,
+    powers,
+    rotation,
+    same_nodes,
     skew,
+    structured,
 )
 
 pytestmark = pytest.mark.random
@@ -94,21 +114,6 @@ def test_loads_have_the_resultant_and_moment_of_what_they_stand_for(elastic, see
     f = assemble_vector(body.body_load(force)).array
     needed = dense(assemble_matrix(body.mass())) @ np.tile(force, len(f) // dim)
     assert_small(needed - f, len(f) * elastic.round_off * np.abs(f).max())
-
-
-@given(bodies())
-def test_mass_integrates_cubics(elastic):
-    """Quadratic trial functions hold x², the weights y: what remains is the rule of integration."""
-    dim, A = elastic.grid.dim, elastic.placement.matrix
-    point, weight = np.polynomial.legendre.leggauss(2)  # exact for cubics
-    y = np.array(np.meshgrid(*[(point + 1) / 2] * dim)).reshape(dim, -1)
-    weights = np.prod(np.meshgrid(*[weight / 2] * dim), axis=0).ravel()
-    x = A @ y
-    exact = np.linalg.det(A) * (weights * x[0] ** 2) @ x[1]
-    M = dense(assemble_matrix(elastic.body.mass()))[::dim, ::dim]
-    x = elastic.x.T
-    bound = len(M) * elastic.round_off * (np.abs(x[1]) @ np.abs(M) @ x[0] ** 2)
-    assert_small(x[1] @ M @ x[0] ** 2 - exact, bound)
 
 
 @given(bodies())
@@ -217,3 +222,142 @@ def test_reactions_balance_the_loads(elastic, seed):
     # and there are none where nothing holds
     free = dense(elastic.clamped().right).any(axis=1)
     assert_small(r.ravel()[free], elastic.error_of_forces(a))
+
+
+pytestmark = pytest.mark.random
+
+STATES = {2: ("plane stress", "plane strain"), 3: ("solid",)}
+POISSON = st.floats(-0.5, 0.45)
+
+
+@st.composite
+def statics(draw, cells=BODIES):
+    """A body of size one and modulus one, and the body force on it."""
+    grid = draw(grids(cells))
+    method, nu = draw(st.sampled_from(list(METHODS))), draw(POISSON)
+    state = draw(st.sampled_from(STATES[grid.dim]))
+    force = np.random.default_rng(draw(SEEDS)).uniform(-1, 1, grid.dim)
+    return Elastic(grid, Placement(), method, state, Material(1.0, nu)), force
+
+
+def assert_same_solution(elastic, other, force, modulus):
+    """Displacements and reactions of one body are those of the other, placed elsewhere."""
+    place, dim = other.placement, elastic.grid.dim
+    a, r, f = elastic.solved(force)
+    # forces per volume scale like modulus over length, nodal forces like modulus times area
+    b, s, _ = other.solved(place.vector(force) * modulus / place.unit)
+    at = same_nodes(elastic.x, other.x, place)
+    # of both of them; the one far from the origin knows its shape less well
+    moved, forced = elastic.error_of_solution(
+        elastic.clamped(), a, f, elastic.round_off + other.round_off
+    )
+    assert_small(b / place.unit - place.vector(a)[at], dim * moved)
+    scale = modulus * place.unit ** (dim - 1)
+    assert_small(s / scale - place.vector(r)[at], dim * forced)
+
+
+@given(statics(), UNITS, MODULI)
+def test_same_statics_in_other_units(problem, unit, modulus):
+    elastic, force = problem
+    assert_same_solution(elastic, elastic.restated(Placement(unit), modulus), force, modulus)
+
+
+@given(statics(), powers(-2, 6), SEEDS, st.booleans(), st.booleans())
+def test_same_statics_elsewhere_turned_and_renumbered(problem, far, seed, turned, renumbered):
+    """Up to 1e6 sizes away."""
+    elastic, force = problem
+    other = elsewhere(elastic, far, seed, turned, renumbered)
+    assert_same_solution(elastic, other, force, 1.0)
+
+
+def elsewhere(elastic, far, seed, turned, renumbered):
+    """The same body, far sizes away."""
+    grid, dim = elastic.grid, elastic.grid.dim
+    offset = far * np.random.default_rng(seed).uniform(-1, 1, dim)
+    place = Placement(1.0, rotation(dim, seed) if turned else np.eye(dim), offset)
+    return elastic.restated(place, grid=grid.renumbered(seed) if renumbered else grid)
+
+
+@given(statics(), SEEDS)
+def test_same_contact_turned_and_renumbered(problem, seed):
+    """A ball pressed on the side opposite the held one, and drawn along it, with friction."""
+    elastic, _ = problem
+    dim, down = elastic.grid.dim, np.array([-0.02, 0.01, 0.005])
+
+    def touched(body):
+        place, above = body.placement, np.array([3.0, 0.45, 0.55])[:dim]
+        ball = Sphere(place.point(above), 2.0)
+        motion = Motion(place.vector(down[:dim]).tolist())
+        pair = ContactPair(body.side(0, 1.0), ball, 0.2, [motion])
+        load, held = body.K.createVecLeft(), body.clamped()
+        (state,) = solve_contact(body.K, load, held, pair, body.space)
+        return state.displacement.array.reshape(-1, dim), state.pairs[0].force
+
+    other = elsewhere(elastic, 1.0, seed, True, True)
+    (a, force), (b, other_force) = touched(elastic), touched(other)
+    at = same_nodes(elastic.x, other.x, other.placement)
+    event(f"touches: {force.any()}")
+    assert_small(b - other.placement.vector(a)[at], 1e-8 * np.abs(a).max())
+    assert_small(other_force - other.placement.vector(force), 1e-8 * np.abs(force).max())
+
+
+def _lowest(mu):
+    return np.argmin(np.where(mu.real > 0, mu.real, np.inf))
+
+
+def _largest(mu):
+    return np.argmax(mu.real)
+
+
+@given(statics(("triangle", "quadrilateral")), UNITS, MODULI, powers(-12, 4))
+def test_frequencies_in_other_units(problem, unit, modulus, density):
+    elastic, _ = problem
+    other = elastic.restated(Placement(unit), modulus, density)
+    values = [vibration_modes(b.K, b.M, b.clamped()).eigenvalues[0] for b in (elastic, other)]
+    K, M = (dense(other.clamped().matrix(A)) for A in (other.K, other.M))
+    wrong = len(K) * (elastic.round_off + other.round_off)
+    sizes = [wrong * np.linalg.norm(A, 2) for A in (K, M)]
+    exact, error = eigenvalue_error(K, M, _lowest, *sizes)
+    error += 1e-11 * abs(exact)  # where the solver stops, 1e-12 of its own residual
+    # SciPy's dense eigenvalues are the same, and so are those in units of one
+    assert_small(values[1] - exact, error)
+    assert_small(values[0] * modulus / (density * unit**2) - values[1], 2 * error)
+
+
+@given(statics(("triangle", "quadrilateral")), UNITS, MODULI, powers(-6, 6))
+def test_buckling_factors_have_no_unit(problem, unit, modulus, load):
+    elastic, _ = problem
+    other, factors = elastic.restated(Placement(unit), modulus), []
+    for body, pressure in ((elastic, 1.0), (other, load * modulus)):
+        top = boundary_measure(body.body.spaces.mesh, body.side(0, 1.0))
+        f = assemble_vector(body.body.surface_load((-pressure, 0.0), top))
+        a = solve(body.K, f, body.clamped())
+        stress = body.body.stress(as_function(body.space, a))
+        K_sigma = assemble_matrix(body.body.initial_stress(stress))
+        try:
+            factors.append(buckling(body.K, K_sigma, body.clamped()).factors[0])
+        except NoModes:
+            factors.append(None)
+    event(f"buckles: {factors[0] is not None}")
+    assert (factors[0] is None) == (factors[1] is None)
+    assume(factors[0] is not None)
+    K, S = (dense(other.clamped().matrix(A)) for A in (other.K, K_sigma))
+    moved = other.error_of_solution(
+        other.clamped(), a.array, f.array, elastic.round_off + other.round_off
+    )[0]
+    # stresses are wrong like slopes of displacements, and K_sigma like stresses
+    wrong_S = moved / np.abs(a.array).max() * np.linalg.norm(S, 2)
+    wrong_K = len(K) * (elastic.round_off + other.round_off) * np.linalg.norm(K, 2)
+    mu, error = eigenvalue_error(-S, K, _largest, wrong_S, wrong_K)
+    error += 1e-11 * abs(mu)
+    assert_small(1 / factors[1] - mu, error)
+    assert_small(load / factors[0] - 1 / factors[1], 2 * error)
+
+
+def test_frequencies_let_go_of_the_mesh():
+    body = Elastic(structured("triangle", [np.linspace(0, 1, 3)] * 2))
+    form = weakref.ref(body.K.getAttr("assembled").form)
+    vibration_modes(body.K, body.M, body.clamped())
+    del body
+    gc.collect()
+    assert form() is None

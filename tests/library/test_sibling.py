@@ -7,20 +7,7 @@ import pytest
 import scipy.linalg
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
-from pw_elements import (
-    Body,
-    Material,
-    Reduction,
-    Sibling,
-    Spaces,
-    assemble_matrix,
-    assemble_vector,
-    boundary_measure,
-    force_transfer,
-    lumped_mass,
-    prescribe,
-    solve,
-)
+from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
 from pw_elements.contact import (
     OPEN,
     ContactPair,
@@ -32,51 +19,59 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.interface import nodal_interface
-from pw_elements.elasticity import StressState
 from pw_elements.spaces import Assembled
 from study.matrices import dense
-from tests.contact.cases import at
+from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 
-CELLS = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+COMM, CELLS = MPI.COMM_SELF, ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
 
 
-def body_on(cell, divisions=2, spaces=Spaces.galerkin):
-    kind = CellType[cell]
-    if cell in ("triangle", "quadrilateral"):
-        ends, state = [(0.0, 0.0), (2.0, 1.0)], StressState.PLANE_STRAIN
-        mesh = create_rectangle(MPI.COMM_SELF, ends, (2 * divisions, divisions), kind)
-    else:
-        ends, state = [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0)], StressState.SOLID
-        mesh = create_box(MPI.COMM_SELF, ends, (2 * divisions, divisions, divisions), kind)
-    x = mesh.geometry.x
-    x[:, 0] += 0.05 * np.sin(4 * x[:, 0]) * np.cos(3 * x[:, 1])
-    return Body(spaces(mesh), Material(10.0, 0.3), state)
+class Block(Elastic):
+    """Of cells no two of which are alike, and what belongs to the sibling."""
+
+    def __init__(self, cell, divisions=2, method=GALERKIN):
+        n = (2 * divisions, divisions, divisions)
+        if cell in CELLS[:2]:
+            mesh = create_rectangle(COMM, [(0.0, 0.0), (2.0, 1.0)], n[:2], CellType[cell])
+        else:
+            mesh = create_box(COMM, [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0)], n, CellType[cell])
+        x = mesh.geometry.x
+        x[:, 0] += 0.05 * np.sin(4 * x[:, 0]) * np.cos(3 * x[:, 1])
+        super().__init__(mesh, method, "plane strain" if cell in CELLS[:2] else "solid", 10.0)
+        self.sibling = Sibling.of(self.space)
+
+    def own(self, *conditions):
+        """Supports: component, marker and, where it is not zero, value of each."""
+        return self.sibling.dirichlet([prescribe(self.space, *c) for c in conditions])
+
+    def touched(self, pair):
+        """State of the block on its foot, and true displacements of the contact nodes."""
+        K, up = self.sibling.matrix(self.K), self.dim - 1
+        foot = self.own(*((i, at(up, 0.0)) for i in range(self.dim)))
+        (state,) = solve_contact(K, self.nothing, foot, pair, self.space)
+        u = self.sibling.displacement(state.displacement).array.reshape(-1, self.dim)
+        return state, u[state.pairs[0].node]
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_basis_and_inverse_are_those_of_the_force_transfer(cell):
-    space = body_on(cell, 1).spaces.trial
-    sibling, T = Sibling.of(space), dense(force_transfer(space))
-    assert dense(sibling.basis) == pytest.approx(T.T, abs=1e-15)
-    assert dense(sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
+    block = Block(cell, 1)
+    T = dense(force_transfer(block.space))
+    assert dense(block.sibling.basis) == pytest.approx(T.T, abs=1e-15)
+    assert dense(block.sibling.inverse) == pytest.approx(np.linalg.inv(T).T, abs=1e-13)
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_displacements_and_spectrum_are_galerkins(cell):
-    body = body_on(cell, 1)
-    U, dim = body.spaces.trial, body.spaces.mesh.geometry.dim
-    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    face = boundary_measure(body.spaces.mesh, at(0, 0.05 * np.sin(0.0)))
-    f = assemble_vector(body.surface_load(np.arange(1.0, dim + 1), face))
-    held = [prescribe(U, i, at(1, 1.0), 0.1 * i) for i in range(dim)]
-    sibling = Sibling.of(U)
-    own, mass = sibling.matrix(K), sibling.matrix(M)
+    block = Block(cell, 1)
+    sibling, K, M = block.sibling, block.K, block.M
+    f = block.load(np.arange(1.0, block.dim + 1), at(0, 0.0))
+    held = [(i, at(1, 1.0), 0.1 * i) for i in range(block.dim)]
+    own, mass, supports = sibling.matrix(K), sibling.matrix(M), block.own(*held)
     assert own.isSymmetric(1e-12)
-    assert sibling.matrix(assemble_matrix(body.stiffness(), blocked=True)).equal(own)
-    supports = sibling.dirichlet(held)
+    assert sibling.matrix(assemble_matrix(block.body.stiffness(), blocked=True)).equal(own)
     assert not (dense(supports.right).T @ supports.offset.array).any()
-    a = solve(own, sibling.load(f), supports)
-    u = solve(K, f, Reduction.dirichlet(U, held))
+    a, u = solve(own, sibling.load(f), supports), solve(K, f, block.held(*held))
     assert sibling.displacement(a).array == pytest.approx(u.array, abs=1e-11)
     assert sibling.coefficients(u).array == pytest.approx(a.array, abs=1e-11)
     expected = scipy.linalg.eigvalsh(dense(K), dense(M))
@@ -86,51 +81,37 @@ def test_displacements_and_spectrum_are_galerkins(cell):
 @pytest.mark.parametrize("cell", CELLS)
 def test_lumped_mass_falls_evenly(cell):
     """Row sums are the integrals of the functions that share out a body force."""
-    body = body_on(cell, 1)
-    U, dim = body.spaces.trial, body.spaces.mesh.geometry.dim
-    sibling = Sibling.of(U)
-    mass = lumped_mass(sibling.matrix(assemble_matrix(body.mass())), U).getDiagonal()
-    load = sibling.load(assemble_vector(body.body_load(np.ones(dim))))
+    block = Block(cell, 1)
+    mass = lumped_mass(block.sibling.matrix(block.M), block.space).getDiagonal()
+    load = block.sibling.load(block.weight(np.ones(block.dim)))
     assert load.array == pytest.approx(mass.array, rel=1e-12)
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_closed_edges_lie_on_a_curved_surface(cell):
     """T^-T g puts the nodes of edges that are closed on it, nodal gaps would not."""
-    body = body_on(cell, 3)
-    U, dim = body.spaces.trial, body.spaces.mesh.geometry.dim
-    sibling = Sibling.of(U)
-    K = sibling.matrix(assemble_matrix(body.stiffness()))
-    foot = sibling.dirichlet([prescribe(U, i, at(dim - 1, 0.0)) for i in range(dim)])
+    block = Block(cell, 3)
+    dim = block.dim
     shape = Parabola((1.0, *[0.5] * (dim - 2), 1.0), 4.0)
     down = (*[0.0] * (dim - 1), -0.08)
-    pair = ContactPair(at(dim - 1, 1.0), shape, motions=[Motion(down)])
-    (state,) = solve_contact(K, K.createVecLeft(), foot, pair, U)
+    state, u = block.touched(ContactPair(at(dim - 1, 1.0), shape, motions=[Motion(down)]))
     (found,) = state.pairs
-    u = sibling.displacement(state.displacement).array.reshape(-1, dim)[found.node]
     gap = shape.gap(found.position - np.array(down)) - u[:, -1]
     closed = found.status != OPEN
     assert closed.sum() > 3
     # nodes all of whose neighbours in the basis are closed
-    shares = dense(sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][found.node]
-    inner = closed & (
-        shares[:, np.setdiff1d(np.arange(shares.shape[1]), found.node[closed])] == 0
-    ).all(axis=1)
+    shares = dense(block.sibling.basis)[dim - 1 :: dim, dim - 1 :: dim][found.node]
+    open_ = np.setdiff1d(np.arange(shares.shape[1]), found.node[closed])
+    inner = closed & (shares[:, open_] == 0).all(axis=1)
     assert inner.sum() > 2
     assert gap[inner] == pytest.approx(0.0, abs=1e-12)
     assert (gap[~inner] > 1e-6).any()
 
 
 def test_closed_edges_lie_on_a_sphere():
-    body = body_on("triangle", 2)
-    U = body.spaces.trial
-    sibling = Sibling.of(U)
-    K = sibling.matrix(assemble_matrix(body.stiffness()))
-    foot = sibling.dirichlet([prescribe(U, i, at(1, 0.0)) for i in range(2)])
     ball = ContactPair(at(1, 1.0), Sphere((1.0, 3.0), 2.0), motions=[Motion((0.02, -0.06))])
-    (state,) = solve_contact(K, K.createVecLeft(), foot, ball, U)
+    state, u = Block("triangle").touched(ball)
     (found,) = state.pairs
-    u = sibling.displacement(state.displacement).array.reshape(-1, 2)[found.node]
     shape, place = Sphere((1.02, 2.94), 2.0), found.position
     gap = shape.gap(place) + np.sum(shape.normal(place) * u, axis=1)
     between = np.flatnonzero(found.status != OPEN)[1:-1]
@@ -142,34 +123,27 @@ def test_closed_edges_lie_on_a_sphere():
 
 
 def test_what_does_not_belong_together_is_refused():
-    body, new = body_on("triangle", 1), body_on("triangle", 1, Spaces.petrov_galerkin)
-    U = body.spaces.trial
-    K, f = assemble_matrix(body.stiffness()), assemble_vector(body.body_load((0.0, 1.0)))
-    sibling = Sibling.of(U)
-    held = sibling.dirichlet([prescribe(U, i, at(1, 0.0)) for i in (0, 1)])
-    with pytest.raises(ValueError, match="belongs to the symmetric sibling"):
-        solve(sibling.matrix(K), f, held)
-    with pytest.raises(ValueError, match="belongs to the symmetric sibling"):
-        solve(K, sibling.load(f), held)
-    with pytest.raises(ValueError, match="belongs to the sibling already"):
-        sibling.matrix(sibling.matrix(K))
-    with pytest.raises(ValueError, match="other weight functions"):
-        Sibling.of(new.spaces.trial).matrix(assemble_matrix(new.stiffness()))
-    with pytest.raises(ValueError, match="quadratic Lagrange spaces only"):
-        Sibling.of(Spaces.serendipity(body_on("quadrilateral", 1).spaces.mesh).trial)
-    middle = U.tabulate_dof_coordinates()[U.dofmap.list[0][3]]
-    with pytest.raises(ValueError, match="prescribe whole edges"):
-        sibling.dirichlet(prescribe(U, 0, lambda x: np.isclose(x.T, middle).all(axis=1)))
-    free = sibling.dirichlet([])
+    block, new = Block("triangle", 1), Block("triangle", 1, PW)
+    sibling, K, U, f = block.sibling, block.K, block.space, block.weight((0.0, 1.0))
+    held, own = block.own((0, at(1, 0.0)), (1, at(1, 0.0))), sibling.matrix(K)
     floor = ContactPair(at(1, 0.0), Plane((0, 0), (0, 1)))
-    with pytest.raises(ValueError, match="belongs to the symmetric sibling"):
-        solve_contact(sibling.matrix(K), f, free, floor, U)
+    middle = U.tabulate_dof_coordinates()[U.dofmap.list[0][3]]
+    for attempt, words in (
+        (lambda: solve(own, f, held), "belongs to the symmetric sibling"),
+        (lambda: solve(K, sibling.load(f), held), "belongs to the symmetric sibling"),
+        (lambda: solve_contact(own, f, block.own(), floor, U), "belongs to the symmetric sibling"),
+        (lambda: sibling.matrix(own), "belongs to the sibling already"),
+        (lambda: new.sibling.matrix(new.K), "other weight functions"),
+        (lambda: Sibling.of(Q8(Block("quadrilateral").mesh).trial), "quadratic Lagrange spaces"),
+        (lambda: block.own((0, lambda x: np.isclose(x.T, middle).all(axis=1))), "whole edges"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            attempt()
 
 
 def test_gaps_are_those_of_coefficients_where_all_neighbours_face_the_surface():
-    body = body_on("triangle", 3)
-    U = body.spaces.trial
-    sibling = Sibling.of(U)
+    block = Block("triangle", 3)
+    U, sibling = block.space, block.sibling
 
     def rolling(x):
         return np.where(x[:, 0] < 1.3, 3 - np.cos(3 * x[:, 0]) - x[:, 1], np.inf)
@@ -177,7 +151,7 @@ def test_gaps_are_those_of_coefficients_where_all_neighbours_face_the_surface():
     upwards = np.array([[0.0, -1.0]])
     surface = SignedDistance(rolling, lambda x: np.repeat(upwards, len(x), axis=0))
     pair = ContactPair(at(1, 1.0), surface)
-    interface = nodal_interface([pair], U, sibling.dirichlet([]), Assembled(sibling=sibling))
+    interface = nodal_interface([pair], U, block.own(), Assembled(sibling=sibling))
     x = U.tabulate_dof_coordinates()
     given = surface.gap(x[:, :2])
     inverse = dense(sibling.inverse)[::2, ::2]

@@ -79,12 +79,6 @@ class Rubber:
         place = (rows.ravel(), columns.ravel())
         return sparse.coo_matrix((entries.ravel(), place), (u.size, u.size)).tocsr()
 
-    def energy(self, u: np.ndarray) -> float:
-        """Stored energy."""
-        F, J = self._strain(u[self.cells])
-        density = (np.sum(F * F, axis=(2, 3)) - 2) / 2 - np.log(J) + self.lame / 2 * np.log(J) ** 2
-        return np.sum(density * self.volume)
-
     def smallest(self, u: np.ndarray) -> float:
         """Least J at the points of the rule."""
         return float(self._strain(u[self.cells])[1].min())

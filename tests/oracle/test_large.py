@@ -14,8 +14,6 @@ from dolfinx import mesh as meshes
 
 from pw_elements import Spaces, prescribe
 from pw_elements.contact import ContactFailed, ContactPair, ContactProblem, Motion, Sphere
-from tests.oracle import assembly
-from tests.oracle.contact import Pair, solve
 from tests.oracle.large import Circle, Contact, Rubber
 
 TOLERANCE = 1e-8
@@ -143,97 +141,6 @@ def of(state):
 
 
 # -- the oracle alone ------------------------------------------------------------------------
-
-
-def block(linear_weights, lame=1.5, jiggle=0.2):
-    """A jiggled block without a circle, its base held."""
-    problem = Problem(linear_weights, 0.0, [], nu=lame / (2 + 2 * lame), jiggle=jiggle)
-    next(problem.states())
-    return problem.by_oracle()
-
-
-@pytest.mark.parametrize("linear_weights", [True, False])
-@pytest.mark.parametrize("F", [[[1.0, 0.0], [0.0, 0.6]], [[1.0, 0.7], [0.0, 1.0]]])
-def test_homogeneous_strain(linear_weights, F):
-    """Forces on nodes inside are zero, those on the top what its traction is in closed form."""
-    contact, F = block(linear_weights), np.array(F)
-    body, x = contact.body, contact.body.nodes
-    forces = body.forces(x @ (F - np.eye(2)).T)
-    inside = (np.abs(x[:, 0]) < 1 - 1e-9) & (np.abs(x[:, 1] + 0.5) < 0.5 - 1e-9)
-    assert np.abs(forces[inside]).max() < 1e-14
-    s, gamma = F[1, 1], F[0, 1]
-    traction = [gamma, s - 1 / s + body.lame * np.log(s) / s]  # uniaxial strain, simple shear
-    top = np.array(sorted(contact.touching, key=lambda node: x[node, 0]))
-    edges = np.diff(x[top, 0])[::2] * 2
-    share = np.zeros(len(top))
-    parts = (0.25, 0.5, 0.25) if linear_weights else (1 / 6, 2 / 3, 1 / 6)
-    for k, length in enumerate(edges):
-        share[2 * k : 2 * k + 3] += length * np.array(parts)
-    within = slice(1, -1)  # the sides' tractions act on the corners
-    assert np.abs(forces[top] - np.outer(share, traction))[within].max() < 1e-14
-
-
-@pytest.mark.parametrize("linear_weights", [True, False])
-def test_forces_derive_from_the_energy_and_balance(linear_weights):
-    """Of any displacements; with piecewise-linear weights there is no energy they derive from."""
-    contact = block(linear_weights)
-    body, rng = contact.body, np.random.default_rng(5)
-    u = 0.01 * rng.uniform(-1, 1, body.nodes.shape)
-    way = rng.uniform(-1, 1, u.shape)
-    assert body.smallest(u) > 0.2
-    assert np.abs(body.forces(u).sum(axis=0)).max() < 1e-13
-    work = np.sum(body.forces(u) * way)
-    stored = body.energy(u + 1e-30j * way).imag / 1e-30
-    assert (abs(work - stored) < 1e-13) != linear_weights
-    ahead, behind = body.forces(u + 1e-6 * way), body.forces(u - 1e-6 * way)
-    slope = (body.tangent(u) @ way.ravel()).reshape(u.shape)
-    assert np.abs((ahead - behind) / 2e-6 - slope).max() < 1e-6
-
-
-@pytest.mark.parametrize("linear_weights", [True, False])
-def test_a_wide_circle_compresses_evenly_and_slides(linear_weights):
-    """Without lateral strain at lambda = 0: N in closed form; then every node slips, T = mu N."""
-    contact, radius = block(linear_weights, lame=0.0), 1e3
-    contact = replace(contact, circle=Circle((0.0, radius), radius, 0.1))
-    way = [(0.0, -0.2), (0.0, -0.4), (0.5, -0.4)]
-    states = contact.solve(way)
-    forces = [contact.body.forces(u)[contact.touching].sum(axis=0) for u in states]
-    for (_, N), s in zip(forces[:2], (0.8, 0.6), strict=True):
-        assert abs(N / (2 * (s - 1 / s)) - 1) < 1e-3
-    T, N = forces[2] * [1, -1]
-    assert abs(T / N - 0.1) < 1e-3
-    history = list(zip(states, way, strict=True))
-    for length in (2, 3):
-        found = contact.violations(history[:length])
-        assert max(found.values()) < 1e-11, found
-
-
-def test_small_displacements_are_those_of_the_linear_oracle():
-    """Its matrices and its solver, by Gauss-Seidel, are others."""
-    contact, errors = block(True), []
-    radius = 100.0
-    contact = replace(contact, circle=Circle((0.1, radius), radius, 0.3))
-    body = contact.body
-    linear = assembly.Body(body.nodes, body.cells, "T6", True, "plane strain", 2.6, 0.3)
-    for size in (1e-3, 1e-4):
-        way = [(0.0, -size), (size / 2, -size)]
-        found = body.forces(contact.solve(way)[-1])[contact.touching]
-
-        def away(x):
-            return x - np.array(contact.circle.centre)
-
-        pair = Pair(
-            contact.touching,
-            lambda x: np.linalg.norm(away(x), axis=1) - radius,
-            lambda x: away(x) / np.linalg.norm(away(x), axis=1)[:, None],
-            0.3,
-            [(move, (0.0, 0.0)) for move in way],
-        )
-        loads = [np.zeros(body.nodes.size)] * 2
-        state = solve(linear.stiffness(), loads, contact.held, [pair], body.nodes)[-1]
-        errors.append(np.abs(found - state.forces[0]).max() / np.abs(found).max())
-    assert errors[1] < 1e-2
-    assert errors[1] < 0.2 * errors[0]
 
 
 # -- the library beside it -------------------------------------------------------------------

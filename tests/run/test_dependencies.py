@@ -7,11 +7,13 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+import pw_elements
 from pw_elements import Direct, Iterative
 from pw_elements.contact.iteration.newton import Increment
 from pw_elements.contact.steps import stepping
@@ -21,6 +23,7 @@ from tests.contact.cases import GALERKIN, PW, Block
 ROOT = Path(__file__).parents[2]
 LIBRARY = ROOT / "pw_elements"
 WINGS = [  # of the library, from the lowest to the highest
+    "arrays",
     "_compat",
     "progress",
     "checks",
@@ -273,3 +276,43 @@ def test_report_and_figures_leave_the_solver_unloaded():
     command = [sys.executable, "-c", code, *sorted(SOLVER)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def text(name):
+    return (ROOT / name).read_text()
+
+
+def test_version_is_the_same_wherever_it_is_told():
+    assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "pw_elements.__version__"
+    assert re.fullmatch(r"\d+\.\d+\.\d+", pw_elements.__version__)
+    assert f"\nversion: {pw_elements.__version__}\n" in text("CITATION.cff")
+    assert re.findall(r"^## (\S+)", text("CHANGELOG.md"), re.M)[0] == pw_elements.__version__
+
+
+def test_every_folder_of_the_library_is_packaged_and_typed():
+    folders = {path.parent for path in (ROOT / "pw_elements").rglob("*.py")}
+    packages = {".".join(folder.relative_to(ROOT).parts) for folder in folders}
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == packages
+    assert (ROOT / "pw_elements" / "py.typed").exists()
+
+
+def test_every_package_that_the_library_imports_is_declared():
+    named = {re.match(r"[\w-]+", line)[0] for line in PROJECT["project"]["dependencies"]}
+    modules = {"fenics-dolfinx": "dolfinx", "fenics-basix": "basix", "fenics-ufl": "ufl"}
+    declared = {modules.get(name, name) for name in named}
+    paths = [path.relative_to(ROOT) for path in (ROOT / "pw_elements").rglob("*.py")]
+    names = {name for path in paths for name in imported(".".join(path.with_suffix("").parts))}
+    others = {name.split(".")[0] for name in names} - set(sys.stdlib_module_names)
+    extras = {
+        name for names in PROJECT["project"]["optional-dependencies"].values() for name in names
+    }
+    assert others - {"pw_elements"} == declared | extras
+
+
+def test_linter_is_of_one_version_in_every_check():
+    version = re.search(r"^ruff=(\S+)", text(".ci/run"), re.M)[1]
+    assert re.findall(r"ruff==([\d.]+)", text(".pre-commit-config.yaml")) == [version] * 2

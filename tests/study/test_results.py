@@ -1,10 +1,17 @@
 """What every result states: its parameters, and a unit that suits each number."""
 
+import re
 from fnmatch import fnmatchcase
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
+from figures.__main__ import scripts
+from study import texts
 from study.core.cases import SECTIONS, load_section
+from study.core.store import Stored
+from study.judge.claims import load_claims
 from study.judge.measures.general import largest
 from study.judge.measures.stored_cases import like, matching
 from study.units import KN_M, N_MM, NONE, SI, UNSTATED, units_of
@@ -175,3 +182,38 @@ def test_measures_select_by_parameters_or_by_names(results):
     assert like(results, named, element="galerkin-T6").case == "galerkin-T6"
     by_name = largest(results, "7.1", "pw-T6.*", "sum")
     assert largest(results, "7.1", {"element": "pw-T6"}, "sum") == by_name == pytest.approx(6)
+
+
+LOADED = {name: load_section(name).cases for name in SECTIONS}
+CASES = {name: [case.name for case in cases] for name, cases in LOADED.items()}
+KEYS = {f"{section}/{case}" for section, cases in CASES.items() for case in cases}
+TEXTS = sorted(Path(texts.__file__).parent.glob("*.html"))
+LITERAL = re.compile(rf'"((?:{"|".join(map(re.escape, SECTIONS))})/[^"]*)"( *~)?')
+
+
+@pytest.mark.parametrize("name", scripts())
+def test_figures_need_cases(name):
+    assert set(import_module(f"figures.{name}").NEEDS) <= KEYS
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.stem)
+def test_texts_show_cases_and_figures(text):
+    content = text.read_text()
+    assert set(re.findall(r'figure\("(\w+)"\)', content)) <= set(scripts())
+    for key, beginning in LITERAL.findall(content):
+        assert key in KEYS or (beginning and any(case.startswith(key) for case in KEYS)), key
+
+
+@pytest.mark.parametrize("claim", load_claims(), ids=lambda claim: claim.id)
+def test_claims_measure_cases(claim):
+    args = claim.judgement.args if claim.judgement else {}
+    named = [value for value in args.values() if isinstance(value, str) and "/" in value]
+    assert set(named) <= KEYS
+    if {"section", "cases"} <= set(args):
+        assert any(_selects(args["cases"], case) for case in LOADED[args["section"]])
+
+
+def _selects(cases, case):
+    if isinstance(cases, str):
+        return re.fullmatch(cases, case.name)
+    return Stored(case.section, case.name, case.stored_parameters, {}, {}, {}, {}).has(**cases)

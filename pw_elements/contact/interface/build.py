@@ -8,7 +8,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from dolfinx import fem, la
@@ -17,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import answer, collective, field, is_number, listed
 from pw_elements.contact.interface.geometry import Trace, gathered_trace
 from pw_elements.contact.interface.mortar import Overlap
@@ -24,6 +24,7 @@ from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
 from pw_elements.elasticity import StressState, by_position, facets_between
+from pw_elements.progress import told
 from pw_elements.spaces import (
     Assembled,
     Part,
@@ -33,9 +34,6 @@ from pw_elements.spaces import (
     is_hybrid,
     nodes_of,
 )
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # What surfaces have one component of per dimension
 _VECTORS = ("point", "direction", "apex", "centre")
@@ -50,8 +48,6 @@ _NEARLY = 0.9
 _COINCIDE = 0.05
 # Mean edge of the slave over the master's, both where they face each other, that is much
 _COARSE = 3.0
-
-_logger = logging.getLogger("pw_elements.contact")
 
 
 @dataclass(frozen=True)
@@ -84,12 +80,12 @@ class BodyNodes:
         """The space of the displacements alone."""
         return self.field.space
 
-    def owned(self, whose: str, nodes: Part) -> npt.NDArray[np.int32]:
+    def owned(self, whose: str, nodes: Part) -> Local:
         """Local numbers of the nodes that this process owns; refuses what names no nodes."""
         given = nodes_of(self.space, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
-    def refuse(self, node: npt.NDArray[np.int32], what: str) -> None:
+    def refuse(self, node: Local, what: str) -> None:
         """Raises a ValueError that names the positions of nodes, if there are any."""
         places = np.concatenate(self.space.mesh.comm.allgather(self.x[node]))
         if len(places):
@@ -156,7 +152,7 @@ def nodal_interface(
     return interface
 
 
-def _check_nodes(body: BodyNodes, node: npt.NDArray[np.int32]) -> None:
+def _check_nodes(body: BodyNodes, node: Local) -> None:
     unique, times = np.unique(node, return_counts=True)
     body.refuse(unique[times > 1], "belong to two contact pairs")
     mesh = body.space.mesh
@@ -268,9 +264,7 @@ def _outward(space: fem.FunctionSpace) -> Array:
     return np.array(normal.array_r)
 
 
-def _points(
-    body: BodyNodes, node: npt.NDArray[np.int32], cone: Cone, opposite: Indices | None
-) -> Points:
+def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) -> Points:
     """Points at owned nodes; `opposite` has the global numbers of the nodes that they face."""
     dim = body.x.shape[1]
     own = (node + body.space.dofmap.index_map.local_range[0]).astype(np.int64)
@@ -297,9 +291,9 @@ def _points(
 def opposite_nodes(
     number: int,
     matching: MatchingNodes,
-    node: npt.NDArray[np.int32],
-    theirs: npt.NDArray[np.int32],
-    rough: npt.NDArray[np.bool_],
+    node: Local,
+    theirs: Local,
+    rough: Mask,
     body: BodyNodes,
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
@@ -366,7 +360,7 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
 
 
 def _sides(
-    number: int, pair: ContactPair, node: npt.NDArray[np.int32], body: BodyNodes
+    number: int, pair: ContactPair, node: Local, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
     space, master = body.space, pair.surface
@@ -392,7 +386,7 @@ def _sides(
 def sliding_points(
     number: int,
     pair: ContactPair,
-    node: npt.NDArray[np.int32],
+    node: Local,
     cone: Cone,
     body: BodyNodes,
     revolved: bool,
@@ -425,7 +419,7 @@ def sliding_points(
 def mortar_points(
     number: int,
     pair: ContactPair,
-    node: npt.NDArray[np.int32],
+    node: Local,
     cone: Cone,
     body: BodyNodes,
     revolved: bool,
@@ -450,13 +444,13 @@ def mortar_points(
             )
         )
     coarseness = overlap.mean_edge(overlap.ratio, comm)
-    if comm.rank == 0 and coarseness > _COARSE:
-        _logger.warning(
-            "contact pair %d: its facets are %.1f times as large as those they face; let the finer "
-            "mesh be the pair's, or the opposite body's forces may have either sign",
-            number,
-            coarseness,
+    if coarseness > _COARSE:
+        words = (
+            f"contact pair {number}: its facets are {coarseness:.1f} times as large as those they "
+            "face; let the finer mesh be the pair's, or the opposite body's forces may have either "
+            "sign"
         )
+        told(comm, logging.WARNING, words, ".contact")
     m, dim = len(node), body.x.shape[1]
     nodes = body.field.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
@@ -510,7 +504,7 @@ def mortar_points(
     return points, InitialGap(body.x[node], gap, into)
 
 
-def _prescribed(node: Indices, body: BodyNodes) -> npt.NDArray[np.bool_]:
+def _prescribed(node: Indices, body: BodyNodes) -> Mask:
     """Which displacements (n, dim) of global nodes are, of whichever process."""
     first, last = body.space.dofmap.index_map.local_range
     mine = (node >= first) & (node < last)
@@ -520,7 +514,7 @@ def _prescribed(node: Indices, body: BodyNodes) -> npt.NDArray[np.bool_]:
     return held > 0
 
 
-def _in_symmetry_planes(normal: Array, free: npt.NDArray[np.bool_]) -> Array:
+def _in_symmetry_planes(normal: Array, free: Mask) -> Array:
     """Normals (n, dim) without components that are prescribed, if these are small.
 
     On a symmetry plane the facets of one side alone are averaged.

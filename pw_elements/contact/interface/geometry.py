@@ -13,14 +13,11 @@ from functools import cached_property
 
 import basix
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.elasticity import facet_nodes
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
 # and a quadrilateral's own
@@ -31,16 +28,10 @@ _PARTS = {
 }
 # Corners of the simplices that make up a sub-facet with so many
 SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
-_EDGES = {3: ((0, 1),), 6: ((1, 2), (0, 2), (0, 1))}
-# Places of a quadrilateral's nodes
-_PLACES = np.array(
-    [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]]
-)
-
 _FACETS = {
     3: basix.CellType.interval,
     6: basix.CellType.triangle,
-    len(_PLACES): basix.CellType.quadrilateral,
+    9: basix.CellType.quadrilateral,
 }
 # Cosine between the normals of facets that meet, below which they have an edge between them
 _EDGE = float(np.cos(np.pi / 4)) - 1e-9
@@ -70,6 +61,11 @@ class Trace:
         return int(self.x.shape[2])
 
     @cached_property
+    def _element(self) -> basix.finite_element.FiniteElement:
+        facet = _FACETS[self.node.shape[1]]
+        return basix.create_element(basix.ElementFamily.P, facet, 2)
+
+    @cached_property
     def _local(self) -> Indices:
         """Nodes (parts, k) of the sub-facets of a facet."""
         return np.array(_PARTS[self.node.shape[1]])
@@ -87,17 +83,11 @@ class Trace:
     def functions(self, part: Indices, place: Array) -> tuple[Indices, Array]:
         """Nodes (q, n) and quadratic functions (q, n) at weights (q, k) of sub-facets (q,)."""
         facet, which = np.divmod(part, len(self._local))
-        if self.node.shape[1] == len(_PLACES):
-            at = np.einsum("qa,qab->qb", place, _PLACES[self._local][which])[:, None]
-            ends = np.where(_PLACES == 0, (1 - at) * (1 - 2 * at), at * (2 * at - 1))
-            values = np.where(_PLACES == 0.5, 4 * at * (1 - at), ends)
-            return self.node[facet], values.prod(axis=2)
-        corner = np.eye(self.dim)
-        edges = np.array(_EDGES[self.node.shape[1]])
-        corner = np.concatenate([corner, corner[edges].mean(axis=1)])[self._local]
-        L = np.einsum("qa,qab->qb", place, corner[which])
-        middle = 4 * L[:, edges[:, 0]] * L[:, edges[:, 1]]
-        return self.node[facet], np.concatenate([L * (2 * L - 1), middle], axis=1)
+        at = np.einsum("qa,qab->qb", place, self._element.points[self._local][which])
+        values = np.zeros((len(part), self.node.shape[1]))
+        if len(part):  # Basix takes no empty arrays
+            values = self._element.tabulate(0, at)[0, :, :, 0]
+        return self.node[facet], values
 
     def positions(self, part: Indices, values: Array) -> Array:
         """Positions (q, dim) by quadratic functions (q, k)."""
@@ -119,8 +109,7 @@ class Trace:
 
     def edges(self) -> Array:
         """Positions (n, dim) where facets meet whose own normals differ by more than 45 degrees."""
-        k, facet = self.node.shape[1], _FACETS[self.node.shape[1]]
-        element = basix.create_element(basix.ElementFamily.P, facet, 2)
+        k, element = self.node.shape[1], self._element
         slopes = element.tabulate(1, element.points)[1:, :, :, 0]
         along = np.einsum("dqk,fkx->fqdx", slopes, self.x).reshape(-1, self.dim - 1, self.dim)
         normal = across(np.concatenate([np.zeros_like(along[:, :1]), along], axis=1))
@@ -140,7 +129,7 @@ class Trace:
         return self.x.reshape(-1, self.dim)[first]
 
 
-def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> Trace:
+def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
     """Exterior facets (local numbers) of all processes."""
     nodes, x, outward = flat_facets(space, facets)
     number = space.dofmap.index_map.local_to_global(nodes.ravel()).reshape(nodes.shape)
@@ -148,9 +137,7 @@ def gathered_trace(space: fem.FunctionSpace, facets: npt.NDArray[np.int32]) -> T
     return Trace(*(np.concatenate(part) for part in parts))
 
 
-def flat_facets(
-    space: fem.FunctionSpace, facets: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int32], Array, Array]:
+def flat_facets(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Array, Array]:
     """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
     mesh = space.mesh
     dim = mesh.topology.dim

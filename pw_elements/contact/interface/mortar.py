@@ -50,13 +50,10 @@ from mpi4py import MPI
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.contact.interface.geometry import Trace, segments, sizes, stretches
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 _SIMPLEX = {2: basix.CellType.interval, 3: basix.CellType.triangle}
 # Sub-facets of so many corners

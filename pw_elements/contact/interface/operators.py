@@ -29,15 +29,13 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, NotFound, RigidBody, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # What the point faces in place of a node of a body: nothing that moves by itself, or many nodes
 RIGID, DEFORMABLE = -1, -2
@@ -189,7 +187,7 @@ class Interface:
                     "nodes: its direction is to point from the rigid into the body; reverse it"
                 )
 
-    def refuse(self, wrong: npt.NDArray[np.bool_], what: str) -> None:
+    def refuse(self, wrong: Mask, what: str) -> None:
         """Raises NoContactStated, with the positions of points, if there are any."""
         places = self.gathered(self.position[wrong])
         if len(places):

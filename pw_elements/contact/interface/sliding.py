@@ -26,14 +26,10 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface.geometry import FACING, Trace, candidates
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -63,7 +59,7 @@ class Varying:
     def __pow__(self, power: float) -> "Varying":
         return Varying(self.value**power, _times(self.slope, power * self.value ** (power - 1)))
 
-    def __getitem__(self, rows: npt.NDArray | slice) -> "Varying":
+    def __getitem__(self, rows: Indices | slice) -> "Varying":
         return Varying(self.value[rows], self.slope[rows])
 
     def __rmatmul__(self, matrix: sp.csr_array) -> "Varying":

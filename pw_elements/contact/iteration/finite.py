@@ -28,7 +28,6 @@ from petsc4py import PETSc
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from basix import PolysetType
@@ -36,14 +35,13 @@ from dolfinx import fem
 from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface, Varying
 from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import NotFound
 from pw_elements.spaces import SubSpace, is_hybrid
-
-Array = npt.NDArray[np.float64]
 
 # Of a node that another body faces: gap, slip and angle
 _MOTIONS = 3
@@ -62,28 +60,17 @@ class DeformedPlace:
     """Gap, slip and force components where deformed nodes are, and their derivatives.
 
     Nodes have p motions each, which are y = X + a - U for those that rigid surfaces face.
-
-    Args:
-        interface: the contact points (m).
-        translations: U there, (pairs, dim).
-        at: the motions without X, (m, p).
-        frame: normals and tangents, (m, dim, dim).
-        gap: (m,), infinite where nothing faces a node.
-        slip: (m, dim - 1).
-        moved: derivatives of gap and slip by the motions, (m, dim, p).
-        turned: of the force components, by the turning of the frame, (m, dim, p).
-        jumped: (m,), whether the normal has turned by a right angle since the start.
     """
 
-    interface: Interface
-    translations: Array
-    at: Array
-    frame: Array
-    gap: Array
-    slip: Array
-    moved: Array
-    turned: Array
-    jumped: npt.NDArray[np.bool_]
+    interface: Interface  # contact points (m)
+    translations: Array  # U there, (pairs, dim)
+    at: Array  # the motions without X, (m, p)
+    frame: Array  # normals and tangents, (m, dim, dim)
+    gap: Array  # (m,), infinite where nothing faces a node
+    slip: Array  # (m, dim - 1)
+    moved: Array  # derivatives of gap and slip by the motions, (m, dim, p)
+    turned: Array  # of the force components, by the turning of the frame, (m, dim, p)
+    jumped: Mask  # (m,), whether the normal has turned by a right angle since the start
 
     def gaps(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
         """Gaps (m,) there: a place is never seen from another one."""
@@ -227,13 +214,7 @@ class Sliding:
 
 
 class DeformedKinematics:
-    """Gaps, frames and slips of deformed points since an increment's start.
-
-    Args:
-        interface: the contact points (m).
-        past: where the increment starts.
-        sliding: of the points that other bodies face, if there are any.
-    """
+    """Gaps, frames and slips of deformed points since an increment's start."""
 
     def __init__(
         self, interface: Interface, past: Reference, sliding: Sliding | None = None
@@ -274,7 +255,7 @@ class DeformedKinematics:
         )
         return place if self._sliding is None else self._sliding.into(place, force)
 
-    def passed(self, place: DeformedPlace) -> npt.NDArray[np.bool_]:
+    def passed(self, place: DeformedPlace) -> Mask:
         """Points (m,) whose normals have turned over, on a straight way through the surface."""
         within = np.zeros(len(place.gap), dtype=bool)
         if not len(self._interface.gathered(place.jumped[place.jumped])):
@@ -297,15 +278,7 @@ def _arc(s: Array) -> tuple[Array, Array]:
 
 
 class CellGuard:
-    """Looks for cells that a deformation turns inside out, at all quadrature points of a form.
-
-    Args:
-        u: displacements, or these and a pressure.
-        form: whose integrals over cells state their degrees or points.
-
-    Attributes:
-        extent: largest coordinate.
-    """
+    """Looks for cells that u turns inside out, at all quadrature points of a form's integrals."""
 
     def __init__(self, u: fem.Function, form: ufl.Form) -> None:
         self._mesh = u.function_space.mesh
@@ -349,18 +322,9 @@ def _points(integral: ufl.Integral) -> Array:
 
 
 class FiniteEquilibrium:
-    """Equilibrium F(u) = H r of a body under large strains, linearised where the iteration is.
+    """An `Equilibrium` F(u) = H r under large strains, linearised where the iteration is.
 
-    Args:
-        body: residual and tangent.
-        system: linear systems, which take the tangent.
-        reduction: supports with the values at the end.
-        guard: of the cells.
-        start: all unknowns (n,) at the start.
-        sliding: sides of two bodies, if there are any.
-
-    Attributes:
-        load, offset: as in `Equilibrium`.
+    It begins at all unknowns (n,) `start`; the reduction has what supports prescribe at the end.
     """
 
     def __init__(

@@ -24,9 +24,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
@@ -46,9 +46,6 @@ from pw_elements.solvers import (
     with_levels,
 )
 from pw_elements.spaces import SubSpace
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Sticking nodes of a piece that hold it well enough
 _ENOUGH = 6
@@ -117,7 +114,7 @@ class NodePoints:
 class Unassembled:
     """E K + C with its border, for `PETSc.Mat.createPython`; it keeps K a (m, dim) as `force`."""
 
-    def __init__(self, K: PETSc.Mat, free: npt.NDArray[np.bool_], points: NodePoints) -> None:
+    def __init__(self, K: PETSc.Mat, free: Mask, points: NodePoints) -> None:
         self._K, self._points = K, points
         self._prescribed: Indices = np.flatnonzero(~free)
         self._stated = points.own >= 0

@@ -6,13 +6,12 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.arrays import Array
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.iteration.newton import Increment, Iterate
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
-
-Array = npt.NDArray[np.float64]
 
 
 def contact_state(

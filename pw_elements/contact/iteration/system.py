@@ -25,14 +25,12 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction, free_pressure
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints
 from pw_elements.contact.iteration.law import Accuracy, ContactTangent, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # What does not count as different
 _EQUAL = 1e-12
@@ -148,9 +146,7 @@ def with_points(
     return indptr, indices, data
 
 
-def border_columns(
-    free: Sequence[tuple[int, int]], pair: npt.NDArray[np.int32], dim: int
-) -> sp.csr_matrix:
+def border_columns(free: Sequence[tuple[int, int]], pair: Local, dim: int) -> sp.csr_matrix:
     """(free translations, m dim): ones at the components of the points that each one moves."""
     column = [np.flatnonzero(pair == number) * dim + axis for number, axis in free]
     indptr = np.concatenate([[0], np.cumsum([len(c) for c in column])]).astype(np.int64)
@@ -207,7 +203,7 @@ def own_entries(matrix: sp.csr_matrix, equation: Indices) -> Array:
     return values.reshape(equation.shape)
 
 
-def stated_mean(values: Array, stated: npt.NDArray[np.bool_]) -> Array:
+def stated_mean(values: Array, stated: Mask) -> Array:
     """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
     count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
     return np.where(count > 0, total / np.maximum(count, 1), 1.0)

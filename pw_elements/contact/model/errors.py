@@ -3,14 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from pw_elements.arrays import Array
 from pw_elements.checks import listed
 from pw_elements.contact.model.state import ContactState
 from pw_elements.solvers import SingularSystem
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from pw_elements.arrays import Array, Mask
 
 # Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
 _FORCES = 10.0 ** np.arange(-12, 13)
@@ -121,7 +120,7 @@ class Cone:
         """Slope (m,) at zero, which bounds the coefficient."""
         return self.limit(np.zeros(sum(len(at) for at in self.at)))[1]
 
-    def rises(self) -> npt.NDArray[np.bool_]:
+    def rises(self) -> Mask:
         """Which points (m,) have a coefficient that rises with the normal force."""
         with np.errstate(all="ignore"):  # far from what a law may have been made for
             limits = [self.limit(np.full(len(self.steepest), one))[0] / one for one in _FORCES]
@@ -129,7 +128,7 @@ class Cone:
         return np.asarray(larger.any(axis=0))
 
     @property
-    def rough(self) -> npt.NDArray[np.bool_]:
+    def rough(self) -> Mask:
         """Which points (m,) have any friction."""
         return self.steepest > 0
 

@@ -4,15 +4,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.mesh import MeshTags
 
+from pw_elements.arrays import Array
 from pw_elements.checks import described, flag, is_number, number, of_type, vector
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface
 from pw_elements.spaces import Part
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

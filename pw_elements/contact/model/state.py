@@ -8,10 +8,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.solvers import SolverReport
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 Free: TypeAlias = tuple[tuple[int, int], ...]
 
 

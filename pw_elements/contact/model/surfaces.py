@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 from ufl.algorithms import expand_derivatives, extract_coefficients
 from ufl.algorithms.analysis import extract_constants
 from ufl.core.expr import Expr
 from ufl.utils.stacks import StackDict
 
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import field, number, positive, vector
 
-Points = npt.NDArray[np.float64]
+Points = Array
 
 # Steps of Newton's method to closest points, which ends with one below a part of the largest
 # coordinate, and of what differences for gradients leave of it
@@ -29,7 +29,7 @@ _PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
 _COARSER = 100
 
 
-def unit(direction: Sequence[float]) -> npt.NDArray[np.float64]:
+def unit(direction: Sequence[float]) -> Array:
     """The unit vector (dim,) along a direction; a ValueError if that has no finite length."""
     along = vector("direction", direction)
     length = np.linalg.norm(along)
@@ -49,7 +49,7 @@ def normalised(vectors: Points) -> Points:
 class Surface(Protocol):
     """Geometry of a rigid surface at its initial place."""
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim); negative inside, infinite where nothing faces x."""
         ...
 
@@ -62,7 +62,7 @@ class Surface(Protocol):
 class RigidBody(Surface, Protocol):
     """A surface that deformed bodies may touch: it knows the closest point, and its curvature."""
 
-    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+    def closest(self, x: Points) -> tuple[Array, Points, Array]:
         """What points x (n, dim) have of their closest points on the surface.
 
         Returns:
@@ -91,7 +91,7 @@ class Plane:
         vector("the point of a plane", self.point)
         unit(self.direction)
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), positive on the side that the direction points to."""
         return (x - np.asarray(self.point)) @ unit(self.direction)
 
@@ -99,7 +99,7 @@ class Plane:
         """The unit direction (n, dim), at any points x (n, dim)."""
         return np.tile(unit(self.direction), (len(x), 1))
 
-    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+    def closest(self, x: Points) -> tuple[Array, Points, Array]:
         """Distance of points x (n, dim), normal and its derivative, which is zero."""
         return self.gap(x), self.normal(x), np.zeros((*x.shape, x.shape[1]))
 
@@ -131,7 +131,7 @@ class Parabola:
         if number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) along the axis."""
         s = x - np.asarray(self.apex)
         return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * np.sign(
@@ -164,7 +164,7 @@ class Sphere:
         vector("the centre of a sphere", self.centre)
         positive("radius", self.radius)
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the sphere."""
         y, row = x - np.asarray(self.centre), np.arange(len(x))
         # counted from the pole next to x, for |y| - R would lose the digits of a small gap
@@ -179,7 +179,7 @@ class Sphere:
         """Unit vectors (n, dim) away from the centre, at points x (n, dim)."""
         return normalised(x - np.asarray(self.centre))
 
-    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+    def closest(self, x: Points) -> tuple[Array, Points, Array]:
         """Distance of points x (n, dim), normal n, and (I - n n^T)/(distance from the centre)."""
         gap, normal = self.gap(x), self.normal(x)
         across = np.eye(x.shape[1]) - normal[:, :, None] * normal[:, None, :]
@@ -208,7 +208,7 @@ class FlatPunch:
         unit(self.direction)
         positive("half_width", self.half_width)
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
         s, n = x - np.asarray(self.centre), unit(self.direction)
         gap = s @ n
@@ -240,7 +240,7 @@ class SignedDistance:
         ValueError: for a step that is not positive, and a UFL gradient of anything else.
     """
 
-    function: Callable[[Points], npt.NDArray[np.float64]]
+    function: Callable[[Points], Array]
     gradient: Callable[[Points], Points] | Expr | None = None
     step: float = 1e-6
 
@@ -253,7 +253,7 @@ class SignedDistance:
                 raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
         positive("step", self.step)
 
-    def gap(self, x: Points) -> npt.NDArray[np.float64]:
+    def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), at first order."""
         gap = self._values(x)
         faced = np.isfinite(gap)
@@ -267,7 +267,7 @@ class SignedDistance:
         normal[faced] = normalised(self._slope(x[faced]))
         return normal
 
-    def closest(self, x: Points) -> tuple[npt.NDArray[np.float64], Points, npt.NDArray[np.float64]]:
+    def closest(self, x: Points) -> tuple[Array, Points, Array]:
         """Distance of points x (n, dim), normal and its derivative, as `RigidBody` says.
 
         By Newton's method on p + l grad f(p) = x, f(p) = 0, with p the closest point.
@@ -309,7 +309,7 @@ class SignedDistance:
         normal[~found] = gap[~found] = np.nan
         return gap, normal, np.linalg.solve(one + gap[:, None, None] * shape, shape)
 
-    def _values(self, x: Points) -> npt.NDArray[np.float64]:
+    def _values(self, x: Points) -> Array:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
         return field("the function of a signed distance", self.function(x), (len(x),), layout)
 
@@ -323,13 +323,13 @@ class SignedDistance:
         differences = [self._values(x + h) - self._values(x - h) for h in steps]
         return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
 
-    def _directed(self, x: Points) -> tuple[Points, npt.NDArray[np.bool_]]:
+    def _directed(self, x: Points) -> tuple[Points, Mask]:
         """Gradient (n, dim), any direction where it vanishes, and where (n,) that is."""
         slope = self._slope(x)
         flat = ~np.any(slope != 0, axis=1)
         return np.where(flat[:, None], np.eye(x.shape[1])[-1], slope), flat
 
-    def _bend(self, x: Points) -> npt.NDArray[np.float64]:
+    def _bend(self, x: Points) -> Array:
         """Second derivatives (n, dim, dim) of the function."""
         step = self.step * (1 if self.gradient is not None else _COARSER)
         steps = step * np.eye(x.shape[1])

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, io
 
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
@@ -27,8 +28,6 @@ from pw_elements.spaces import (
     scalar_space,
     split,
 )
-
-Array = npt.NDArray[np.float64]
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _NEAR = 1e-9
@@ -47,7 +46,8 @@ class ContactFields:
     that face the pair (see `mortar_sides`). The law is not stated there: gap and slip are means of
     those of the pair's nodes that they face, and the status is the prevailing one. On both sides,
     pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
-    side: the forces are right there, but not their quotients by such an area.
+    side: the forces are right there, but not their quotients by such an area. At large sliding
+    nodes of a deformable surface have forces alone.
 
     Pressures are forces over areas and need the body (thickness, circumference); they are None if
     only the space is given. `SurfaceNodes` explains the three measures of pressure. They
@@ -125,14 +125,15 @@ class ContactFields:
         always = displacement, force, gap, slip, status
         known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
-        both = [mortar_sides(k, pair, known, space) for k, pair in enumerate(state.pairs)]
+        deformed = state.smallness is None
+        both = [mortar_sides(k, pair, known, space, deformed) for k, pair in enumerate(state.pairs)]
         surfaces = tuple(surface for surface, _ in both if surface is not None)
         opposite = tuple(other for _, other in both)
         if known is None:
             fields = cls(*always, None, None, None, surfaces, opposite, *own)
         else:
             fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
-            if state.smallness is None:
+            if deformed:
                 true = fem.Function(scalars, name="true_pressure")
                 fields = replace(fields, true_pressure=true, body=known)
         fields.fill(state)
@@ -176,7 +177,7 @@ class ContactFields:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
     def _fill_true(self, pairs: Sequence[PairState], nominal: Sequence[Array]) -> None:
-        """True pressures, of rigid surfaces: only these are met at large strains."""
+        """True pressures of the pairs' own nodes, over whole areas."""
         if self.true_pressure is None or self.body is None:
             return
         space, u = self.displacement.function_space, self.displacement
@@ -242,7 +243,7 @@ def _spread(
             array[here[here >= 0]] = sign * columns[here >= 0]
 
 
-def _here(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
     """Local numbers (m,) of nodes, ghosts too; -1 for those of other processes, and no nodes."""
     local = space.dofmap.index_map.global_to_local(np.maximum(nodes, 0))
     return np.where(nodes < 0, -1, local)

@@ -24,20 +24,18 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import listed
 from pw_elements.contact.interface import Overlap, gathered_trace, whole_areas
 from pw_elements.contact.iteration import OPEN
 from pw_elements.contact.model import PairState
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
 
-Array = npt.NDArray[np.float64]
-
 # Part of a node's area that has to face the other side for quotients by it. Where the pressure is
 # linear, they are off by up to 0.3 % at a quarter, 1 % at a twentieth, and 10 % at a 200th
 TRUSTED = 0.1
 STATUSES = 4
 
-Indices = npt.NDArray[np.int64]
 
 # Largest difference of forces that are handed on, over the largest of them
 _HANDED = 1e-6
@@ -61,7 +59,7 @@ class OppositeResults:
     tributary: Array  # (n,), the same from tributary areas
     share: Array  # (n,), part of the nodes' areas that faces a pair
 
-    def on(self, rows: npt.NDArray[np.int32], n: int) -> "OppositeResults":
+    def on(self, rows: Local, n: int) -> "OppositeResults":
         """Spreads the results over n nodes, at rows of theirs; negative rows are left out."""
         values = []
         for part in fields(self):
@@ -75,7 +73,7 @@ class OppositeResults:
         return OppositeResults(*(one + another for one, another in both))
 
     @property
-    def faced(self) -> npt.NDArray[np.bool_]:
+    def faced(self) -> Mask:
         """Which nodes face a pair."""
         return self.facing > 0
 
@@ -117,7 +115,7 @@ class Opposite:
     node: Indices  # (k,), of its own
     means: sp.csr_array  # (k, m), integrals of products of both sides' weights
     handed: sp.csr_array | None  # (k, m), parts of the pair's forces as above; None without a body
-    barely: npt.NDArray[np.bool_]  # (k,), those with forces of a node that barely faces them
+    barely: Mask  # (k,), those with forces of a node that barely faces them
     area: Array  # (k, dim), vectors as above, out of the pair's body; zero without a body
     tributary: Array  # (k, dim), the same from tributary areas
     share: Array  # (k,), part of the nodes' areas that faces the pair
@@ -162,20 +160,25 @@ class Opposite:
 
 
 def mortar_sides(
-    number: int, pair: PairState, body: Body | None, space: fem.FunctionSpace
+    number: int,
+    pair: PairState,
+    body: Body | None,
+    space: fem.FunctionSpace,
+    deformed: bool = False,
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
     """The pair's own surface, with a body, and what it faces, where that is deformable.
 
     The space is that of the displacements.
     Areas of the own surface are of what faces the opposite one, and NaN where that is too little
-    for a pressure; nodes that face nothing have their whole areas, and no forces.
+    for a pressure; nodes that face nothing have their whole areas, and no forces. Where bodies are
+    deformed, whole areas count, and nothing is said of the opposite one: who faces it changes.
 
     Raises:
         ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
             two of the opposite surface at one place.
     """
     own = None if body is None else _surface(number, pair, body, space)
-    if not len(pair.opposite):
+    if deformed or not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
     one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)

@@ -17,18 +17,18 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse import csgraph
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.fields import check_state
 from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
-from pw_elements.elasticity import Body, Indices, StressState, SurfaceNodes
+from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = npt.NDArray[np.float64]
 
 _BLUE = "#0072B2"
 _ORANGE = "#D55E00"

@@ -33,7 +33,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -43,6 +42,7 @@ from scipy.linalg.blas import dger
 from scipy.optimize import linprog
 
 from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array, Local
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import (
@@ -58,9 +58,8 @@ from pw_elements.contact.iteration import (
     newton,
 )
 from pw_elements.contact.model import SIDES, Cone, ContactFailed, Free, NotUnique, polygon
+from pw_elements.progress import told
 from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
-
-Array = npt.NDArray[np.float64]
 
 # Violation of the law and of balances over the largest contact force
 _TOLERANCE = 1e-9
@@ -77,8 +76,6 @@ _GENERIC = 1e-10
 _PIVOTS = 20
 # Smallest gap of a loose body, over the largest at rest
 _OPEN = 1e-9
-
-log = logging.getLogger("pw_elements.contact")
 
 # Stiffness of the springs over the points' own, how often their ends follow, and Newton's steps
 _SPRINGS = (1e-3, 1e-5, 1e-7)
@@ -305,7 +302,7 @@ class CondensedIncrement:
             scattered(interface, self._nodal.at(z)),
         )
 
-    def _motions(self, pair: npt.NDArray[np.int32], supported: Array) -> tuple[Affine, Affine]:
+    def _motions(self, pair: Local, supported: Array) -> tuple[Affine, Affine]:
         """Motions of the points, and of their surfaces: (points, dim)."""
         points, dim = supported.shape
         size = self.unknowns + len(self.free)
@@ -441,9 +438,10 @@ def without_active_sets(
     comm, size = increment.interface.comm, complementary(increment.interface)
     pivots = _PIVOTED * float(size) ** 3
     if size > _MOST_UNKNOWNS or pivots > budget.left:
-        _log(comm, "too many contact points to do without active sets")
+        told(comm, logging.INFO, "too many contact points to do without active sets", ".contact")
         return None
-    _log(comm, f"without active sets, for what {budget.left:.0f} linear systems take at most")
+    words = f"without active sets, for what {budget.left:.0f} linear systems take at most"
+    told(comm, logging.INFO, words, ".contact")
     try:
         condensation = condensed()
     except SingularSystem:
@@ -492,7 +490,7 @@ def confirmed(
     try:
         solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
     except ContactFailed as failed:
-        _log(comm, f"not from {way}: {failed}")
+        told(comm, logging.INFO, f"not from {way}: {failed}", ".contact")
         there = at_itself(problem, increment, z)
         if there is not None and isinstance(failed.__cause__, SingularSystem):
             return NotUnique(f"at a solution, {failed}")
@@ -501,13 +499,8 @@ def confirmed(
         solution = there
     finally:
         budget.take(increment.system.solved - before)
-    _log(comm, f"solved without active sets, from {way}")
+    told(comm, logging.INFO, f"solved without active sets, from {way}", ".contact")
     return solution
-
-
-def _log(comm: MPI.Comm, message: str) -> None:
-    if comm.rank == 0:
-        log.info(message)
 
 
 def at_itself(problem: CondensedIncrement, increment: Increment, z: Array) -> Iterate | None:

@@ -11,17 +11,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
 from pw_elements.contact.iteration import ContactSystem, LeftFree, null_space, triangle
 from pw_elements.contact.model import Free
 from pw_elements.solvers import collect_garbage, connected_pieces
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none

@@ -1,20 +1,19 @@
-"""Increments at large strains and large sliding against rigid surfaces, of any residual.
+"""Increments at large strains and large sliding, of any residual.
 
 An increment that fails is halved; its parts grow again where they succeed. Closed nodes stick at
 its start, and move along with their surface.
 """
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import PetrovGalerkinProblem, Reduction, prescribed
+from pw_elements.arrays import Array
 from pw_elements.checks import answer, collective
 from pw_elements.contact.interface import nodal_interface
 from pw_elements.contact.iteration import (
@@ -33,44 +32,33 @@ from pw_elements.contact.iteration import (
     sticking,
 )
 from pw_elements.contact.model import (
-    ContactFailed,
     ContactPair,
     ContactState,
     Free,
     Motion,
     NotFound,
 )
-from pw_elements.contact.steps.stepping import Callback, Reporter, joined
+from pw_elements.contact.steps.stepping import (
+    Callback,
+    Reporter,
+    Target,
+    between,
+    divided,
+    joined,
+)
 from pw_elements.progress import doing
-from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
+from pw_elements.solvers import LinearSolver
 
-Array = npt.NDArray[np.float64]
 Loading: TypeAlias = Callable[[float], None]
-
-log = logging.getLogger("pw_elements.contact")
 
 # Smallest part of an increment
 _SMALLEST = 1 / 64
 
 
 class FiniteStepping:
-    """The increments of a `ContactProblem` of a residual.
+    """The increments of a `ContactProblem` of a residual; the space is of the displacements.
 
-    Args:
-        problem: residual, tangent and unknown.
-        conditions: that support it.
-        reduction: the same, whose values change.
-        pairs: contact pairs.
-        max_iterations: linear systems of one attempt.
-        callback: the user's function, if there is one.
-        solver: of the linear systems, by factors.
-        history: functions that belong to the state.
-        update: called when they are to be brought up to date.
-
-    Attributes:
-        interface: contact points.
-        space: of the displacements.
-        history: as stated.
+    The reduction is of the conditions, whose values change; `update` brings the history up to date.
     """
 
     def __init__(
@@ -99,11 +87,37 @@ class FiniteStepping:
         self, state: ContactState, load: Loading | None, moved: Sequence[Motion | None]
     ) -> ContactState:
         """The state at the end of one increment, as `ContactProblem.step` gives it."""
-        begun, comm = perf_counter(), self.interface.comm
-        way = self._way(state, moved)
-        with doing(comm, f"contact increment {state.increment}") as more:
-            reporter = Reporter(comm, state.increment, self._callback, more)
-            found = self._in_parts(state, load, way, reporter)
+        begun, interface = perf_counter(), self.interface
+        start = Target(None, state.translations, np.array([pair.force for pair in state.pairs]))
+        end = Target.of(None, moved, interface)
+        if any(pair in interface.mortars for pair, _ in end.free):
+            raise ValueError(
+                "the surface of a deformed body is not free to move besides its displacements: "
+                "give it a translation, or the body supports and loads"
+            )
+        with doing(interface.comm, f"contact increment {state.increment}") as more:
+            reporter = Reporter(interface.comm, state.increment, self._callback, more)
+            system = self._bound(end.free)
+            before = system.solved, system.report
+
+            def part(now: ContactState, share: float) -> ContactState:
+                self._restore(now)
+                self._apply(load, share)
+                found = self._solved(now, between(start, end, share), system, reporter)
+                return replace(found, history=self._updated())
+
+            parts, failure = divided(part, state, (1.0, _SMALLEST, 2.0))
+            if failure is not None:
+                done, now = parts[-1] if parts else (0.0, state)
+                self._restore(now)
+                self._apply(load, done)
+                share, failed = failure
+                where = f"from {done:.4g} to {share:.4g} of the increment"
+                error = NotFound(f"{failed}; {where}, which cannot be halved further")
+                error.reached = (done, now) if parts else None
+                raise error from failed
+        solved, report = system.solved - before[0], system.report.since(before[1])
+        found = replace(joined(parts), iterations=solved, report=report)
         reporter.ended(found, perf_counter() - begun)
         return found
 
@@ -113,69 +127,15 @@ class FiniteStepping:
             self._system.tangent.release()
             self._system = None
 
-    def _way(
-        self, state: ContactState, moved: Sequence[Motion | None]
-    ) -> Callable[[float], tuple[Array, Array]]:
-        """Translations and forces (pairs, dim) at a share of an increment, NaN where free."""
-        rest = np.zeros(self.interface.position.shape[1])
-        ends = np.array([rest if m is None else m.prescribed() for m in moved])
-        total = np.array([rest if m is None else m.forces() for m in moved])
-        place, force = state.translations, np.array([pair.force for pair in state.pairs])
-
-        def at(share: float) -> tuple[Array, Array]:
-            return (1 - share) * place + share * ends, (1 - share) * force + share * total
-
-        return at
-
-    def _in_parts(
-        self,
-        state: ContactState,
-        load: Loading | None,
-        way: Callable[[float], tuple[Array, Array]],
-        reporter: Reporter,
-    ) -> ContactState:
-        parts: list[tuple[float, ContactState]] = []
-        done, size, now, iterations = 0.0, 1.0, state, 0
-        report = SolverReport("nothing", 0)
-        while done < 1:
-            share = min(1.0, done + size)
-            try:
-                self._restore(now)
-                self._apply(load, share)
-                system = self._bound(np.isnan(way(share)[0]))
-                before = system.solved, system.report
-                try:
-                    found = self._solved(now, way(share), system, reporter)
-                finally:
-                    iterations += system.solved - before[0]
-                    report = system.report.since(before[1]).after(report)
-            except (ContactFailed, SingularSystem) as failed:
-                if self.interface.comm.rank == 0:
-                    log.info("not from %.4g to %.4g of the increment: %s", done, share, failed)
-                size = (share - done) / 2
-                if size < _SMALLEST:
-                    self._restore(now)
-                    self._apply(load, done)
-                    part = f"from {done:.4g} to {share:.4g} of the increment"
-                    error = NotFound(f"{failed}; {part}, which cannot be halved further")
-                    error.reached = (done, now) if parts else None
-                    raise error from failed
-                continue
-            done, size = share, 2 * size
-            now = replace(found, increment=state.increment + 1, history=self._updated())
-            parts.append((share, now))
-        last = joined([part for _, part in parts], tuple(parts[:-1]))
-        return replace(last, iterations=iterations, report=report)
-
     def _solved(
         self,
         state: ContactState,
-        goal: tuple[Array, Array],
+        goal: Target,
         system: ContactSystem,
         reporter: Reporter,
     ) -> ContactState:
-        """The state at translations and forces, in one piece."""
-        interface, (translations, forces) = self.interface, goal
+        """The state at a target, in one piece."""
+        interface, translations = self.interface, goal.translations
         reduction = replace(self._reduction, offset=prescribed(self._whole, self._conditions)[1])
         past, sliding = Reference.of(state, interface), None
         if interface.mortars:
@@ -183,8 +143,9 @@ class FiniteStepping:
         start = state.unknowns, sliding
         equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, *start)
         kinematics = DeformedKinematics(interface, past, sliding)
-        totals = np.array([forces[at] for at in system.free])
-        increment = Increment(system, equilibrium, translations, totals, past, deformed=kinematics)
+        increment = Increment(
+            system, equilibrium, translations, goal.totals, past, deformed=kinematics
+        )
         moved = np.where(np.isnan(translations), state.translations, translations)
         way = (moved - state.translations)[interface.pair]
         closed = interface.local([pair.status for pair in state.pairs]) != OPEN
@@ -211,14 +172,12 @@ class FiniteStepping:
         found = contact_state(increment, now, 0, state, system.report, None)
         return replace(found, unique=None, orientations=frozenset(signs[-1:]))
 
-    def _bound(self, free: npt.NDArray[np.bool_]) -> ContactSystem:
-        """The system for these free translations (pairs, dim); one factorisation is kept."""
-        each: Free = tuple((int(p), int(axis)) for p, axis in np.argwhere(free))
-        if self._system is None or self._system.free != each:
+    def _bound(self, free: Free) -> ContactSystem:
+        """The system for these free translations; one factorisation is kept."""
+        if self._system is None or self._system.free != free:
             self.release()
-            self._system = ContactSystem(
-                self._body.matrix, self._reduction, self.interface, each, self.solver
-            )
+            K = self._body.matrix
+            self._system = ContactSystem(K, self._reduction, self.interface, free, self.solver)
         return self._system
 
     def _restore(self, state: ContactState) -> None:

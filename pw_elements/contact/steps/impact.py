@@ -20,7 +20,6 @@ from typing import TypeAlias
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import (
@@ -31,6 +30,7 @@ from pw_elements.algebra import (
     diagonal_mass,
     is_finite,
 )
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undeformed
@@ -40,10 +40,6 @@ from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
 from pw_elements.spaces import Assembled
-
-Array = npt.NDArray[np.float64]
-
-Indices = npt.NDArray[np.int64]
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
 
@@ -78,7 +74,7 @@ def nodal_contact(
     gap: Array,
     normal: Array,
     shift: Array,
-    held: npt.NDArray[np.bool_],
+    held: Mask,
     mass: Array,
     cone: Cone,
     step: float,
@@ -323,7 +319,7 @@ class _March:
         self,
         K: PETSc.Mat,
         mass: Array,
-        free: npt.NDArray[np.bool_],
+        free: Mask,
         interface: Interface,
         paths: Sequence[PathInTime | None],
         load: Load | None,
@@ -483,7 +479,7 @@ def _masses(M: PETSc.Mat, space: fem.FunctionSpace) -> Array:
     return mass
 
 
-def _free(reduction: Reduction) -> npt.NDArray[np.bool_]:
+def _free(reduction: Reduction) -> Mask:
     """Which unknowns (n,) of this process no support holds."""
     column = free_columns(reduction.right)
     with collective(reduction.offset.comm.tompi4py()):

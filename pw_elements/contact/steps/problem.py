@@ -41,9 +41,8 @@ from pw_elements.contact.steps.stepping import (
     Callback,
     Remedy,
     Stepping,
-    checked_callback,
 )
-from pw_elements.progress import bar, doing
+from pw_elements.progress import bar, doing, told
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -58,8 +57,6 @@ from pw_elements.spaces import is_hybrid
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
-log = logging.getLogger("pw_elements.contact")
-
 _STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME_PLACE = 1e-9
@@ -72,40 +69,27 @@ def checked_problem(
     space: fem.FunctionSpace,
     max_iterations: int,
     solver: Solver,
-) -> list[ContactPair]:
-    """The pairs of a problem, one or several.
-
-    Raises:
-        TypeError: for arguments of the wrong type.
-        ValueError: for what does not make one problem (see `check_problem` and, of two bodies,
-            `mortar.check_weights`), no iterations, or what differs between processes.
-    """
+    callback: Callback | None = None,
+) -> tuple[ContactPair, ...]:
+    """The pairs of a problem, one or several, that make one with all else."""
     arguments.space(space)
     comm = space.mesh.comm
     with collective(comm):
         whole("max_iterations", max_iterations, 1)
+        _check_function("callback", callback, "it has to be a function")
         stated = _each(pairs, ContactPair, "a contact pair")
     check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
     agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
     for k, pair in enumerate(stated):
         surface = pair.surface
-        shape: object = surface
-        offset = None
+        told = {"surface": surface, "friction": pair.friction, "motions": pair.motions}
         if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
-            shape, offset = surface.shape, surface.offset
+            told |= {"surface": surface.shape, "offset": surface.offset}
         if isinstance(surface, DeformableSurface):  # whose facets have
             check_weights(K, space)
-            shape = surface.revolved, surface.coincident
-        agree(
-            comm,
-            {
-                f"the surface of contact pair {k}": shape,
-                f"the offset of contact pair {k}": offset,
-                f"the friction of contact pair {k}": pair.friction,
-                f"the motions of contact pair {k}": pair.motions,
-            },
-        )
-    return stated
+            told["surface"] = surface.revolved, surface.coincident
+        agree(comm, {f"the {what} of contact pair {k}": value for what, value in told.items()})
+    return tuple(stated)
 
 
 def checked_paths(
@@ -113,12 +97,7 @@ def checked_paths(
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
 ) -> list[PathInTime | None]:
-    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list.
-
-    Raises:
-        TypeError: for anything but functions of time.
-        ValueError: for another number than that of the pairs, or pairs of two bodies.
-    """
+    """The path of each pair's surface in explicit dynamics; one of a single pair needs no list."""
     with collective(space.mesh.comm):
         if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
             raise ValueError("impact is one against rigid surfaces, not of two bodies")
@@ -127,26 +106,15 @@ def checked_paths(
                 "a pressure has no mass: impact is one of displacements alone, as of "
                 "Spaces.petrov_galerkin(mesh)"
             )
-        each: list[PathInTime | None] = [paths] if callable(paths) else list(paths)
-        each = each or [None] * len(pairs)
-        if len(each) != len(pairs):
-            raise ValueError(f"{len(each)} paths for {len(pairs)} contact pairs")
+        each = _of_pairs("paths", [paths] if callable(paths) else paths, len(pairs))
         for k, path in enumerate(each):
-            if not (path is None or callable(path)):
-                raise TypeError(
-                    f"the path of contact pair {k} is {arguments.described(path)}: it has to be a "
-                    "function of time"
-                )
+            remedy = "it has to be a function of time"
+            _check_function(f"the path of contact pair {k}", path, remedy)
     return each
 
 
 def checked_remedies(remedies: Remedies, space: fem.FunctionSpace) -> dict[Remedy, float]:
-    """The remedies of a problem, and what each may take, over the first attempt.
-
-    Raises:
-        ValueError: for one that there is not, a multiple that is not positive, or what differs
-            between processes.
-    """
+    """The remedies of a problem, and what each may take, over the first attempt."""
     with collective(space.mesh.comm):
         named = isinstance(remedies, Collection) and not isinstance(remedies, str)
         if not named or any(one not in REMEDIES for one in remedies):
@@ -166,33 +134,16 @@ def checked_step(
     motions: Motion | Sequence[Motion | None] | None,
     guess: ContactState | None,
 ) -> list[Motion | None]:
-    """The motion of each pair in one increment; one of a single pair needs no list.
-
-    Args:
-        space: of the problem.
-        own: a state of the problem.
-        state: from which it goes on, as the others.
-        motions: none, or one of each pair.
-        guess: to start from.
-
-    Raises:
-        TypeError: for arguments of the wrong type.
-        ValueError: for another number or dimension of motions, states of other pairs or that are
-            not finite, or what differs between processes.
-    """
+    """The motion of each pair in an increment of a problem, of which `own` is a state."""
     comm, pairs = space.mesh.comm, len(own.pairs)
     with collective(comm):
-        _each([state], ContactState, "the state")
         check_belongs(state, own, "the state")
         if not state.converged:
             raise ValueError("the state at the start is no solution: it can be a guess only")
         if guess is not None:
             _check_guess(guess, pairs)
-        moved = list(motions) if isinstance(motions, Iterable) else [motions]
-        if motions is None or not moved:
-            moved = [None] * pairs
-        if len(moved) != pairs:
-            raise ValueError(f"{len(moved)} motions for {pairs} contact pairs")
+        given: Any = () if motions is None else motions
+        moved = _of_pairs("motions", given if isinstance(given, Iterable) else [given], pairs)
         for k, motion in enumerate(moved):
             if motion is not None:
                 _check_motions([motion], space, k)
@@ -210,20 +161,14 @@ def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
 
 
 def checked_loading(
-    load: object, guess: ContactState | None, space: fem.FunctionSpace
+    load: Any,  # noqa: ANN401
+    guess: ContactState | None,
+    space: fem.FunctionSpace,
 ) -> Loading | None:
-    """What changes in an increment of a residual.
-
-    Raises:
-        TypeError: for anything but a function.
-        ValueError: for a guess.
-    """
+    """What changes in an increment of a residual."""
     with collective(space.mesh.comm):
-        if not (load is None or callable(load)):
-            raise TypeError(
-                f"the load of a residual is {arguments.described(load)}: give a function of the "
-                "share (0, 1] of the increment, which sets constants and functions in it"
-            )
+        remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
+        _check_function("the load of a residual", load, remedy)
         if guess is not None:
             raise ValueError("a problem of a residual starts from its state: it takes no guess")
     return load
@@ -232,14 +177,9 @@ def checked_loading(
 def checked_history(
     history: Sequence[fem.Function], update: Callable[[], None] | None, space: fem.FunctionSpace
 ) -> list[fem.Function]:
-    """Functions that belong to the state.
-
-    Raises:
-        TypeError: for anything else.
-    """
+    """Functions that belong to the state."""
     with collective(space.mesh.comm):
-        if not (update is None or callable(update)):
-            raise TypeError(f"update is {arguments.described(update)}: it has to be a function")
+        _check_function("update", update, "it has to be a function")
         return _each(history, fem.Function, "a function of the history")
 
 
@@ -253,8 +193,9 @@ def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> No
                     f"contact pair {k} has interference, which small displacements only can have: "
                     "start with the surface outside of the body, and move it in"
                 )
-            if getattr(pair.surface, "gradient", True) is None and comm.rank == 0:
-                log.warning("contact pair %d: differences stand in for a gradient function", k)
+            if getattr(pair.surface, "gradient", True) is None:
+                words = f"contact pair {k}: differences stand in for a gradient function"
+                told(comm, logging.WARNING, words, ".contact")
             if isinstance(pair.surface, DeformableSurface):
                 if space.mesh.geometry.dim == 3 or pair.surface.coincident:
                     raise ValueError(
@@ -278,11 +219,7 @@ def checked_increments(
     start: ContactState | Sequence[ContactState],
     space: fem.FunctionSpace,
 ) -> list[tuple[PETSc.Vec, list[Motion | None], ContactState | None]]:
-    """Load, motion of each pair, and state to start from, of each increment.
-
-    Raises:
-        TypeError, ValueError: as `checked_step`, for all increments.
-    """
+    """Load, motion of each pair, and state to start from, of each increment."""
     comm = space.mesh.comm
     motions: list[list[Motion | None]] = []
     with collective(comm):
@@ -312,26 +249,15 @@ def checked_increments(
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 
 
-def check_state(state: ContactState, own: ContactState, space: fem.FunctionSpace) -> None:
-    """Raises unless a state is one of a problem's contact nodes."""
-    with collective(space.mesh.comm):
-        _each([state], ContactState, "the state")
-        check_belongs(state, own, "the state")
-
-
 def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
-    """Checks the path of a file.
-
-    Raises:
-        TypeError: for what is none.
-    """
     with collective(space.mesh.comm):
         arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     return Path(path)
 
 
 def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
-    """Raises ValueError for a state of other contact nodes than a problem's own, or with NaN."""
+    """Raises an error for a state of other contact nodes than a problem's own, or with NaN."""
+    _each([state], ContactState, what)
     alike = len(state.pairs) == len(own.pairs) and all(
         pair.position.shape == mine.position.shape
         and np.abs(pair.position - mine.position).max() <= _SAME_PLACE * np.abs(mine.position).max()
@@ -348,6 +274,19 @@ def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     for thing in things:
         arguments.of_type(what, thing, kind, f"it has to be a {kind.__name__}")
     return things
+
+
+def _of_pairs(what: str, given: Iterable, pairs: int) -> list:
+    """As many things as there are pairs, None of each if none are given."""
+    each = list(given) or [None] * pairs
+    if len(each) != pairs:
+        raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
+    return each
+
+
+def _check_function(name: str, given: object, remedy: str) -> None:
+    if not (given is None or callable(given)):
+        raise TypeError(f"{name} is {arguments.described(given)}: {remedy}")
 
 
 def _check_finite(state: ContactState, what: str) -> None:
@@ -415,10 +354,9 @@ class ContactProblem:
         callback: Callback | None = None,
         remedies: Remedies = REMEDIES,
     ) -> None:
-        self.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_mesh(space.mesh)
         self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
-        callback = checked_callback(space.mesh.comm, callback)
         each = checked_remedies(remedies, space)
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
@@ -449,16 +387,18 @@ class ContactProblem:
             pushed = problem.step(pressed, motions=Motion((0.3, -0.25)))
 
         Gap, normal and slip are those of the deformed body: gap and normal by the closest point of
-        the surface, slip by the arc that it has gone there (exact on planes, circles and spheres,
-        of second order on others). Nodal contact forces are the residual's entries. An increment
-        that fails is halved, and its parts grow again (see `ContactState.substates`).
+        a rigid surface, slip by the arc that it has gone there (exact on planes, circles and
+        spheres, of second order on others). Nodal contact forces are the residual's entries. An
+        increment that fails is halved, and its parts grow again (see `ContactState.substates`).
 
         Args:
             residual: F, as in `PetrovGalerkinProblem`, without what surfaces exert.
             u: unknown function in the trial space, which may be hybrid; steps set it.
             conditions: Dirichlet conditions; constants and functions in them may change.
-            pairs: of rigid surfaces with a `closest` point: `Plane`, `Sphere`, `SignedDistance`.
-                They are moved, not turned.
+            pairs: of rigid surfaces with a `closest` point, `Plane`, `Sphere`, `SignedDistance`,
+                which are moved, not turned; or in the plane and in axisymmetry of a
+                `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
+                the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
             solver: of linear systems by factors, by default `Direct()`.
             max_iterations: linear systems of one attempt.
             callback: as in `ContactProblem`.
@@ -478,11 +418,10 @@ class ContactProblem:
         u.x.array[:] = 0.0
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
-        own.pairs = tuple(checked_problem(K, reduction, pairs, space, max_iterations, solver))
+        own.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_deformed(own.pairs, space)
         check_mesh(space.mesh)
         own._space = space
-        callback = checked_callback(space.mesh.comm, callback)
         own._finite = FiniteStepping(
             problem,
             conditions,
@@ -570,7 +509,8 @@ class ContactProblem:
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        check_state(state, self.undeformed, self._space)
+        with collective(self._space.mesh.comm):
+            check_belongs(state, self.undeformed, "the state")
         write_state(checked_path(path, self._space), state, self._space, self._histories)
 
     def load(self, path: str | Path) -> ContactState:

@@ -22,29 +22,27 @@ from petsc4py import PETSc
 
 import basix
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem, la
+import ufl
+from dolfinx import fem
 from dolfinx.mesh import exterior_facet_indices
 
-from pw_elements._compat import cell_nodes
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.interface import RIGID, SIMPLICES, Interface, flat_facets
 from pw_elements.contact.iteration import OPEN, Increment, Iterate, Reference
 from pw_elements.contact.model import ContactState, Smallness, SurfacePassed
-
-Array = npt.NDArray[np.float64]
+from pw_elements.progress import told
+from pw_elements.spaces import as_function
 
 # Cells at a time
 _CELLS_AT_ONCE = 4_000
 
-Indices = npt.NDArray[np.int64]
 
 # Least cosine between a ray and the outward normal of a facet that lies across it
 _ACROSS = 0.6
 # Round-off of places, relative
 _NEAR = 1e-9
 
-Mask = npt.NDArray[np.bool_]
 
 # Cosine from which on a push counts as outwards, and below minus which as inwards
 _OUTWARDS = 0.1
@@ -72,29 +70,23 @@ _OF_MESHES = (
     "DeformableSurface(..., coincident=True) and the depth as interference"
 )
 
-_logger = logging.getLogger("pw_elements.contact")
-
 
 class Gradients:
-    """Gradients of displacements at the vertices of all cells, and within where they curve.
+    """Gradients of displacements u at the vertices of all cells, and within where they curve.
 
     On straight simplices with quadratic displacements they are linear, and the norms of their
     parts are largest at vertices. Elsewhere quadrature points of degree 4 are taken, too.
     """
 
     def __init__(self, space: fem.FunctionSpace) -> None:
-        self._space, mesh = space, space.mesh
-        shape = mesh.ufl_domain().ufl_coordinate_element().basix_element
+        self._mesh, self.u = space.mesh, fem.Function(space)
+        shape = space.mesh.ufl_domain().ufl_coordinate_element().basix_element
         element = space.element.basix_element
         points = basix.geometry(shape.cell_type)
         straight = shape.degree == 1 and len(points) == len(points[0]) + 1
         if not (straight and element.family is basix.ElementFamily.P and element.degree <= 2):
             points = np.vstack([points, basix.make_quadrature(shape.cell_type, 4)[0]])
-        self._dim = mesh.geometry.dim
-        self._slopes = self._rows(element.tabulate(1, points))
-        self._shape_slopes = self._rows(shape.tabulate(1, points[:1] if straight else points))
-        owned = mesh.topology.index_map(mesh.topology.dim).size_local
-        self._nodes, self._places = space.dofmap.list[:owned], cell_nodes(mesh)[:owned]
+        self._gradient = fem.Expression(ufl.grad(self.u), points)
 
     def largest(self, displacement: PETSc.Vec) -> tuple[float, float]:
         """Largest spectral norms of the symmetric and the antisymmetric part, of all processes.
@@ -102,35 +94,19 @@ class Gradients:
         The latter is the largest angle of rotation in radians. Hoop strains are left out: whether
         the body is one of revolution is not known here.
         """
-        moved = with_ghosts(self._space, displacement)
+        mesh = self._mesh
+        dim, owned = mesh.geometry.dim, mesh.topology.index_map(mesh.topology.dim).size_local
+        as_function(self.u.function_space, displacement, out=self.u)
         strain, rotation = 0.0, 0.0
-        for first in range(0, len(self._nodes), _CELLS_AT_ONCE):
-            cells = slice(first, first + _CELLS_AT_ONCE)
-            gradient = self._gradient(moved, cells)
+        for first in range(0, owned, _CELLS_AT_ONCE):
+            cells = np.arange(first, min(first + _CELLS_AT_ONCE, owned), dtype=np.int32)
+            gradient = np.reshape(self._gradient.eval(mesh, cells), (-1, dim, dim))
             strain = _largest_symmetric(gradient, strain)
             skew = (gradient - np.swapaxes(gradient, 1, 2)) / 2
             # two entries for each component of the axial vector, whose length is the norm
             squares = np.einsum("pij,pij->p", skew, skew) / 2
             rotation = max(rotation, float(np.sqrt(squares.max(initial=0.0))))
-        comm = self._space.mesh.comm
-        return comm.allreduce(strain, MPI.MAX), comm.allreduce(rotation, MPI.MAX)
-
-    def _gradient(self, moved: Array, cells: slice) -> Array:
-        """(cells points, dim, dim), du_i/dx_k."""
-        dim, x = self._dim, self._space.mesh.geometry.x[self._places[cells]][:, :, : self._dim]
-        u = moved[self._nodes[cells]]
-        # (cells, points, reference direction, component)
-        du, dx = (
-            (slopes @ values).reshape(len(u), -1, dim, dim)
-            for slopes, values in ((self._slopes, u), (self._shape_slopes, x))
-        )
-        return np.swapaxes(np.linalg.inv(dx) @ du, 2, 3).reshape(-1, dim, dim)
-
-    @staticmethod
-    def _rows(tabulated: Array) -> Array:
-        """Derivatives (points dim, nodes) of a table (1 + dim, points, nodes, 1)."""
-        slopes = tabulated[1:, :, :, 0].swapaxes(0, 1)
-        return np.ascontiguousarray(slopes.reshape(-1, slopes.shape[2]))
+        return mesh.comm.allreduce(strain, MPI.MAX), mesh.comm.allreduce(rotation, MPI.MAX)
 
 
 def _largest_symmetric(gradient: Array, least: float) -> float:
@@ -143,20 +119,12 @@ def _largest_symmetric(gradient: Array, least: float) -> float:
     return float(np.abs(values).max(initial=least))
 
 
-def with_ghosts(space: fem.FunctionSpace, values: PETSc.Vec) -> Array:
-    """Values (local nodes, dim) of a vector (n,), those of ghosts too."""
-    u = la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
-    u.array[: values.getLocalSize()] = values.array_r
-    u.scatter_forward()
-    return np.asarray(u.array.reshape(-1, space.dofmap.index_map_bs).copy())
-
-
 @dataclass(frozen=True)
 class Exterior:
     """Exterior facets (f of them) of this process, seen as flat."""
 
-    nodes: npt.NDArray[np.int32]  # (f, k), local numbers
-    vertices: npt.NDArray[np.int32]  # (f, l), of those at the corners
+    nodes: Local  # (f, k), local numbers
+    vertices: Local  # (f, l), of those at the corners
     corner: Array  # (f, l, dim)
     outward: Array  # (f, dim), unit normals
 
@@ -206,7 +174,7 @@ class SmallnessCheck:
     """Checks that displacements stay small and surfaces outside of the body."""
 
     def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
-        self._interface, self._space, self._comm = interface, space, interface.comm
+        self._interface, self._comm = interface, interface.comm
         self._exterior, self._gradients = Exterior.of(space), Gradients(space)
         self._point, self._outward, size = _facets_around(interface.node, space, self._exterior)
         self._sizes = np.full(len(interface.node), np.inf)
@@ -265,9 +233,9 @@ class SmallnessCheck:
             for name, value in vars(smallness).items()
             if value > (limit := getattr(_SMALL, name)) >= getattr(before, name)
         ]
-        if left and self._comm.rank == 0:
-            text = "%s leaves the range of small displacements: %s"
-            _logger.warning(text, when, ", ".join(left))
+        if left:
+            words = f"{when} leaves the range of small displacements: {', '.join(left)}"
+            told(self._comm, logging.WARNING, words, ".contact")
         return smallness
 
     def _warn_of_noise(self, increment: Increment, now: Iterate) -> None:
@@ -279,8 +247,8 @@ class SmallnessCheck:
             sums = np.array([np.sum(noise[mine] ** 2), np.sum(force[mine]), np.sum(mine)])
             squares, pressed, count = self._comm.allreduce(sums, MPI.SUM)
             ratio = np.sqrt(squares * count) / pressed if pressed > 0 else 0.0
-            if self._comm.rank == 0 and ratio > _NOISE:
-                _logger.warning(_OF_MESHES, k, ratio)
+            if ratio > _NOISE:
+                told(self._comm, logging.WARNING, _OF_MESHES % (k, ratio), ".contact")
 
     def _slip(self, increment: Increment, now: Iterate) -> float:
         """Largest slip over the size of facets; of two bodies, that since the beginning."""
@@ -362,9 +330,8 @@ class SmallnessCheck:
         # where many are alike, the first by position
         far = np.sort(np.lexsort(every.T)[:_MOST_CHORDS])
         farthest = points[far[(far >= first) & (far < first + len(points))] - first]
-        moved = with_ghosts(self._space, self._interface.field.part(now.full))[
-            self._exterior.vertices
-        ]
+        u = self._gradients.u.x.array  # of this solution, whose strain has just been asked for
+        moved = u.reshape(-1, normal.shape[1])[self._exterior.vertices]
         origins, directions = (
             interface.gathered(values[farthest]) for values in (interface.position, normal)
         )

@@ -30,6 +30,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
 from pw_elements.contact.iteration import (
@@ -60,13 +61,15 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, rescue
 from pw_elements.contact.steps.smallness import SmallnessCheck
-from pw_elements.progress import doing, hush
-from pw_elements.solvers import LinearSolver, NotConverged, SolverReport, is_matrix_free
+from pw_elements.progress import doing, hush, told
+from pw_elements.solvers import (
+    LinearSolver,
+    NotConverged,
+    SingularSystem,
+    SolverReport,
+    is_matrix_free,
+)
 from pw_elements.spaces import Assembled
-
-Array = npt.NDArray[np.float64]
-
-log = logging.getLogger("pw_elements.contact")
 
 # Smallest part of an increment
 _SMALLEST = 1 / 16
@@ -88,23 +91,16 @@ _NOTHING: Spent = (0, SolverReport("nothing", 0))
 
 @dataclass(frozen=True)
 class Target:
-    """What is prescribed at the end of an increment, or of a part of one.
+    """What is prescribed at the end of an increment, or of a part of one."""
 
-    Args:
-        load: f (n,), in all.
-        translations: of the surfaces (pairs, dim), NaN where they are free.
-        forces: total forces of the surfaces (pairs, dim), of those that are free.
-        stated: share of the displacements that supports and interference prescribe.
-    """
-
-    load: PETSc.Vec
-    translations: Array
-    forces: Array
-    stated: float = 1.0
+    load: PETSc.Vec | None  # f (n,), in all; None of a residual, which holds it
+    translations: Array  # of the surfaces (pairs, dim), NaN where they are free
+    forces: Array  # total forces of the surfaces (pairs, dim), of those that are free
+    stated: float = 1.0  # share of the displacements that supports and interference prescribe
 
     @classmethod
     def of(
-        cls, load: PETSc.Vec, motions: Sequence[Motion | None], interface: Interface
+        cls, load: PETSc.Vec | None, motions: Sequence[Motion | None], interface: Interface
     ) -> "Target":
         """As the user states it; surfaces without a motion rest."""
         rest = np.zeros(interface.position.shape[1])
@@ -121,7 +117,7 @@ class Target:
         return tuple((int(p), int(axis)) for p, axis in np.argwhere(np.isnan(self.translations)))
 
     @property
-    def idle(self) -> npt.NDArray[np.bool_]:
+    def idle(self) -> Mask:
         """Whether each pair's surface (pairs,) is free and pushed by nothing: it just touches."""
         free = np.isnan(self.translations)
         return free.any(axis=1) & ~(free & (self.forces != 0)).any(axis=1)
@@ -154,9 +150,11 @@ def between(start: Target, end: Target, share: float) -> Target:
     """A share of the way from one to the other."""
     if share == 1:
         return end
-    load = start.load.copy()
-    load.scale(1 - share)
-    load.axpy(share, end.load)
+    load = None
+    if start.load is not None:
+        load = start.load.copy()
+        load.scale(1 - share)
+        load.axpy(share, end.load)
     return Target(
         load,
         (1 - share) * start.translations + share * end.translations,
@@ -186,48 +184,59 @@ def in_parts(
     end: Target,
     budget: Budget,
 ) -> tuple[float, ContactState | None]:
-    """The share of a step that is solved where it fails as a whole, and the state there.
+    """The share that is solved of a step from what a state holds, and the state there.
 
-    Args:
-        step: from a state to a target.
-        state: at the start.
-        start: what it is in equilibrium with.
-        end: what is asked for.
-        budget: which `step` uses up; no further step is begun without any.
+    A `step` uses up the budget; none is begun without any.
     """
+    comm = state.displacement.comm
+    words = f"in parts, for what {budget.left:.0f} linear systems take at most"
+    told(comm, logging.INFO, words, ".contact")
+    parts, _ = divided(
+        lambda now, share: step(now, between(start, end, share)),
+        state,
+        (0.5, _SMALLEST, 1.0),
+        lambda: budget.left > 0,
+    )
+    done = parts[-1][0] if parts else 0.0
+    words = f"{done:.4g} of the increment has been solved in {len(parts)} parts"
+    told(comm, logging.INFO, words, ".contact")
+    return done, joined(parts) if parts else None
+
+
+def divided(
+    step: Callable[[ContactState, float], ContactState],
+    state: ContactState,
+    sizes: tuple[float, float, float],
+    may_go_on: Callable[[], bool] = lambda: True,
+) -> tuple[list[tuple[float, ContactState]], tuple[float, Exception] | None]:
+    """Ends (share, state) of an increment's parts, and where and how the last one failed.
+
+    `sizes` are the first part's, the smallest one's, and the factor of one after a success.
+    """
+    size, smallest, growth = sizes
+    done, now, failure = 0.0, state, None
     parts: list[tuple[float, ContactState]] = []
-    done, size, now = 0.0, 0.5, state
-    told = log.info if state.displacement.comm.rank == 0 else log.debug
-    told("in parts, for what %.0f linear systems take at most", budget.left)
-    while done < 1 and size >= _SMALLEST and budget.left > 0:
+    while done < 1 and size >= smallest and may_go_on():
         share = min(1.0, done + size)
         try:
-            now = replace(step(now, between(start, end, share)), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated) as failed:
-            told("not from %.4g to %.4g of the increment: %s", done, share, failed)
-            size /= 2
+            now = replace(step(now, share), increment=state.increment + 1)
+        except (ContactFailed, NoContactStated, SingularSystem) as failed:
+            words = f"not from {done:.4g} to {share:.4g} of the increment: {failed}"
+            told(state.displacement.comm, logging.INFO, words, ".contact")
+            size, failure = (share - done) / 2, (share, failed)
             continue
-        done = share
+        done, size, failure = share, growth * size, None
         parts.append((share, now))
-    told("%.4g of the increment has been solved in %d parts", done, len(parts))
-    return done, joined([part for _, part in parts], tuple(parts[:-1])) if parts else None
+    return parts, failure
 
 
-def joined(
-    parts: Sequence[ContactState], substates: tuple[tuple[float, ContactState], ...]
-) -> ContactState:
+def joined(parts: Sequence[tuple[float, ContactState]]) -> ContactState:
     """The last part, with the slip of all."""
-    last = parts[-1]
-    pairs = tuple(
-        replace(
-            pair,
-            slip=np.where(
-                (pair.status == 0)[:, None], 0.0, sum(part.pairs[k].slip for part in parts)
-            ),
-        )
-        for k, pair in enumerate(last.pairs)
-    )
-    return replace(last, pairs=pairs, substates=substates)
+    last, pairs = parts[-1][1], []
+    for k, pair in enumerate(last.pairs):
+        slip = sum(part.pairs[k].slip for _, part in parts)
+        pairs.append(replace(pair, slip=np.where((pair.status == OPEN)[:, None], 0.0, slip)))
+    return replace(last, pairs=tuple(pairs), substates=tuple(parts[:-1]))
 
 
 @dataclass(frozen=True)
@@ -260,25 +269,8 @@ class Progress:
 Callback: TypeAlias = Callable[[Progress], object]
 
 
-def checked_callback(comm: MPI.Comm, callback: Callback | None) -> Callback | None:
-    """Checks the user's function.
-
-    Raises:
-        ValueError: if it is none.
-    """
-    with collective(comm):
-        if not (callback is None or callable(callback)):
-            raise ValueError(f"callback: {type(callback).__name__} in place of a function")
-    return callback
-
-
 class Reporter:
-    """Tells of one increment: on all processes, which make it together.
-
-    Attributes:
-        wanted: whether anybody wants to know of iterations.
-        violation: of the last solution, as in `Progress`.
-    """
+    """Tells of one increment: on all processes, which make it together."""
 
     def __init__(
         self,
@@ -288,8 +280,10 @@ class Reporter:
         more: Callable[[str], None] | None,
     ) -> None:
         self._comm, self._increment, self._callback, self._more = comm, increment, callback, more
-        logged = comm.rank == 0 and log.isEnabledFor(logging.DEBUG)
-        self.violation = 0.0
+        told_of = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
+        logged = comm.rank == 0 and told_of
+        self.violation = 0.0  # of the last solution, as in `Progress`
+        # whether anybody wants to know of iterations
         self.wanted: bool = comm.allreduce(bool(callback or logged or more), MPI.LOR)
         if more:
             more("iteration 1")
@@ -320,8 +314,7 @@ class Reporter:
             self._call(now)
 
     def _log(self, level: int, what: str) -> None:
-        if self._comm.rank == 0:
-            log.log(level, "increment %d: %s", self._increment, what)
+        told(self._comm, level, f"increment {self._increment}: {what}", ".contact")
 
     def _call(self, now: Progress) -> None:
         """Calls the user's function; what it raises on one process is raised on all."""
@@ -338,20 +331,8 @@ def _three(counts: npt.NDArray[np.intp]) -> tuple[int, int, int]:
 class Stepping:
     """The increments of a `ContactProblem` by one linear solver.
 
-    Args:
-        K: stiffness (n, n), free.
-        reduction: supports, or condensation.
-        pairs: contact pairs.
-        space: trial space.
-        max_iterations: linear systems of one iteration.
-        callback: the user's function, if there is one.
-        remedies: what is tried where the iteration fails, as far as the solver lets it, and what
-            each may take over the first attempt.
-        solver: of the linear systems.
-
-    Attributes:
-        interface: contact points.
-        space: of the displacements.
+    Remedies are what is tried where the iteration fails, as far as the solver lets it, and what
+    each may take over the first attempt; the space is that of the displacements.
     """
 
     def __init__(

@@ -1,0 +1,129 @@
+"""Sections 7.1 to 7.4: two triangles, a block, a parabolic punch, a rigid plate (Figs 4 to 14)."""
+
+import numpy as np
+import pytest
+
+from tests.oracle.contact import Pair, solve
+from tests.oracle.problem import (
+    NORMAL_DOWN,
+    NORMAL_UP,
+    STATIC,
+    Problem,
+    assert_found,
+    both,
+    contact_problem,
+    displacement,
+    either,
+    nothing_held,
+    on,
+    oracle_body,
+    parabola,
+    plane,
+    sorted_nodes,
+    within,
+)
+
+
+def row(result, element):
+    """Squares on a smooth base under unit load, cut in two triangles each (Figs 4 and 5).
+
+    Printed: with Galerkin's method the central reaction is four times the others; with the new one
+    the distribution is even. Fig. 5 itself is lost in our copy.
+    """
+
+    def ours(linear):
+        body = oracle_body(result, element, linear, "plane stress", 1.0, 0.3)
+        lower = sorted_nodes(result.curves, on(1, 0.0))
+        held = body.at_nodes(on(1, 0.0), (1,))
+        held |= body.at_nodes(both(on(0, 0.0), on(1, 0.0)), (0,))
+        f = body.traction(on(1, 1.0), (0.0, -1.0))
+        K = body.stiffness()
+        residual = (K @ displacement(K, f, held) - f).reshape(-1, 2)
+        return {"reaction": residual[lower, 1], "sum": residual[lower, 1].sum()}
+
+    theirs = {"reaction": result.curves["reaction"], "sum": result.scalars["sum"]}
+    return Problem(theirs, ours)
+
+
+def block(result, element):
+    """Pressed by 200, then pulled by 60 in ten steps; smooth below its first and last element.
+
+    Printed: E = 1000, Poisson's ratio 0.3, friction 0.3, 400 triangles or 200 quadrilaterals, no
+    friction below the first and the last element. Dimensions and loads are reconstructed.
+    """
+
+    def solved(linear):
+        body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.3)
+        pressure = body.traction(on(1, 2.0), (0.0, -200.0))
+        pull = body.traction(on(0, 4.0), (60.0, 0.0))
+        lower = sorted_nodes(result.curves, on(1, 0.0))
+        x = body.nodes[lower, 0]
+        rough = np.where((x > 0.2 - 1e-9) & (x < 3.8 + 1e-9), 0.3, 0.0)
+        loads = [pressure + k / 10 * pull for k in range(11)]
+        pair = Pair(lower, *plane(NORMAL_UP), rough)
+        return solve(body.stiffness(), loads, nothing_held(body), [pair], body.nodes)[-1]
+
+    return contact_problem(result, solved, NORMAL_UP)
+
+
+def punch(result, element):
+    """Pressed in by 0.25 in twenty steps, then pushed aside by a tenth of that force.
+
+    Printed: E = 1000, Poisson's ratio 0.25, friction 0.6, 76 8-node quadrilaterals, an indentation
+    of 0.25 under about 215, and a tangential force of 10 % of that. Dimensions are reconstructed.
+    """
+
+    def solved(linear):
+        body = oracle_body(result, element, linear, "plane stress", 1000.0, 0.25)
+        K, held = body.stiffness(), body.at_nodes(on(1, 0.0), (0, 1))
+        top = sorted_nodes(result.curves, on(1, 4.0))
+        steps = np.arange(1, 21) / 20
+        down = [((0.0, -0.25 * s), (0.0, 0.0)) for s in steps]
+
+        def pressed(motions):
+            pair = Pair(top, *parabola(4.0, 8.0), 0.6, motions)
+            return solve(K, [np.zeros(body.nodes.size)] * len(motions), held, [pair], body.nodes)
+
+        force = -pressed(down)[-1].forces[0][:, 1].sum()
+        aside = [((None, -0.25), (0.1 * force * s, 0.0)) for s in steps]
+        return pressed(down + aside)[-1]
+
+    translation = (result.scalars["translation"], lambda state: state.translations[0, 0])
+    return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
+
+
+def plate(result, element):
+    """A plate two metres wide, pressed by 40 kN in five steps on a body held all around.
+
+    Printed: E = 1.2e8 kN/m2, Poisson's ratio 0.25, friction angle 20 degrees, unit thickness, a
+    force of 40 kN, sides and base held. Dimensions are reconstructed.
+    """
+
+    def solved(linear):
+        body = oracle_body(result, element, linear, "plane stress", 1.2e8, 0.25)
+        outside = either(on(0, -20.0), on(0, 20.0), on(1, -10.0))
+        below = sorted_nodes(result.curves, both(on(1, 0.0), within(1.0)))
+        motions = [((0.0, None), (0.0, -40.0 * k / 5)) for k in range(1, 6)]
+        pair = Pair(below, *plane(NORMAL_DOWN), np.tan(np.pi / 9), motions)
+        loads, held = [np.zeros(body.nodes.size)] * 5, body.at_nodes(outside, (0, 1))
+        return solve(body.stiffness(), loads, held, [pair], body.nodes)[-1]
+
+    translation = (result.scalars["translation"], lambda state: -state.translations[0, 1])
+    return contact_problem(result, solved, NORMAL_DOWN, translation=translation)
+
+
+EXAMPLES = {
+    "7.1/{}-row": (row, STATIC),
+    "7.2/{}": (block, STATIC),
+    "7.3/{}": (punch, ("galerkin-T6", "pw-T6", "galerkin-Q8")),
+    "7.4/{}": (plate, STATIC),
+}
+
+
+@pytest.mark.parametrize(
+    ("key", "element"),
+    [(key, element) for key, (_, elements) in EXAMPLES.items() for element in elements],
+)
+def test_oracle_finds_the_numbers_of_the_study(key, element, results):
+    problem, _ = EXAMPLES[key]
+    assert_found(problem(results[key.format(element)], element), element)
