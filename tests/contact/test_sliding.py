@@ -1,9 +1,5 @@
 """Two deformable bodies at large sliding: kernel, objectivity, balance, friction, restart."""
 
-import json
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +16,8 @@ from pw_elements.contact import (
     Motion,
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
-from tests.contact.sliding import PATH, STORED, die, slid
+from tests.contact.sliding import PATH, STORED, die, forces_and_gaps, slid
+from tests.parallel import same_numbers
 
 FRICTION = 0.3
 
@@ -37,7 +34,7 @@ def sides(revolved):
     one = arc(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
     other = arc(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
     mortar, rng = SlidingMortar(one, other, revolved), np.random.default_rng(3)
-    moved = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.17)[:, None] * [1, 0]
+    moved = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.33)[:, None] * [1, 0]
     return mortar, mortar.x + moved + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
 
 
@@ -144,21 +141,8 @@ def test_a_way_that_is_resumed_is_the_way(tmp_path):
         assert np.abs(getattr(pair, name) - values).max() < 1e-12 * np.abs(values).max()
 
 
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 def test_processes_find_the_same_numbers():
-    found = []
-    for processes in (1, 2):
-        command = ["mpirun", "-n", str(processes), sys.executable, "-m", "mpi4py", "-m"]
-        out = subprocess.run(
-            [*command, "tests.contact.sliding"],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=600,
-        )
-        found.append(json.loads(out.stdout.splitlines()[-1]))
-    for name, values in found[0].items():
-        assert np.abs(np.array(values) - found[1][name]).max() < 1e-9, name
+    same_numbers(forces_and_gaps, processes=(2,), rel=1e-9)
 
 
 def test_fields_have_pressures_and_both_forces():
