@@ -71,7 +71,12 @@ class Bodies:
 
 def slid(bodies, path=PATH, start=None):
     """States after each of the translations of the upper body's top."""
-    states, before = [start or bodies.problem.undeformed], (0.0, 0.0)
+    return list(sliding(bodies, path, start))
+
+
+def sliding(bodies, path, start=None):
+    """These states, one by one."""
+    state, before = start or bodies.problem.undeformed, (0.0, 0.0)
     if start is not None:
         before = PATH[start.increment - 1]
     for k, end in enumerate(path):
@@ -81,12 +86,19 @@ def slid(bodies, path=PATH, start=None):
             motion = (1 - share) * np.array(ends[:2]) + share * np.array(ends[2:])
             bodies.hold(motion, (1 - share) * angles[0] + share * angles[1])
 
-        states.append(bodies.problem.step(states[-1], load))
+        state = bodies.problem.step(state, load)
+        yield state
         before = end
-    return states[1:]
 
 
-def die(friction=0.3, upper_is_slave=True, comm=MPI.COMM_SELF, curvature=1.2, **options):
+def die(
+    friction=0.3,
+    upper_is_slave=True,
+    comm=MPI.COMM_SELF,
+    curvature=1.2,
+    divisions=((12, 3), (8, 3)),
+    **options,
+):
     """A parabolic die on a block; the die's lower side is the slave by default."""
 
     def shape(x, y, body):
@@ -94,7 +106,7 @@ def die(friction=0.3, upper_is_slave=True, comm=MPI.COMM_SELF, curvature=1.2, **
         return (x, y) if body == 0 else (x, low + y * (1 - low))
 
     boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
-    mesh = two(*boxes, ((12, 3), (8, 3)), shape, comm)
+    mesh = two(*boxes, divisions, shape, comm)
 
     def under(x):
         inside = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)

@@ -340,7 +340,9 @@ class ContactSystem:
 
     def followed(self, displacement: PETSc.Vec) -> Array:
         """G a of the law, (m, p), likewise."""
-        return np.array((self._motion * displacement).array_r.reshape(len(self._own), -1))
+        m, dim = self._own.shape
+        motions = dim * self._motion.getSize()[0] // self.interface.motion.getSize()[0]
+        return np.array((self._motion * displacement).array_r.reshape(m, motions))
 
     def moved(self, displacement: PETSc.Vec) -> Array:
         """|G| |a|, (m, dim): how far a point and what it faces have moved together."""
