@@ -401,9 +401,9 @@ def sliding_points(
             "on the far side of its body, or nothing of it lies across"
         )
     into = np.stack(met.normal, axis=1)
-    inside = np.where(_prescribed(one.nodes, body), 0.0, into)
-    near = np.linalg.norm(inside, axis=1) > _NEARLY  # as `_in_symmetry_planes`
-    mortar.kept[near] = inside[near] != 0
+    free = ~_prescribed(one.nodes, body)
+    near = np.linalg.norm(into * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
+    mortar.kept[near] = free[near]
     met = mortar.meet(mortar.x, slopes=False)
     among = np.searchsorted(one.nodes, own)
     into = np.stack(met.normal, axis=1)[among]
