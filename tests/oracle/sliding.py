@@ -3,7 +3,8 @@
 Sides are the polylines through their deformed nodes, each in an order that has the outside on its
 right. A slave node's normal n is that of the chord between its neighbours, to the inside. A facet
 with ends a and b sees along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b, and what it has
-of a master's facet is between the s of the master's ends, on the way from 0 to 1. There
+of a master's facet is between the s of the master's ends, on the way from 0 to 1; of facets that look at each other, and whose middles are at
+most by half of both lengths (the master's longest) farther apart than the nearest ones. There
 
     W_ij = int w_i w_j,    Q_ik = int w_i w_k,    psi = D W^-1 w,    D_i = sum over j of W_ij,
 
@@ -55,9 +56,13 @@ def meeting(slave, master):
     """P (m, k), S (m, m + k), normals (m, 2) and areas (m,) of polylines (m, 2) and (k, 2)."""
     m, k, n = len(slave), len(master), inwards(slave)
     D, S, facets = np.zeros(m), np.zeros((m, m + k)), []
+    middles = (master[1:] + master[:-1]) / 2
+    longest = np.linalg.norm(np.diff(master, axis=0), axis=1).max()
     for i in range(m - 1):
         a, b, W, Q = slave[i], slave[i + 1], np.zeros((2, 2)), np.zeros((2, k))
-        for j in range(k - 1):
+        away = np.linalg.norm(middles - (a + b) / 2, axis=1)
+        reach = away.min() + (np.linalg.norm(b - a) + longest) / 2
+        for j in np.flatnonzero(away <= reach):
             c, d = master[j], master[j + 1]
             outside = -inwards(master[j : j + 2])[0]
             if np.dot(n[i] + n[i + 1], outside) / 2 < 0.01:
