@@ -187,7 +187,7 @@ class SlidingMortar:
         to_facets: Any = _sums(one, len(self._one))
         z: Any = (x[:, 0].copy(), x[:, 1].copy())
         if slopes:
-            units = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
+            units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
             corners = [
                 (Varying(at[0], unit[0]), Varying(at[1], unit[1]))
                 for at, unit in zip(corners, units, strict=True)
@@ -307,7 +307,7 @@ class SlidingMortar:
 
         Where a segment reaches as far as its facet, `whole` (q,) tells it of each end.
         """
-        q, ends = len(nodes), []
+        q, ends = len(nodes), list[Any]()
         middle, half, mean, change = self._frame(corners, nodes)
         for end, all_, side in zip(self._ends(corners, nodes), whole, (-1.0, 1.0), strict=True):
             ends.append(_where(all_, side, end))
