@@ -7,6 +7,7 @@ node by node, Newton's iterations; and the pressure of an incompressible fit, wh
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from mpi4py import MPI
 
@@ -52,7 +53,7 @@ class Course:
     violations: list[list[float]] = field(default_factory=list)
 
     def counts(self) -> dict[str, float]:
-        """Iterations, those of abandoned attempts too; share of increments that end quadratically."""
+        """Iterations with those of abandoned attempts; share of increments with a quadratic end."""
         ends = [v[-2:] for v in self.violations if len(v) > 1]
         quadratic = [last <= max(ROUND_OFF, 1e3 * before**2) for before, last in ends]
         return {
@@ -67,8 +68,8 @@ class Course:
         sums = [
             _pair(state).force + _pair(state).opposite_force.sum(axis=0) for state in self.states
         ]
-        sizes = [np.linalg.norm(_pair(state).force) for state in self.states]
-        return float(max(np.linalg.norm(s) / size for s, size in zip(sums, sizes, strict=True)))
+        sizes = np.linalg.norm([_pair(state).force for state in self.states], axis=1)
+        return float((np.linalg.norm(sums, axis=1) / sizes).max())
 
     def cone(self) -> float:
         """Largest distance of friction from its cone, over the largest nodal force."""
@@ -122,11 +123,11 @@ def follow(
     return course
 
 
-def die_meshes(own: int, opposite: int) -> tuple[Mesh, Indices, Indices]:
+def die_meshes(own: int, opposite: int) -> tuple[Mesh, tuple[Indices, Indices]]:
     """A parabolic die and a block, with so many elements per width; facets of their sides."""
-    x, y = np.linspace(-1.5, 2.5, 4 * opposite + 1), np.linspace(-1.0, 0.0, opposite // 2 + 1)
+    x, y = _lines(-1.5, 2.5, 4 * opposite), _lines(-1.0, 0.0, opposite // 2)
     block = on_lines(MPI.COMM_SELF, x, y, "triangle")
-    x, y = np.linspace(-0.5, 0.5, own + 1), np.linspace(0.0, 1.0, own // 2 + 1)
+    x, y = _lines(-0.5, 0.5, own), _lines(0.0, 1.0, own // 2)
 
     def shaped(x: Array) -> Array:
         low = GAP + CURVATURE * x[:, 0] ** 2 / 2
@@ -138,7 +139,7 @@ def die_meshes(own: int, opposite: int) -> tuple[Mesh, Indices, Indices]:
     def under(x: Array) -> Mask:
         return np.asarray(np.isclose(x[1], GAP + CURVATURE * x[0] ** 2 / 2) & (x[1] > GAP / 2))
 
-    return mesh, _facets(mesh, under), _facets(mesh, lambda x: np.isclose(x[1], 0))
+    return mesh, (_facets(mesh, under), _facets(mesh, lambda x: np.isclose(x[1], 0)))
 
 
 def _facets(mesh: Mesh, where: Callable[[Array], Mask]) -> Indices:
@@ -146,14 +147,15 @@ def _facets(mesh: Mesh, where: Callable[[Array], Mask]) -> Indices:
     return locate_entities_boundary(mesh, mesh.topology.dim - 1, where).astype(np.int64)
 
 
-def _stated(bodies: Rubber, own: Indices, opposite: Indices, friction: float) -> ContactPair:
+def _stated(bodies: Rubber, sides: Sequence[Indices]) -> ContactPair:
+    own, opposite = sides
     nodes = fem.locate_dofs_topological(bodies.field.space, 1, own.astype(np.int32))
-    return ContactPair(nodes, DeformableSurface(opposite.astype(np.int32), False), friction)
+    return ContactPair(nodes, DeformableSurface(opposite.astype(np.int32), False), FRICTION)
 
 
 def die(element: str, own: int, opposite: int) -> Result:
     """A parabolic die pressed into a block and slid over ten of its elements."""
-    mesh, *sides = die_meshes(own, opposite)
+    mesh, sides = die_meshes(own, opposite)
     bodies = Rubber(element, mesh)
     x = bodies.x
     base, top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], 1)
@@ -163,7 +165,7 @@ def die(element: str, own: int, opposite: int) -> Result:
         given[top] = [way * max(0.0, time - 1), -DEPTH * min(time, 1.0)]
 
     times = [(k + 1) / PRESSED for k in range(PRESSED)] + [1 + (k + 1) / SLID for k in range(SLID)]
-    course = follow(bodies, _stated(bodies, *sides, FRICTION), hold, (base, top), times)
+    course = follow(bodies, _stated(bodies, sides), hold, (base, top), times)
     slid = course.states[PRESSED:]
     own_forces = [_along(bodies, _pair(s).node, _pair(s).force_normal, EDGE) for s in slid]
     theirs = [_on_master(bodies, s) for s in slid]
@@ -197,7 +199,7 @@ def die(element: str, own: int, opposite: int) -> Result:
 
 def turned(element: str, degrees: int) -> Result:
     """The pressed die and block turned together: forces should turn along, and nothing slip."""
-    mesh, *sides = die_meshes(8, 6)
+    mesh, sides = die_meshes(8, 6)
     bodies = Rubber(element, mesh)
     x = bodies.x
     base, top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], 1)
@@ -208,7 +210,7 @@ def turned(element: str, degrees: int) -> Result:
         given[:] = moved @ _turn(degrees * max(0.0, time - 1)).T - x
 
     times = [0.5, 1.0, *(1 + (k + 1) / parts for k in range(parts))]
-    course = follow(bodies, _stated(bodies, *sides, FRICTION), hold, (base, top), times)
+    course = follow(bodies, _stated(bodies, sides), hold, (base, top), times)
     before, after = _pair(course.states[1]), _pair(course.states[-1])
     back = after.force_vector @ _turn(degrees)
     size = np.abs(before.force_vector).max()
@@ -227,22 +229,22 @@ def rings(element: str) -> Result:
     for exchanged in (False, True):
         halves = []
         for number, cells in enumerate(RINGS):
-            angle = np.linspace(0, np.pi, cells[0] + 1)
-            halves.append(_half_ring(angle, np.linspace(*RADII, cells[1] + 1), upper=number == 1))
+            angle, radius = _lines(0.0, np.pi, cells[0]), _lines(*RADII, cells[1])
+            halves.append(_half_ring(angle, radius, upper=number == 1))
         mesh, _ = joined(*halves)
         centre = np.array([0.0, 2 * RADII[1] + APART])
 
-        def outside(x: Array, c: float) -> Mask:
+        def outside(c: float, x: Array) -> Mask:
             return np.asarray(np.isclose(np.hypot(x[0], x[1] - c), RADII[1]))
 
-        sides = [_facets(mesh, lambda x, c=c: outside(x, c)) for c in (0.0, centre[1])]
+        sides = [_facets(mesh, partial(outside, c)) for c in (0.0, centre[1])]
         bodies = Rubber(element, mesh)
         low, high = (np.isclose(bodies.x[:, 1], c) for c in (0.0, centre[1]))
 
         def hold(time: float, given: Array, high: Mask = high) -> None:
             given[high] = [0.0, -WAY * time]
 
-        pair = _stated(bodies, *(sides[::-1] if exchanged else sides), FRICTION)
+        pair = _stated(bodies, sides[::-1] if exchanged else sides)
         course = follow(bodies, pair, hold, (low, high), [(k + 1) / 8 for k in range(8)])
         found.append(abs(_pair(course.states[-1]).force[1]))
         if not exchanged:
@@ -255,7 +257,7 @@ def rings(element: str) -> Result:
 def fit(element: str) -> Result:
     """Incompressible tubes: the inner one's hole grows until it presses the outer one far open."""
     strips = [
-        on_lines(MPI.COMM_SELF, np.linspace(*radii, n + 1), np.array([0.0, 0.1]), "triangle")
+        on_lines(MPI.COMM_SELF, _lines(*radii, n), _lines(0.0, 0.1, 1), "triangle")
         for radii, n in zip(TUBES, (ACROSS, ACROSS - 2), strict=True)
     ]
     mesh, _ = joined(*strips)
@@ -281,7 +283,11 @@ def fit(element: str) -> Result:
         prescribe(tubes.trial, 1, lambda x: np.full(x.shape[1], True), axial),
         prescribe(tubes.trial, 0, lambda x: np.isclose(x[0], inner_radius), hole),
     ]
-    sides = [_facets(mesh, lambda x, a=a: np.isclose(x[0], a)) for a in (TUBES[0][1], TUBES[1][0])]
+
+    def at(radius: float, x: Array) -> Mask:
+        return np.asarray(np.isclose(x[0], radius))
+
+    sides = [_facets(mesh, partial(at, radius)) for radius in (TUBES[0][1], TUBES[1][0])]
     nodes = fem.locate_dofs_topological(displacements.space, 1, sides[0].astype(np.int32))
     surface = DeformableSurface(sides[1].astype(np.int32), True)
     problem = ContactProblem.of_residual(residual, w, held, ContactPair(nodes, surface))
@@ -331,6 +337,10 @@ def _half_ring(angle: Array, radius: Array, upper: bool) -> Mesh:
         return np.column_stack([-sign * x[:, 1] * np.cos(x[:, 0]), shift + y, x[:, 2]])
 
     return mapped(on_lines(MPI.COMM_SELF, angle, radius, "triangle"), shaped)
+
+
+def _lines(first: float, last: float, cells: int) -> Array:
+    return np.linspace(first, last, cells + 1, dtype=np.float64)
 
 
 def _turn(degrees: float) -> Array:
