@@ -27,7 +27,7 @@ NEEDS = [
 
 def draw(results: Results) -> Figure:
     """Ratio of the errors over Poisson's ratio, and both errors over h at 0.4999."""
-    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.8), layout="constrained")
+    fig, (left, right) = plt.subplots(1, 2, figsize=(FULL, 2.4), layout="constrained")
     for name, label, color, marker, nodes in SETTINGS:
         ours, standard = (results.curves(f"C/{e}-{nodes}-nu-{name}") for e in ("pw", "galerkin"))
         look = {"color": color, "marker": marker}

@@ -21,7 +21,7 @@ NEEDS = [f"C/{element}-{end}" for end in ("plane-stress", "modes-square") for el
 
 def draw(results: Results) -> Figure:
     """Relative error over the size of the elements, one panel a norm."""
-    fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.6), sharex=True, layout="constrained")
+    fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.1), sharex=True, layout="constrained")
     for ax, (title, ending, name, slopes) in zip(axes.flat, PANELS, strict=True):
         for element in ELEMENTS:
             look = dict(LOOK[element])

@@ -23,7 +23,7 @@ LINES = {"Direct": "-", "Iterative": "--", "nested": ":", "CalculiX": "-."}
 
 def draw(results: Results) -> Figure:
     """Upper row: CPU time of three tasks; below: memory of the same."""
-    fig, axes = plt.subplots(2, 3, figsize=(FULL, 4.2), sharex="col")
+    fig, axes = plt.subplots(2, 3, figsize=(FULL, 3.6), sharex="col")
     for column, (task, title) in zip(axes.T, PANELS.items(), strict=True):
         for element in ELEMENTS:
             for method, line in LINES.items():

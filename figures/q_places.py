@@ -14,7 +14,7 @@ NEEDS = [f"Q/offsets-{method}" for method in SHOWN]
 
 def draw(results: Results) -> Figure:
     """One line a method."""
-    fig, ax = plt.subplots(figsize=(BESIDE, 2.5))
+    fig, ax = plt.subplots(figsize=(BESIDE, 2.1))
     for method in SHOWN:
         curves = results.curves(f"Q/offsets-{method}")
         ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **LOOK[method])

@@ -40,12 +40,7 @@ from pw_elements.elasticity import (
     prescribe,
 )
 from pw_elements.pictures import draw
-from pw_elements.solvers import (
-    Direct,
-    Iterative,
-    NotConverged,
-    SingularSystem,
-)
+from pw_elements.solvers import Direct, Iterative, NotConverged, SingularSystem
 from pw_elements.spaces import (
     Spaces,
     as_function,

@@ -48,15 +48,19 @@ def same_numbers(function, *args, processes=(3,), rel=1e-10):
     All processes have to return them. Differences are compared with the largest absolute value, of
     names that end in "gap" or "slip" with `DISPLACEMENT`.
     """
-    serial = {name: np.asarray(value) for name, value in function(MPI.COMM_SELF, *args).items()}
+    serial = function(MPI.COMM_SELF, *args)
     for count in processes:
         for rank, found in enumerate(run_on(count, function, *args)):
-            assert found.keys() == serial.keys()
-            for name, value in serial.items():
-                small = name.endswith((" gap", " slip"))
-                scale = DISPLACEMENT if small else np.abs(value).max(initial=0.0)
-                difference = np.abs(np.subtract(found[name], value)).max(initial=0.0)
-                assert difference <= rel * scale, f"{name}, process {rank} of {count}"
+            assert_same(serial, found, rel, f"process {rank} of {count}")
+
+
+def assert_same(serial, found, rel, where):
+    assert found.keys() == serial.keys()
+    for name, value in serial.items():
+        small = name.endswith((" gap", " slip"))
+        scale = DISPLACEMENT if small else np.abs(value).max(initial=0.0)
+        difference = np.abs(np.subtract(found[name], value)).max(initial=0.0)
+        assert difference <= rel * scale, f"{name}, {where}"
 
 
 def _called(folder):

@@ -30,13 +30,7 @@ from pw_elements.algebra.reduction import prescribed
 from pw_elements.arrays import Array
 from pw_elements.checks import agree, answer, arguments, collective, whole
 from pw_elements.progress import doing, told
-from pw_elements.solvers import (
-    Direct,
-    LinearSolver,
-    NotConverged,
-    SingularSystem,
-    is_matrix_free,
-)
+from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
     Assembled,
     Spaces,

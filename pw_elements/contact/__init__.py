@@ -46,11 +46,7 @@ from pw_elements.contact.model import (
     SurfacePassed,
 )
 from pw_elements.contact.output import ContactFields, plot, write
-from pw_elements.contact.steps import (
-    ContactProblem,
-    solve_contact,
-    solve_impact,
-)
+from pw_elements.contact.steps import ContactProblem, solve_contact, solve_impact
 
 __all__ = [
     "HELD",

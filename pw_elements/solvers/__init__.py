@@ -15,6 +15,7 @@ from pw_elements.solvers.iterative import (
     NO_SUPPORTS,
     Iterative,
     Krylov,
+    Pieces,
     SaddlePoint,
     Solver,
     auto_solver,

@@ -31,7 +31,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, Indices
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
     Direct,
@@ -409,11 +409,7 @@ class _Foreign:
 
 
 def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:
-    """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver.
-
-    Raises:
-        TypeError: if it has no such method.
-    """
+    """A prepared `Iterative` itself; the levels of one around the `iterate` of another solver."""
     if isinstance(solver, Krylov):
         return solver
     iterate = getattr(solver, "iterate", None)
@@ -425,48 +421,73 @@ def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -
     return Krylov(matrix, supports, Iterative(), iterate)
 
 
-def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
-    """Whether a rigid motion of a connected piece meets neither supports nor stiffness.
+@dataclass(frozen=True)
+class Pieces:
+    """Connected pieces of a mesh, sorted by their centres, and rigid motions of their nodes.
 
-    A field that is no displacement has its constants in place of rigid motions.
+    Modes (k) of a piece are its translations and rotations about its centre, over its length, so
+    that displacements are of the translations' size. A field that is no displacement has its
+    constants in their place.
     """
-    space = supports.space
-    comm: MPI.Comm = space.mesh.comm
-    owned, block = space.dofmap.index_map.size_local, space.dofmap.index_map_bs
-    dim = space.mesh.geometry.dim
-    piece, count = connected_pieces(space)
-    piece = piece[:owned]
-    x = space.tabulate_dof_coordinates()[:owned, :dim]
-    sums = np.zeros((count, dim + 2))
-    np.add.at(sums, piece, np.column_stack([x, np.sum(x**2, axis=1), np.ones(owned)]))
-    comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
-    centre, square = sums[:, :dim] / sums[:, -1:], sums[:, dim] / sums[:, -1]
-    radius = np.sqrt(np.maximum(square - np.sum(centre**2, axis=1), 0.0))
-    s = (x - centre[piece]) / radius[piece][:, None]
-    planes = list(combinations(range(dim), 2)) if block == dim else []
-    modes = np.zeros((owned, block, block + len(planes)))
-    modes[:, :, :block] = np.eye(block)
-    for k, (i, j) in enumerate(planes):
-        modes[:, i, block + k], modes[:, j, block + k] = -s[:, j], s[:, i]
-    size = K.getDiagonal().norm(PETSc.NormType.INFINITY)
-    held = ~supports.free.reshape(owned, block)
-    forces = np.empty_like(modes)
+
+    number: Indices  # (nodes,) of each node's piece, ghosts too
+    centre: Array  # (pieces, dim), mean of its nodes' positions
+    length: Array  # (pieces,), their radius of gyration
+    motion: Array  # (owned nodes, block, k), of each node in its piece's modes
+    comm: MPI.Comm
+
+    @classmethod
+    def of(cls, space: fem.FunctionSpace) -> "Pieces":
+        comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
+        number, count = connected_pieces(space)
+        owned = number[: space.dofmap.index_map.size_local]
+
+        def total(values: Array) -> Array:
+            sums = np.zeros((count, values.shape[1]))
+            np.add.at(sums, owned, values)
+            comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+            return sums
+
+        x, nodes = space.tabulate_dof_coordinates()[: len(owned), :dim], np.ones((len(owned), 1))
+        centre = total(x) / total(nodes)
+        away = x - centre[owned]
+        length = np.sqrt(total(np.sum(away**2, axis=1)[:, None]) / total(nodes))[:, 0]
+        away /= length[owned, None]
+        planes = list(combinations(range(dim), 2)) if block == dim else []
+        motion = np.zeros((len(owned), block, block + len(planes)))
+        motion[:, :, :block] = np.eye(block)
+        for k, (i, j) in enumerate(planes, start=block):
+            motion[:, i, k], motion[:, j, k] = -away[:, j], away[:, i]
+        order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
+        return cls(np.argsort(order)[number], centre[order], length[order], motion, comm)
+
+    def triangles(self, rows: Array) -> Array:
+        """R (pieces, k, k) of each piece's rows, of `rows` (owned nodes, block, k) that see it."""
+        k, piece = rows.shape[2], self.number[: len(rows)]
+        ends = np.cumsum(np.bincount(piece, minlength=len(self.centre)))[:-1]
+        own = np.zeros((len(self.centre), k, k))
+        for of_piece, part in zip(
+            own, np.split(rows[np.argsort(piece, kind="stable")], ends), strict=True
+        ):
+            triangle = np.linalg.qr(part.reshape(-1, k), mode="r")
+            of_piece[: len(triangle)] = triangle
+        every = np.concatenate(self.comm.allgather(own), axis=1)
+        return np.asarray(np.linalg.qr(every, mode="r"))
+
+
+def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
+    """Whether a rigid motion of a connected piece meets neither supports nor stiffness."""
+    pieces = Pieces.of(supports.space)
+    modes, size = pieces.motion, K.getDiagonal().norm(PETSc.NormType.INFINITY)
+    free = supports.free.reshape(modes.shape[:2])
+    rows = np.where(free[:, :, None], 0.0, modes)
     motion, image = K.createVecs()
-    for k in range(modes.shape[2]):
-        motion.setArray(np.where(held, 0.0, modes[:, :, k]).ravel())
+    for k in range(modes.shape[2]):  # of all pieces at once, which K does not couple
+        motion.setArray(np.where(free, modes[:, :, k], 0.0).ravel())
         K.mult(motion, image)
-        forces[:, :, k] = image.array_r.reshape(owned, block) / size
-    rows = np.where(held[:, :, None], modes, forces)
-    order = np.argsort(piece, kind="stable")
-    ends = np.cumsum(np.bincount(piece, minlength=count))[:-1]
-    width = modes.shape[2]
-    triangles = []
-    for part in np.split(rows[order], ends):
-        own = np.linalg.qr(part.reshape(-1, width), mode="r")
-        triangles.append(np.vstack([own, np.zeros((width - len(own), width))]))
-    every = np.concatenate(comm.allgather(np.array(triangles)), axis=1)
-    least = np.linalg.svd(every, compute_uv=False)[:, -1]
-    return bool(np.any(least < _FREE_STIFFNESS * np.sqrt(width)))
+        rows[free, k] = image.array_r.reshape(free.shape)[free] / size
+    least = np.linalg.svd(pieces.triangles(rows), compute_uv=False)[:, -1]
+    return bool(np.any(least < _FREE_STIFFNESS * np.sqrt(modes.shape[2])))
 
 
 def memory_of_factors(dofs: int) -> float:

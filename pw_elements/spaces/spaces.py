@@ -61,7 +61,7 @@ class Spaces:
             mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
             components: of the vector field; by default the mesh's dimension; 0 for a scalar.
         """
-        trial = _lagrange(mesh, components)
+        trial = fem.functionspace(mesh, _trial_element(mesh, components))
         return cls(trial, test_space(trial))
 
     @classmethod
@@ -72,7 +72,7 @@ class Spaces:
             mesh: of intervals, triangles, quadrilaterals, tetrahedra or hexahedra.
             components: of the vector field, by default the mesh's dimension; 0 for a scalar.
         """
-        trial = _lagrange(mesh, components)
+        trial = fem.functionspace(mesh, _trial_element(mesh, components))
         return cls(trial, trial)
 
     @classmethod
@@ -276,10 +276,6 @@ def _mixed(
             if parts.topology != mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
     return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))
-
-
-def _lagrange(mesh: Mesh, components: int | None) -> fem.FunctionSpace:
-    return fem.functionspace(mesh, _trial_element(mesh, components))
 
 
 def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:

@@ -46,6 +46,7 @@ SECTIONS = {
     "V16": "study.verification.v16_sliding",
     "V17": "study.verification.v17_bodies",
     "Q": "study.rivals.q_compare",
+    "W": "study.engineering.w_engineering",
     "P": "study.peers.p_compare",
     "K": "study.cost.k_cost",
 }

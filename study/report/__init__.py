@@ -36,6 +36,7 @@ PARTS = (
     ("V14", "section", "Large strains"),
     ("V15", "section", "Nearly incompressible bodies: the hybrid element"),
     ("V16", "section", "Large sliding"),
+    ("W", "section", "Laws of nodal forces: does an engineer's answer change?"),
     ("C", "chapter", "Accuracy, and where the new element is worse"),
     ("K", "chapter", "What it costs"),
     ("codes", "chapter", "Other codes, and verification in one table"),

@@ -32,8 +32,10 @@ ROOT = HERE.parents[1]
 PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
     "The paper's sections": [s for s in SECTIONS if s[0].isdigit() or s == "I"],
-    "Verification": [s for s in SECTIONS if not s[0].isdigit() and s not in ("I", "P", "Q", "K")],
-    "Other methods and codes, and cost": ["Q", "P", "K"],
+    "Verification": [
+        s for s in SECTIONS if not s[0].isdigit() and s not in ("I", "P", "Q", "W", "K")
+    ],
+    "Other methods and codes, and cost": ["Q", "W", "P", "K"],
 }
 
 

@@ -9,17 +9,8 @@ import pytest
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Spaces
-from pw_elements.contact import (
-    OPEN,
-    SLIP,
-    STICK,
-    ContactPair,
-    Motion,
-    Plane,
-    SignedDistance,
-    Sphere,
-)
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane
+from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, at
 
 PRESSURE = 3.0
@@ -152,61 +143,6 @@ def test_start_from_a_coarser_mesh():
     assert [state.iterations for state in again] == [1, 1, 1, 1]
 
 
-def test_block_between_two_surfaces():
-    """Two pairs: the floor, and a smooth plate on top that goes down and carries a force."""
-    b, plate = block(20), Plane((0, 2.5), (0, -1))
-    floor = ContactPair(at(1, 0.0), FLOOR, 0.3)
-
-    def pressed(motion):
-        down = ContactPair(at(1, 2.0), plate, 0.0, [motion])
-        return b.contact([floor, down], b.free, b.nothing)[0]
-
-    state = pressed(Motion((0, -0.8)))
-    below, above = state.pairs
-    assert below.force[1] == pytest.approx(-above.force[1])
-    assert above.gap == pytest.approx(0, abs=1e-12)
-    assert state.residuals.largest() < 1e-11
-    other = pressed(Motion((0, None), (0, above.force[1])))
-    assert other.pairs[1].translation == pytest.approx((0, -0.8))
-    assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-9)
-
-
-def test_residuals_of_contacts_without_force_or_displacement():
-    b = Block(4)
-    foot, floor = b.held((0, at(0, 0.0))), b.pair(0.3)
-    states = b.contact(floor, foot, [b.pressure, b.nothing, b.pressure])
-    assert max(state.residuals.largest() for state in states) < 1e-9
-    # all nodes stick between two walls, and never move against them
-    walls = [
-        ContactPair(
-            at(0, x), Plane((x, 0), (to, 0)), 2.0, [Motion((0.01 * k * to, 0)) for k in (1, 2)]
-        )
-        for x, to in ((0.0, 1), (4.0, -1))
-    ]
-    states = b.contact(walls)
-    assert all(np.all(pair.status == STICK) for state in states for pair in state.pairs)
-    assert max(state.residuals.largest() for state in states) < 1e-9
-
-
-def test_soft_ring_between_plates():
-    """Large displacements of a soft body: round-off of gaps counts for more than elsewhere."""
-
-    def bent(x):
-        return np.column_stack((x[:, 0] * np.cos(x[:, 1]), x[:, 0] * np.sin(x[:, 1]), x[:, 2]))
-
-    sector = quadrilaterals(MPI.COMM_SELF, (14.0, 0.0), (20.0, np.pi / 2), (12, 90))
-    ring = Elastic(curved(sector, bent), PW, "plane strain", 2.0, 0.49)
-    plate = ContactPair(
-        lambda x: (np.hypot(x[0], x[1]) > 20 - 1e-6) & (x[1] > 17.0),
-        Plane((0, 20), (0, -1)),
-        0.2,
-        [Motion((0, -0.6 * k / 3)) for k in (1, 2, 3)],
-    )
-    states = ring.contact(plate, ring.held((1, at(1, 0.0)), (0, at(0, 0.0))))
-    assert max(state.residuals.largest() for state in states) < 1e-8
-    assert np.all(np.diff([-state.pairs[0].force[1] for state in states]) > 0)
-
-
 @pytest.mark.parametrize(("gap", "force"), [(1e-4, 100.0), (0.01, 1.0), (0.2, 1.0)])
 def test_block_tips_from_one_pad_to_another(gap, force):
     """Held by friction on three pads, the right one lower by a gap, and loaded left, then right."""
@@ -228,22 +164,6 @@ def test_block_tips_from_one_pad_to_another(gap, force):
         assert normal.sum() == pytest.approx(force, rel=1e-7)
         assert normal @ place == pytest.approx(force * x, rel=2e-2)  # and friction's arm
     assert states[1].pairs[2].force[1] > 0
-
-
-def test_level_sets_are_surfaces_and_may_face_a_part_only():
-    b, centre, radius = block(16), np.array([2.0, -5.0]), 5.0
-    quadric = SignedDistance(lambda x: np.sum((x - centre) ** 2, axis=1) - radius**2)
-    circle, level_set = (
-        b.contact(ContactPair(at(1, 0.0), surface, 0.3, [Motion((0, 0.02))]), b.clamped(at(1, 2.0)))
-        for surface in (Sphere(centre, radius), quadric)
-    )
-    assert level_set[0].pairs[0].force == pytest.approx(circle[0].pairs[0].force, rel=0.01)
-
-    low = SignedDistance(lambda x: np.where(np.abs(x[:, 0] - 2.0) < 1.0, x[:, 1], np.inf))
-    (state,) = block(8).contact(ContactPair(at(1, 0.0), low, 0.3), loads=block(8).pressure)
-    (pair,) = state.pairs
-    assert np.all((pair.status != OPEN) <= (np.abs(pair.position[:, 0] - 2.0) < 1.0))
-    assert pair.force[1] == pytest.approx(800)
 
 
 @pytest.mark.parametrize(
@@ -294,28 +214,3 @@ def test_sliding_block_in_space(method, angle):
     assert contact.slip[loaded, :2] == pytest.approx(slip, abs=1e-9)
     assert state.iterations <= 8
     assert state.residuals.largest() < 1e-9
-
-
-def test_sphere_under_forces_in_space():
-    """Force and displacement control agree although normals and tangents turn on the way."""
-    mesh = create_box(MPI.COMM_SELF, [(-1, -1, 0), (1, 1, 1)], [6, 6, 2], CellType.tetrahedron)
-    body, mu, force = Elastic(mesh, state="solid"), 0.4, 120.0
-
-    def driven(motions):
-        ball = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), mu, motions)
-        return body.contact(ball, body.clamped(at(2, 0.0)))
-
-    around = [
-        Motion((None, None, None), (0.6 * mu * force * c, 0.6 * mu * force * s, -force))
-        for c, s in ((1.0, 0.0), (0.0, 1.0))
-    ]
-    states = driven([Motion((0, 0, None), (0, 0, -force)), *around])
-    again = driven([Motion(state.pairs[0].translation) for state in states])
-    for state, other in zip(states, again, strict=True):
-        assert state.residuals.largest() < 1e-8
-        assert other.pairs[0].force == pytest.approx(state.pairs[0].force, abs=1e-5)
-        assert other.displacement.array_r == pytest.approx(state.displacement.array_r, abs=1e-8)
-    for state, motion in zip(states[1:], around, strict=True):
-        assert state.pairs[0].force == pytest.approx(motion.force, abs=1e-6)
-        slide, pull = state.pairs[0].translation[:2], np.array(motion.force[:2])
-        assert slide @ pull > 0.9 * np.linalg.norm(slide) * np.linalg.norm(pull)

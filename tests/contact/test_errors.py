@@ -6,7 +6,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Reduction
 from pw_elements.contact import (
@@ -185,13 +184,6 @@ def test_what_looks_similar_is_solved():
         assert again.pairs[0].force_normal == pytest.approx(state.pairs[0].force_normal)
     (again,) = solved(start=state)
     assert again.iterations == 1
-
-
-def test_circle_is_no_surface_in_space():
-    mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], [1, 1, 1], CellType.tetrahedron)
-    pair = ContactPair(at(2, 0.0), Sphere((0, 0), 1.0))
-    with pytest.raises(ValueError, match="the centre of its surface has 2 components in 3-D"):
-        Elastic(mesh, state="solid").contact(pair)
 
 
 def test_error_names_its_increment():

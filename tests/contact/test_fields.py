@@ -24,7 +24,6 @@ from pw_elements.contact import (
 )
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, Punch, at
-from tests.contact.test_matching import Blocks
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
@@ -116,16 +115,6 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     assert (tmp_path / "face.png").stat().st_size > 10_000
 
 
-def test_nodes_without_weight_have_no_own_pressure():
-    """Corners of the standard 10-node tetrahedra's faces; by tributary area they have one."""
-    body, states = ball(CellType.tetrahedron, GALERKIN)
-    fields = ContactFields.of(states[0], body.body)
-    unknown = np.isnan(fields.pressure.x.array)
-    corners = fem.functionspace(body.mesh, ("Lagrange", 1)).tabulate_dof_coordinates()
-    assert np.count_nonzero(unknown) == np.count_nonzero(np.isclose(corners[:, 2], 1.0))
-    assert np.isfinite(fields.tributary_pressure.x.array).all()
-
-
 def test_gap_slip_and_status_are_those_of_the_displacements():
     """A punch that goes on sideways: by hand from the functions and the parabola."""
     punch = Punch()
@@ -150,21 +139,6 @@ def test_gap_slip_and_status_are_those_of_the_displacements():
     sliding = fields.status.x.array[top] == SLIP
     assert sliding.any()
     assert (np.linalg.norm(found[sliding], axis=1) > 0).all()
-
-
-def test_both_sides_of_matching_nodes_have_opposite_forces():
-    blocks = Blocks()
-    (state,) = blocks.contact(blocks.pair(), blocks.foot, blocks.load((0.0, -3.0)))
-    fields = ContactFields.of(state, blocks.body)
-    left = reactions(blocks.K, state.displacement, blocks.load((0.0, -3.0))).array_r
-    foot = np.isclose(blocks.x, 0.0).any(axis=1)
-    wrong = (left - fields.force.x.array).reshape(-1, 2)[~foot]
-    assert np.abs(wrong).max() < 1e-9 * np.abs(left).max()
-    for upper, sign in ((True, 1.0), (False, -1.0)):
-        nodes = blocks.nodes(upper)
-        assert fields.pressure.x.array[nodes] == pytest.approx(3.0, rel=1e-9)
-        assert (sign * fields.force.x.array[2 * nodes + 1] > 0).all()
-    assert np.count_nonzero(np.isfinite(fields.gap.x.array)) == 2 * len(nodes)
 
 
 def test_a_space_alone_gives_all_but_the_pressures():
@@ -196,22 +170,23 @@ def test_a_given_function_is_filled():
 def test_what_is_no_state_of_the_body():
     block, other = Block(4), Block(6)
     (state,) = block.solve(0.3, 60.0, increments=0)
-    with pytest.raises(ValueError, match="belongs to another space"):
-        ContactFields.of(state, other.body)
     moved = PW(mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (4, 2)), uneven))
-    with pytest.raises(ValueError, match="belongs to another space"):
-        ContactFields.of(state, moved.trial)
+    pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
+    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
+    fields = ContactFields.of(state, block.body)
+    ContactFields.of(half, block.space)
+    for attempt, words in (
+        (lambda: ContactFields.of(state, other.body), "belongs to another space"),
+        (lambda: ContactFields.of(state, moved.trial), "belongs to another space"),
+        (lambda: fields.fill(half), "other contact nodes than the fields"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            attempt()
     for ask in (ContactFields.of, plot):
         with pytest.raises(TypeError, match="solve_contact gives a list of states"):
             ask([state], block.body)
         with pytest.raises(TypeError, match=r"body is of the type Block: "):
             ask(state, block)
-    pair = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.6), Plane((0, 0), (0, 1)))
-    (half,) = block.contact(pair, block.held((0, at(0, 0.0))), block.pressure)
-    ContactFields.of(half, block.space)
-    with pytest.raises(ValueError, match="other contact nodes than the fields"):
-        ContactFields.of(state, block.body).fill(half)
-    for ask in (ContactFields.of, plot):
         with pytest.raises(ValueError, match=r"contact pair 0: its nodes at \(2\.5, 0\) belong"):
             ask(half, block.body)
 

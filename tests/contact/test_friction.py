@@ -7,7 +7,6 @@ import pytest
 
 from pw_elements import Direct, Iterative
 from pw_elements.contact import SLIP, ContactPair, Coulomb, Motion, NoEquilibrium, Plane
-from pw_elements.contact.model import Cone
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, Block, Elastic, at
 from tests.contact.iterative import FLOOR, Solid
@@ -148,18 +147,6 @@ def test_more_than_a_law_can_hold_is_proved_to_be_too_much():
     load = BLOCK.pressure + BLOCK.load((0.4 * 200 * 4 / 2, 0.0), at(0, 4.0))
     with pytest.raises(NoEquilibrium, match="slides"):
         BLOCK.contact(on_floor(Falling(0.3, 1e3)), loads=load)
-
-
-def test_chords_of_a_cone():
-    cone = Cone([Falling(0.6, None), Coulomb(None)], [np.full(3, 2.0), np.array([0.0, 0.3])])
-    force = np.array([0.0, 2.0, 6.0, 5.0, 0.0])
-    assert cone.coefficient(force) == pytest.approx([0.6, 0.3, 0.15, 0.0, 0.3], abs=1e-15)
-    assert cone.steepest == pytest.approx([0.6, 0.6, 0.6, 0.0, 0.3])
-    assert cone.rough.tolist() == [True, True, True, False, True]
-    limit, slope = cone.limit(force)
-    ahead, behind = (cone.limit(force + d)[0] for d in (1e-6, -1e-6))
-    assert slope == pytest.approx((ahead - behind) / 2e-6, abs=1e-8)
-    assert limit[1] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize(

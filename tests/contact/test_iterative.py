@@ -9,7 +9,6 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from pw_elements import Direct, Iterative, Spaces
 from pw_elements.contact import STICK, ContactPair, FreeBody, Motion, NotFound, Plane, solve_contact
-from pw_elements.contact.iteration import LinearisedLaw
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -61,43 +60,6 @@ def iterated(arguments, hybrid=False, most=150):
 def test_states_are_those_of_the_direct_solver(case, cell, method, nu):
     hybrid = method in (HYBRID, TAYLOR_HOOD)
     iterated(Solid(cell, method, nu=nu).arguments(case), hybrid)
-
-
-@pytest.mark.parametrize("bodies", [1, 2])
-def test_the_shell_is_the_assembled_tangent(bodies):
-    """Products with random active sets against the matrix that factors are made of."""
-    if bodies == 1:
-        body = Solid(n=2)
-        K, _, supports, pair, _ = body.arguments("plate by forces")
-    else:
-        body = Stack((2, 3), "tetrahedron", upper=(0.13, 0.83))
-        K, _, supports, pair, _ = STACKED["forces through contact"](body, "upper")
-    exact, shell = (body.problem(pair, supports, solver=s) for s in (Direct(), Iterative()))
-    free = ((0, 0), (0, 2))
-    assembled, krylov = (problem._stepping._bound(free)[0] for problem in (exact, shell))
-    rng = np.random.default_rng(3)
-    m, dim = assembled.interface.position.shape
-    E, C, D = rng.normal(size=(3, m, dim, dim))
-    load = assembled.reduction.load(K, K.createVecLeft())
-    tangent = assembled.tangent
-    law = LinearisedLaw(E, C, D, np.zeros((m, dim)))
-    tangent.solve(load.array_r, np.zeros(2), law, "final")
-    kept = supports.supports.free
-    given = rng.normal(size=int(kept.sum()) + 2)
-    x, y = tangent.matrix.createVecs()
-    x.setArray(given)
-    tangent.matrix.mult(x, y)
-
-    operator = krylov.tangent._operator
-    krylov.tangent._context.state(law)
-    full, image = operator.createVecs()
-    whole = np.append(kept, [True, True])
-    values = np.zeros(len(whole))
-    values[whole] = given
-    full.setArray(values)
-    operator.mult(full, image)
-    assert np.abs(image.array_r[whole] - y.array_r).max() < 1e-11 * np.abs(y.array_r).max()
-    assert np.all(image.array_r[~whole] == 0)
 
 
 @pytest.mark.parametrize(("method", "nu"), [(Spaces.petrov_galerkin, 0.3), (Spaces.hybrid, 0.5)])

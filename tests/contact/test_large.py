@@ -238,20 +238,6 @@ def test_a_base_that_moves_is_a_tool_that_moves():
     assert np.abs(mine.slip - theirs.slip).max() < 1e-9
 
 
-def test_forces_are_prescribed_and_balanced():
-    """A circle pressed and drawn by its total force goes where it went for that force."""
-    rubber = Rubber()
-    *_, driven = rubber.states(WAY)
-    pressed = rubber.problem.step(rubber.problem.undeformed, motions=Motion(WAY[0]))
-    pressed = rubber.problem.step(pressed, motions=Motion(WAY[1]))
-    force = driven.pairs[0].force
-    free = Motion((WAY[2][0], None), force=(0.0, force[1]))
-    found = rubber.problem.step(pressed, motions=free)
-    assert abs(found.pairs[0].translation[1] - WAY[2][1]) < 1e-7
-    assert np.abs(found.pairs[0].force - force).max() < 1e-6
-    assert found.residuals.largest() < 1e-8
-
-
 @pytest.mark.parametrize("stress", [neo_hookean, saint_venant])
 def test_no_cell_is_turned(stress):
     """Whatever the stress is, which may stay finite there, no accepted state has turned cells."""

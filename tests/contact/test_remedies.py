@@ -6,14 +6,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pw_elements.contact import OPEN, Motion, NotFound
-from pw_elements.contact.interface import NoContactStated
+from pw_elements.contact import NotFound
 from pw_elements.contact.iteration import ContactSystem
 from pw_elements.contact.iteration.system import Tangent
 from pw_elements.contact.rescue import condensed
-from pw_elements.contact.rescue.condensed import Budget, lemke
-from pw_elements.contact.steps.stepping import Target, held_by, in_parts
-from tests.contact.cases import Punch
+from pw_elements.contact.rescue.condensed import lemke
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
@@ -128,42 +125,3 @@ def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(mon
     condensing = max(solved, key=lambda system: (system.free == (), solved[system]))
     assert sum(state.iterations for state in states) == solved.total() - solved[condensing]
     assert sum(state.report.factorisations for state in states) >= factorised.total()
-
-
-def test_parts_are_the_increments_that_a_user_would_make():
-    """A step that is refused beyond a third of the way is made in quarters."""
-    case = Punch()
-    stated, nothing = case.problem(case.pair(0.6), case.foot), case.nothing
-    pressed = stated.step(stated.undeformed, nothing, [Motion((0, -0.1))])
-    start = held_by(pressed, case.K, stated._stepping.interface)
-    end = Target.of(nothing, [Motion((0.08, -0.2))], stated._stepping.interface)
-
-    def timid(state, target):
-        if np.abs(target.translations - state.translations).max() > 0.034:
-            raise NotFound("too far")
-        return stated._stepping._solved(state, target)
-
-    _, cut = in_parts(timid, pressed, start, end, Budget(np.inf))
-    by_hand, slip = pressed, 0.0
-    for share in (0.25, 0.5, 0.75, 1.0):
-        by_hand = stated.step(by_hand, nothing, [Motion((0.08 * share, -0.1 - 0.1 * share))])
-        slip = slip + by_hand.pairs[0].slip
-    whole = stated.step(pressed, nothing, [Motion((0.08, -0.2))])
-    size = whole.displacement.norm()
-    assert (cut.displacement - by_hand.displacement).norm() < 1e-12 * size
-    assert (cut.displacement - whole.displacement).norm() > 1e-6 * size  # another path
-    assert [share for share, _ in cut.substates] == [0.25, 0.5, 0.75]
-    closed = cut.pairs[0].status != OPEN
-    assert cut.pairs[0].slip[closed] == pytest.approx(slip[closed], abs=1e-12)
-    assert cut.increment == 2
-    failing = in_parts(lambda *_: timid(pressed, end), pressed, start, end, Budget(np.inf))
-    assert failing == (0.0, None)
-
-    def unsupported(state, target):
-        try:
-            return timid(state, target)
-        except NotFound as far:
-            raise NoContactStated("prescribed normal displacement") from far
-
-    _, again = in_parts(unsupported, pressed, start, end, Budget(np.inf))
-    assert (again.displacement - cut.displacement).norm() < 1e-12 * cut.displacement.norm()

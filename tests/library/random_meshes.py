@@ -13,7 +13,7 @@ import basix.ufl
 import numpy as np
 from dolfinx.mesh import create_mesh
 from hypothesis import strategies as st
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import cKDTree
 
 from tests.oracle.elements import ELEMENTS
 
@@ -23,8 +23,6 @@ BODIES = CELLS[1:]  # cells of elastic bodies
 SIMPLICES = ("interval", "triangle", "tetrahedron")
 EPS = float(np.finfo(float).eps)
 
-# Least altitude of a Delaunay cell over its longest edge; .87 and .82 in regular ones
-_FLATTEST = {2: 0.1, 3: 0.08}
 # How far a vertex is moved in a structured mesh, over half the distance to the next one: cells
 # stay convex below 1/2
 _MOVED = 0.4
@@ -157,30 +155,6 @@ def points_within(cell, count, seed):
 # -- builders ------------------------------------------------------------------------------------
 
 
-def delaunay(dim, seed, inside=6, size=None):
-    """Delaunay triangulation of random points in a box and on its boundary, no slivers."""
-    rng = np.random.default_rng(seed)
-    size = np.ones(dim) if size is None else np.asarray(size, dtype=float)
-    corners = np.array(np.meshgrid(*[(0.0, 1.0)] * dim)).reshape(dim, -1).T
-    points = rng.random((inside + 2 * dim * dim, dim))
-    on_side = np.arange(inside, len(points))
-    points[on_side, on_side % dim] = on_side // dim % 2
-    x = np.vstack([corners, points]) * size
-    while True:
-        cells = Delaunay(x).simplices
-        shape = _shapes(x[cells])
-        real = shape > 1e-9  # flat ones lie on a side of the box
-        cells, shape = cells[real], shape[real]
-        worst = np.argmin(shape)
-        loose = cells[worst][cells[worst] >= len(corners)]
-        if shape[worst] > _FLATTEST[dim] or not len(loose):
-            break
-        x = np.delete(x, rng.choice(loose), axis=0)
-    grid = Grid("triangle" if dim == 2 else "tetrahedron", x, cells.astype(np.int64))
-    assert abs(_volume(grid) - np.prod(size)) < 1e-12 * np.prod(size)
-    return grid
-
-
 def structured(cell, lines, seed=0, moved=0.0):
     """Box between grid lines, graded where these are; each square of triangles cut at random.
 
@@ -227,23 +201,6 @@ def graded_lines(count, length, seed):
     return length * np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
 
 
-def _shapes(x):
-    """Least altitude over the longest edge of simplices (m, dim + 1, dim)."""
-    longest = np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2))
-    jacobian = (x[:, 1:] - x[:, :1]) / longest[:, None, None]
-    flat = np.abs(np.linalg.det(jacobian)) < 1e-12
-    jacobian[flat] = np.eye(x.shape[2])
-    slopes = np.swapaxes(np.linalg.inv(jacobian), 1, 2)
-    slopes = np.concatenate([slopes, slopes.sum(axis=1, keepdims=True)], axis=1)
-    return np.where(flat, 0.0, 1 / np.linalg.norm(slopes, axis=2).max(axis=1))
-
-
-def _volume(grid):
-    corners = grid.x[grid.cells]
-    edges = corners[:, 1:] - corners[:, :1]
-    return np.abs(np.linalg.det(edges)).sum() / (2.0 if grid.dim == 2 else 6.0)
-
-
 # -- strategies ----------------------------------------------------------------------------------
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -251,23 +208,15 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @st.composite
 def grids(draw, cells=CELLS, size=None, most=None):
-    """A box, by default of side 1: Delaunay, graded or distorted."""
-    cell, seed = draw(st.sampled_from(cells)), draw(SEEDS)
+    """A box, by default of side 1, graded or distorted."""
+    cell, seed, distorted = draw(st.sampled_from(cells)), draw(SEEDS), draw(st.booleans())
     dim = DIMENSION[cell]
-    size = np.ones(dim) if size is None else np.asarray(size, dtype=float)
-    kinds = ["graded", "distorted"]
-    if cell in ("triangle", "tetrahedron"):
-        kinds.append("delaunay")
-    kind = draw(st.sampled_from(kinds))
-    if kind == "delaunay":
-        return delaunay(dim, seed, draw(st.integers(0, 8 if dim == 2 else 4)), size)
     most = most or {1: 8, 2: 4, 3: 2}[dim]
-    counts = [draw(st.integers(1, most)) for _ in range(dim)]
     lines = [
-        graded_lines(n, length, (seed, axis))
-        for axis, (n, length) in enumerate(zip(counts, size, strict=True))
+        graded_lines(draw(st.integers(1, most)), length, (seed, axis))
+        for axis, length in enumerate([1.0] * dim if size is None else size)
     ]
-    return structured(cell, lines, seed, float(kind == "distorted"))
+    return structured(cell, lines, seed, float(distorted))
 
 
 def skew(dim, seed):

@@ -3,20 +3,9 @@ from mpi4py import MPI
 import basix.ufl
 import numpy as np
 import pytest
-from dolfinx import fem
 from dolfinx.mesh import create_mesh
 
-from pw_elements import (
-    Material,
-    Reduction,
-    Spaces,
-    assemble_matrix,
-    assemble_vector,
-    prescribe,
-    reactions,
-    solve,
-)
-from pw_elements.contact import SLIP, STICK, ContactPair, Plane, solve_contact
+from pw_elements import Material, Reduction, Spaces, assemble_vector, prescribe, reactions, solve
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from study.discretisation import discretise
@@ -27,7 +16,6 @@ from tests.contact.cases import GALERKIN, Elastic, at
 from tests.library.properties import dense_solution
 
 MATERIAL = Material(7.0, 0.3)
-CONDENSED = ("pw-Q8", "pw-Q9")
 
 
 def square(cell, divisions=(3, 2), pattern="right"):
@@ -44,7 +32,7 @@ def in_order(points):
     return sorted(map(tuple, np.round(points[:, :2], 12)))
 
 
-@pytest.fixture(params=CONDENSED)
+@pytest.fixture(params=["pw-Q8", "pw-Q9"])
 def problem(request):
     """A distorted square whose body load acts on inner nodes, too: discretisation, f, inner."""
     body = discretise(request.param, square, MATERIAL, StressState.PLANE_STRESS)
@@ -89,49 +77,6 @@ def test_reduced_load_does_not_depend_on_the_inner_offset(problem):
     assert (loaded.offset - reduction.offset).norm() > 1e-3
     difference = loaded.load(body.K, f) - reduction.load(body.K, f)
     assert difference.norm() < 1e-13
-
-
-def test_guyan_reduction_has_one_stiffness_and_two_masses(problem):
-    body, _, _ = problem
-    static = body.supports([])
-    symmetric = static.guyan("same")
-    K, K_symmetric = (dense(r.matrix(body.K)) for r in (static, symmetric))
-    assert np.abs(K - K_symmetric).max() < 1e-13
-    mass = assemble_matrix(body.body.mass())
-    M, M_symmetric = (dense(r.matrix(mass)) for r in (static, symmetric))
-    assert np.abs(M - M_symmetric).max() > 1e-3 * np.abs(M).max()
-    # either way a translation has the mass of the body: R takes it to a translation
-    shift = np.tile([1.0, 0.0], len(M) // 2)
-    for reduced in (M, M_symmetric):
-        assert shift @ reduced @ shift == pytest.approx(dense(mass)[::2, ::2].sum(), rel=1e-12)
-
-
-def test_cuts_agree_for_equilibrated_quadratic_displacements_only():
-    # x^2 - y^2 and 2 x y and the like: harmonic and free of divergence, so without body force
-    def forces(pattern, field):
-        body = discretise(
-            "pw-Q8", lambda cell: square(cell, (1, 1), pattern), MATERIAL, StressState.PLANE_STRESS
-        )
-        u = fem.Function(body.space)
-        u.interpolate(field)
-        reduction = body.supports([])
-        a = reduction.right.createVecRight()
-        values = np.delete(u.x.array.reshape(-1, 2), body.inner_nodes(), axis=0)
-        a.setArray(values.ravel())
-        r = reactions(body.K, reduction.expand(a), body.K.createVecLeft())
-        nodes = np.delete(body.space.tabulate_dof_coordinates(), body.inner_nodes(), axis=0)
-        r = np.delete(r.array.reshape(-1, 2), body.inner_nodes(), axis=0)
-        return r[np.lexsort(np.round(nodes, 9).T)]
-
-    def equilibrated(x):
-        return x[0] ** 2 - x[1] ** 2, -2 * x[0] * x[1]
-
-    def cubic(x):
-        return x[0] ** 2 * x[1], 0 * x[0]
-
-    same, other = (forces("right", f) - forces("left", f) for f in (equilibrated, cubic))
-    assert np.abs(same).max() < 1e-13
-    assert np.abs(other).max() > 0.1
 
 
 @pytest.mark.parametrize("pattern", ["right", "left", "right_left", "left_right"])
@@ -202,35 +147,6 @@ def test_refuses_what_cannot_be_condensed(problem):
     ]
     with pytest.raises(ValueError, match="nothing but inner and prescribed"):
         body.supports(others)
-
-
-def contact(body, condensed):
-    """A block on a rough plane under body load and shear, with and without its inner nodes."""
-    U = body.space
-    f = body.surface_load((60.0, -200.0), at(1, 1.0))
-    f.axpy(1.0, assemble_vector(body.body.body_load((10.0, -100.0))))
-    foot = ContactPair(at(1, 0.0), Plane((0.0, 0.0), (0.0, 1.0)), 0.3)
-    reduction = body.supports([]) if condensed else Reduction.dirichlet(U, [])
-    return solve_contact(body.K, f, reduction, [foot], U)[0]
-
-
-@pytest.mark.parametrize("element", CONDENSED)
-def test_contact_is_that_of_all_nodes(element):
-    def build(cell):
-        make = quadrilaterals if cell == "quadrilateral" else triangles
-        return make(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (8, 4))
-
-    body = discretise(element, build, Material(1000.0, 0.3), StressState.PLANE_STRESS)
-    state, every = contact(body, True), contact(body, False)
-    (pair,), (pair_every,) = state.pairs, every.pairs
-    assert {STICK, SLIP} <= set(pair.status)
-    assert np.array_equal(pair.status, pair_every.status)
-    assert state.iterations == every.iterations
-    scale = pair_every.force_normal.max()
-    assert np.abs(pair.force_vector - pair_every.force_vector).max() < 1e-10 * scale
-    difference = state.displacement - every.displacement
-    assert difference.norm() < 1e-10 * every.displacement.norm()
-    assert state.residuals.largest() < 1e-9
 
 
 def test_two_galerkin_triangles_condense_symmetrically():

@@ -167,6 +167,11 @@ def test_both_left_matrices_of_guyans_reduction(element):
         assert modes.imaginary == 0
         assert 1e-6 < np.abs(modes.eigenvalues / every - 1).max() < 0.05
         found[name] = modes.eigenvalues
+        # a translation has the mass of the body: R takes it to a translation
+        reduced = body.supports([]).guyan(name)
+        shift = np.tile([1.0, 0.0], reduced.right.getSize()[1] // 2)
+        mass = shift @ dense(reduced.matrix(M)) @ shift
+        assert mass == pytest.approx(dense(M)[::2, ::2].sum(), rel=1e-12)
     assert np.abs(found["same"] / found["transposed"] - 1).max() > 1e-6
     with pytest.raises(ValueError, match="'symmetric': the names are"):
         condensed.guyan("symmetric")

@@ -1,10 +1,16 @@
+"""Weight functions on all cells; on tetrahedra the mean of three cuts, and its quadrature."""
+
+import itertools
+
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix as dolfinx_matrix
 from dolfinx.mesh import (
     CellType,
     create_box,
@@ -12,31 +18,33 @@ from dolfinx.mesh import (
     create_rectangle,
     create_unit_cube,
     create_unit_square,
+    meshtags,
 )
 
 import pw_elements
-from pw_elements import Reduction, Spaces, assemble_matrix, assemble_vector, solve
+from pw_elements import (
+    Reduction,
+    Spaces,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    cell_measure,
+    reactions,
+    solve,
+)
+from pw_elements.meshes import curved
 from pw_elements.spaces import (
-    PAPER_NODES,
     macro_element,
     one_cut_element,
     quadratic_element,
     serendipity_element,
 )
-from pw_elements.spaces.elements import CELLS
-from study.paper.s3_weight_functions import SUBELEMENTS, printed_weights
-from tests.library.random_meshes import points_within
-
-
-def test_equals_the_printed_equations_in_all_subtriangles():
-    element = macro_element("triangle")
-    nodes = element._element.points[list(PAPER_NODES)]
-    for number, corners in enumerate(SUBELEMENTS, start=1):
-        weights = np.random.default_rng(number).dirichlet(np.ones(3), 100)
-        points = weights @ nodes[np.array(corners) - 1]
-        printed = printed_weights(points, np.full(100, number))
-        ours = element.tabulate(0, points)[0][:, list(PAPER_NODES)]
-        assert np.abs(ours - printed).max() < 1e-14
+from pw_elements.spaces.elements import CELLS, twelve_cell_rule
+from study.discretisation import one_cut
+from study.matrices import dense
+from tests.contact.cases import PW, Elastic, at
+from tests.library.random_meshes import Grid, points_within, same_nodes, structured
+from tests.oracle.elements import ELEMENTS, gauss, shapes
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -62,20 +70,6 @@ def test_slopes_are_those_of_the_values(cell):
         assert within.mean() > 0.9
         difference = (above - below) / (2 * step)
         assert np.abs(slope - difference)[within].max() < 1e-11
-
-
-def test_continuous_across_cells_in_a_form():
-    # a jump over interior facets would show in the integral of its square
-    for mesh, element in [
-        (create_unit_square(MPI.COMM_WORLD, 3, 3), macro_element("triangle")),
-        (create_unit_cube(MPI.COMM_WORLD, 2, 2, 2), macro_element("tetrahedron")),
-    ]:
-        W = fem.functionspace(mesh, element)
-        w = fem.Function(W)
-        w.x.array[:] = np.sin(np.arange(len(w.x.array), dtype=float))
-        jump = fem.assemble_scalar(fem.form(ufl.jump(w) ** 2 * ufl.dS))
-        size = fem.assemble_scalar(fem.form(w**2 * ufl.ds))
-        assert mesh.comm.allreduce(jump) < 1e-24 * mesh.comm.allreduce(size)
 
 
 def test_integrates_to_a_quarter_and_a_half_of_an_edge():
@@ -145,3 +139,251 @@ def test_poisson_with_the_test_space_meets_a_quadratic(mesh):
     )
     a = solve(K, f, Reduction.dirichlet(V, [fem.dirichletbc(exact, rim)]))
     assert np.abs(a.array - exact.x.array[: a.getLocalSize()]).max() < 1e-12
+
+
+STANDARD, MACRO = basix.PolysetType.standard, basix.PolysetType.macroedge
+DEGREES = (0, 1, 2, 4, 5, 7, 20)
+NODES = np.array(ELEMENTS["T10"].nodes) / 2
+
+
+def cuts():
+    """Eight sub-cells (8, 4) for each diagonal: 4-9, 5-8, 6-7 join middles of opposite edges."""
+    corners = [(0, 7, 8, 9), (1, 5, 6, 9), (2, 4, 6, 8), (3, 4, 5, 7)]
+    diagonals = [(4, 9), (5, 8), (6, 7)]
+    for diagonal in diagonals:
+        (a, b), (c, d) = (other for other in diagonals if other != diagonal)
+        yield corners + [(*diagonal, *pair) for pair in ((a, c), (c, b), (b, d), (d, a))]
+
+
+def brute_force(integrand):
+    """Mean over the cuts of integrals over all their sub-cells.
+
+    The integrand takes weights (q, 10), their slopes (d, 10) and points (q, d).
+    """
+    points, measure = gauss(True, 3, 4)
+    hats = np.column_stack([1 - points.sum(axis=1), points])
+    total = 0.0
+    for cells in cuts():
+        for cell in map(list, cells):
+            corners = np.column_stack([np.ones(4), NODES[cell]])
+            weights, slopes = np.zeros((len(points), 10)), np.zeros((3, 10))
+            weights[:, cell], slopes[:, cell] = hats, np.linalg.inv(corners)[1:]
+            parts = integrand(weights, slopes, hats @ NODES[cell])
+            total = total + abs(np.linalg.det(corners)) * np.tensordot(measure, parts, 1) / 3
+    return total
+
+
+def one_cell():
+    return Grid("tetrahedron", NODES[:4], np.array([[0, 1, 2, 3]])).mesh()
+
+
+def tetrahedra(seed):
+    """A cube of distorted cells."""
+    return structured("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
+
+
+def test_is_the_mean_of_the_one_cut_element_over_all_orders_of_vertices():
+    twelve, one = macro_element("tetrahedron"), one_cut_element()
+    points = points_within("tetrahedron", 600, 1)
+    nodes = twelve._element.points
+
+    def barycentric(x):
+        return np.column_stack([1 - x.sum(axis=1), x])
+
+    mean = 0.0
+    for order in itertools.permutations(range(4)):
+        place = [
+            np.abs(nodes - x).sum(axis=1).argmin() for x in barycentric(nodes)[:, order][:, 1:]
+        ]
+        turned = np.ascontiguousarray(barycentric(points)[:, order][:, 1:])
+        mean = mean + one.tabulate(0, turned)[0][:, place] / 24
+    values = twelve.tabulate(0, points)[0]
+    assert np.abs(values - mean).max() < 1e-15
+    assert np.abs(one.tabulate(0, points)[0] - mean).max() > 0.1
+
+
+def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
+    spaces = PW(one_cell(), 0)
+    u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
+    cell = spaces.trial.dofmap.list[0]
+    K = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))[np.ix_(cell, cell)]
+    M = dense(assemble_matrix(u * v * ufl.dx))[np.ix_(cell, cell)]
+    f = assemble_vector(v * ufl.dx).array[cell]
+    exact_K = brute_force(lambda _, dw, x: np.einsum("dm,qnd->qmn", dw, shapes("T10", x)[1]))
+    exact_M = brute_force(lambda w, _, x: np.einsum("qm,qn->qmn", w, shapes("T10", x)[0]))
+    assert np.abs(K - exact_K).max() < 1e-14 * np.abs(K).max()
+    assert np.abs(M - exact_M).max() < 1e-14 * np.abs(M).max()
+    volume = 1 / 6
+    assert np.abs(f - volume * np.repeat([1 / 32, 7 / 48], (4, 6))).max() < 1e-16
+    assert np.abs(M.sum(axis=1) - f).max() < 1e-16
+
+
+def test_forces_and_displacements_do_not_depend_on_the_order_of_vertices():
+    grid, force, largest = tetrahedra(3), np.array([0.3, -0.5, 1.0]), {}
+    for name, spaces in (("twelve", PW), ("one", one_cut)):
+        solved, first = [], None
+        for seed in range(4):
+            mesh = grid.renumbered(seed).mesh() if seed else grid.mesh()
+            body = Elastic(mesh, spaces, "solid", 1.0)
+            f = body.weight(force)
+            a = solve(body.K, f, body.clamped(at(2, 0.0)))
+            first = body.x if first is None else first
+            order = same_nodes(body.x, first)
+            solved.append([v.array.reshape(-1, 3)[order] for v in (a, reactions(body.K, a, f), f)])
+        largest[name] = [
+            max(np.abs(other - ours).max() for other in others) / np.abs(ours).max()
+            for ours, *others in zip(*solved, strict=True)
+        ]
+    assert max(largest["twelve"]) < 2e-13
+    assert min(largest["one"]) > 1e-3
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3, 5, 8, 12, 15])
+def test_rule_is_exact_on_each_cell_of_every_cut(degree):
+    points, weights = twelve_cell_rule(degree)
+    assert len(points) % 12 == 0
+    gauss_points, gauss_weights = gauss(True, 3, (degree + 4) // 2)
+    hats = np.column_stack([1 - gauss_points.sum(axis=1), gauss_points])
+    along = np.array([0.3, -0.7, 0.5])
+    for cells in cuts():
+        for cell in map(list, cells):
+            corners = np.column_stack([np.ones(4), NODES[cell]])
+            hat = np.column_stack([np.ones(len(points)), points]) @ np.linalg.inv(corners)
+            inside = hat.min(axis=1) > 0
+            exact = gauss_weights @ (1 + hats @ NODES[cell] @ along) ** degree
+            exact *= abs(np.linalg.det(corners))
+            ours = weights[inside] @ (1 + points[inside] @ along) ** degree
+            assert ours == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize("degree", [2, 4])
+def test_slopes_are_not_taken_on_sides_of_sub_cells(degree):
+    """Basix's rules of degree 4, 5 and 7 have points there, and DOLFINx's own matrix is wrong."""
+    spaces = one_cut(tetrahedra(5).mesh(), ())
+    u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
+    form = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
+    exact = dense(assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx))
+    assert np.abs(dense(assemble_matrix(form)) - exact).max() < 1e-13 * np.abs(exact).max()
+    theirs = dolfinx_matrix(fem.form(form))
+    theirs.assemble()
+    difference = np.abs(dense(theirs) - exact).max() / np.abs(exact).max()
+    assert difference < 1e-13 if degree == 2 else difference > 1e-2
+
+
+def test_own_forms_are_integrated_on_the_twelve_cells():
+    spaces = PW(tetrahedra(7).mesh(), 0)
+    mesh, W = spaces.mesh, spaces.test
+    u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(W)
+    x, fine = ufl.SpatialCoordinate(mesh), cell_measure(W, 12)
+    w = fem.Function(W)
+    w.x.array[:] = np.sin(np.arange(len(w.x.array)))
+    on_side = boundary_measure(mesh, lambda x: np.isclose(x[0], 0))
+
+    def of(dx):
+        """A matrix and vectors, some of them with a function of the test space in them."""
+        wind = ufl.as_vector((1.0, 2.0, x[0]))
+        yield ufl.inner((1 + x[0] * x[1]) * ufl.grad(u), ufl.grad(v)) * dx + u * v * dx
+        yield ufl.dot(wind, ufl.grad(u)) * v * dx + u * v * on_side
+        yield ufl.derivative(ufl.inner(ufl.grad(w), ufl.grad(w)) / 2 * dx, w, v)
+        yield w**2 * v * dx + v * ufl.ds
+        yield w * ufl.TestFunction(spaces.trial) * dx
+
+    for plain, exact in zip(of(ufl.dx), of(fine), strict=True):
+        assemble = assemble_matrix if len(plain.arguments()) == 2 else assemble_vector
+        ours, reference = assemble(plain), assemble(exact)
+        size = reference.norm()
+        ours.axpy(-1.0, reference)
+        assert ours.norm() < 1e-14 * size
+
+    # a degree the user gives is taken
+    crude = assemble_matrix(u * v * ufl.dx(metadata={"quadrature_degree": 1}))
+    same = dolfinx_matrix(fem.form(u * v * cell_measure(W, 1)))
+    same.assemble()
+    assert np.abs(dense(crude) - dense(same)).max() == 0
+    exact = dense(assemble_matrix(u * v * ufl.dx))
+    assert np.abs(dense(crude) - exact).max() > 1e-2 * np.abs(exact).max()
+
+
+def test_mixed_spaces_and_curved_cells_are_integrated_on_the_twelve_cells():
+    scalar = basix.ufl.element("Lagrange", "tetrahedron", 1)
+    weights = macro_element("tetrahedron", (3,))
+    for degree in (1, 2):
+        box = create_unit_cube(MPI.COMM_SELF, 1, 1, 1)
+        mesh = box if degree == 1 else curved(box, lambda x: x + 0.1 * x**2)
+        V = fem.functionspace(
+            mesh, basix.ufl.mixed_element([quadratic_element("tetrahedron", (3,)), scalar])
+        )
+        W = fem.functionspace(mesh, basix.ufl.mixed_element([weights, scalar]))
+        (u, p), (w, q) = ufl.TrialFunctions(V), ufl.TestFunctions(W)
+        integrand = ufl.inner(ufl.grad(u), ufl.grad(w)) - p * ufl.div(w) - q * ufl.div(u)
+        ours = assemble_matrix(integrand * ufl.dx)
+        fine = assemble_matrix(integrand * cell_measure(W, 14))
+        fine.axpy(-1.0, ours)
+        assert fine.norm() < (1e-13 if degree == 1 else 1e-3) * ours.norm()
+
+
+def test_subdomains_are_kept():
+    mesh = create_unit_cube(MPI.COMM_SELF, 2, 2, 2)
+    v = ufl.TestFunction(PW(mesh, 0).test)
+    cells = np.arange(20, dtype=np.int32)
+    tags = meshtags(mesh, 3, cells, np.where(cells < 5, 1, 2).astype(np.int32))
+    dx = ufl.Measure("dx", domain=mesh, subdomain_data=tags)
+    load = assemble_vector(v * dx(1) + 3.0 * v * dx(2))
+    assert load.sum() == pytest.approx((5 + 3 * 15) / 48, rel=1e-13)
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+@pytest.mark.parametrize("polyset", [STANDARD, MACRO])
+def test_refuses_the_points_of_basixs_rules(degree, polyset):
+    points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree, polyset_type=polyset)
+    for derivatives in (0, 1):
+        with pytest.raises(ValueError, match="cell_measure"):
+            macro_element("tetrahedron").tabulate(derivatives, points)
+    one_cut_element().tabulate(1, points)
+
+
+def test_refuses_dolfinx_own_integrals():
+    spaces = PW(create_unit_cube(MPI.COMM_SELF, 1, 1, 1), 0)
+    u, v = ufl.TrialFunction(spaces.trial), ufl.TestFunction(spaces.test)
+    w = fem.Function(spaces.test)
+    for form in (
+        v * ufl.dx,
+        ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+        w * ufl.dx,
+        u * v * ufl.dx,
+    ):
+        with pytest.raises(ValueError, match="cell_measure"):
+            fem.form(form)
+    w.x.array[:] = 1.0
+    for degree in (0, 1, 4):
+        volume = fem.assemble_scalar(fem.form(w * cell_measure(spaces.test, degree)))
+        assert volume == pytest.approx(1.0, rel=1e-14)
+    # faces have FFCx's own rule, and need no other
+    area = fem.assemble_vector(fem.form(v * ufl.ds)).array
+    assert area.sum() == pytest.approx(6.0, rel=1e-14)
+    with pytest.raises(ValueError, match="quadrature_degree"):
+        assemble_vector(v * ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1}))
+
+
+def test_values_and_nodal_slopes_may_be_asked_for():
+    element, nodes = macro_element("tetrahedron"), NODES
+    assert np.abs(element.tabulate(1, nodes)[0] - np.eye(10)).max() < 1e-15
+    somewhere = np.array([[0.2, 0.3, 0.1]])
+    assert np.abs(element.tabulate(0, somewhere)[0].sum() - 1) < 1e-15
+    middle = np.array([[0.25, 0.25, 0.25], [0.0, 0.0, 0.0]])
+    assert element.tabulate(0, middle)[0][0] == pytest.approx([0] * 4 + [1 / 6] * 6, abs=1e-15)
+
+    mesh = create_unit_cube(MPI.COMM_SELF, 2, 1, 1)
+    W, V = (PW(mesh, 0).test, fem.functionspace(mesh, ("Lagrange", 2)))
+    w, f = fem.Function(W), fem.Function(V)
+    w.interpolate(lambda x: x[0] + x[1] * x[2])
+    f.interpolate(w)
+    f.interpolate(fem.Expression(w, _points(V)))
+    assert np.abs(f.x.array - w.x.array).max() < 1e-14
+    gradient = fem.Function(fem.functionspace(mesh, ("DG", 1, (3,))))
+    gradient.interpolate(fem.Expression(ufl.grad(w), _points(gradient.function_space)))
+
+
+def _points(space):
+    points = space.element.interpolation_points
+    return points() if callable(points) else points  # a method up to DOLFINx 0.9

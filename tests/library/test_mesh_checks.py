@@ -315,13 +315,3 @@ def test_a_mesh_is_looked_at_once_until_it_moves_and_is_not_kept(monkeypatch):
     del mesh, spaces
     gc.collect()
     assert alive() is None
-
-
-def test_one_body_is_as_large_as_its_boundary_says():
-    """Area vectors that cancel inside make the volume the boundary's integral of x.n / dim."""
-    mesh = structured("triangle", [LINES] * 2, 3, 0.5).mesh()
-    cells = meshes._Cells(mesh)
-    cells.check()
-    surface = meshes._Surface(cells)
-    volume = np.sum(surface.area * surface.corner.mean(axis=1)) / 2
-    assert volume == pytest.approx(1.0, rel=1e-14)

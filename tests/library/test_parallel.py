@@ -7,7 +7,6 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import (
-    Body,
     Iterative,
     Material,
     NotConverged,
@@ -19,7 +18,6 @@ from pw_elements import (
     assemble_matrix,
     assemble_scalar,
     assemble_vector,
-    boundary_measure,
     buckling,
     force_transfer,
     forces_along,
@@ -41,7 +39,7 @@ from pw_elements.spaces import macro_element
 from study.discretisation import discretise
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
-from tests.contact.cases import at
+from tests.contact.cases import GALERKIN, PW, Elastic, at
 from tests.contact.iterative import CASES, STACKED, Solid, nearly_sliding
 from tests.contact.two_bodies import Stack
 from tests.parallel import same_numbers
@@ -51,10 +49,9 @@ def box(comm, size=(1, 1, 2), cells=(3, 3, 5), cell="tetrahedron"):
     return create_box(comm, [(0, 0, 0), size], cells, CellType[cell])
 
 
-def held(U, axis, values=(0.0, 0.0, 0.0)):
-    """Conditions at the lower end of an axis."""
-    dim = U.mesh.geometry.dim
-    return [prescribe(U, i, at(axis, 0.0), values[i]) for i in range(dim)]
+def foot(body, axis, values=(0.0, 0.0, 0.0)):
+    """Supports at the lower end of an axis."""
+    return body.held(*((i, at(axis, 0.0), values[i]) for i in range(body.dim)))
 
 
 def sizes(W, a):
@@ -68,23 +65,14 @@ def sizes(W, a):
 
 def beam(comm, method):
     mesh = triangles(comm, (0.0, -0.5), (8.0, 0.5), (16, 4), "crossed")
-    body = Body(method(mesh), Material(2.0, 0.3), "plane stress")
-    U = body.spaces.trial
-    K = assemble_matrix(body.stiffness())
-    f = assemble_vector(body.surface_load((-1.0, 0.0), boundary_measure(mesh, at(0, 8.0))))
+    body = Elastic(mesh, method, "plane stress", 2.0)
+    U, K, M, supports = body.space, body.K, body.M, foot(body, 0, (0.0, 0.01))
+    f = body.load((-1.0, 0.0), at(0, 8.0))
     f.axpy(1.0, nodal_load(U, lambda x: at(0, 8.0)(x) & at(1, 0.0)(x), (0, 1e-3)))
-    supports = Reduction.dirichlet(U, held(U, 0, (0.0, 0.01)))
     a = solve(K, f, supports)
-    u = fem.Function(U)
-    u.x.array[: a.getLocalSize()] = a.array_r
-    u.x.scatter_forward()
-    stresses = {
-        form: assemble_matrix(body.initial_stress(body.stress(u), form)) for form in ("G", "J")
-    }
-    M = assemble_matrix(body.mass())
-    free = vibration_modes(K, M, Reduction.dirichlet(U, []), 4)
-    S = symmetric_part(stresses["J"])
-    symmetrised = buckling(symmetric_part(K), S, supports, 1, symmetrised=True)
+    stresses = {form: body.prestress(f, supports, form) for form in ("G", "J")}
+    free = vibration_modes(K, M, body.held(), 4)
+    parts = symmetric_part(K), symmetric_part(stresses["J"])
     return {
         "displacement norm": a.norm(),
         "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0), axis=1).force,
@@ -92,7 +80,7 @@ def beam(comm, method):
         "mass norm": M.norm(),
         "rigid": free.rigid,
         "free frequencies": free.eigenvalues[3:],
-        "symmetrised": symmetrised.factors,
+        "symmetrised": buckling(*parts, supports, 1, symmetrised=True).factors,
         **{f"buckling {form}": buckling(K, S, supports, 2).factors for form, S in stresses.items()},
         **{
             f"frequencies {way}": vibration_modes(K, M, supports, 3, way).eigenvalues
@@ -104,12 +92,9 @@ def beam(comm, method):
 def identity(comm):
     """The transfer of the standard element's forces gives the new one's; and a layered block."""
     mesh = mapped(triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6)), distorted)
-    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
-    K, K_pw = (
-        assemble_matrix(Body(spaces, Material(1.0, 0.3), "plane stress").stiffness())
-        for spaces in (galerkin, pw)
-    )
-    assert (force_transfer(galerkin.trial).matMult(K) - K_pw).norm() < 1e-14 * K_pw.norm()
+    galerkin, pw = (Elastic(mesh, method, "plane stress") for method in (GALERKIN, PW))
+    shared = force_transfer(galerkin.space).matMult(galerkin.K)
+    assert (shared - pw.K).norm() < 1e-14 * pw.K.norm()
     for cell in (CellType.triangle, CellType.tetrahedron):
         assert error(Spaces.hybrid, layered(comm, cell), split_pressure=True) < 1e-12
     return {}
@@ -123,7 +108,7 @@ def element(comm, name):
     body = discretise(name, build, Material(1.0, 0.3), StressState.PLANE_STRESS)
     U, K = body.space, body.K
     f = assemble_vector(body.body.body_load((0.3, -1.0)))
-    supports = body.supports(held(U, 0, (0.0, 0.01)))
+    supports = body.supports([prescribe(U, i, at(0, 0.0), 0.01 * i) for i in range(2)])
     a = solve(K, f, supports)
     wall = ContactPair(at(0, 0.0), Plane((0.0, 0.0), (1.0, 0.0)), 0.4)
     pushed = assemble_vector(body.body.body_load((-1.0, -0.35)))
@@ -146,16 +131,14 @@ def element(comm, name):
 
 
 def solid(comm):
-    body = Body(Spaces.petrov_galerkin(box(comm)), Material(1.0, 0.3), "solid")
-    U = body.spaces.trial
-    K = assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
-    nodes = fem.locate_dofs_geometrical(U, at(2, 0.0))
-    whole = [fem.dirichletbc(np.zeros(3), nodes, U)]
-    free = vibration_modes(K, assemble_matrix(body.mass()), Reduction.dirichlet(U, []), 8)
+    body = Elastic(box(comm), PW, "solid", 1.0)
+    f = body.weight((0.0, 0.3, -1.0))
+    nodes = fem.locate_dofs_geometrical(body.space, at(2, 0.0))
+    whole = [fem.dirichletbc(np.zeros(3), nodes, body.space)]
+    free = vibration_modes(body.K, body.M, body.held(), 8)
     return {
-        "held": solve(K, f, Reduction.dirichlet(U, held(U, 2))).norm(),
-        "held as vectors": solve(K, f, Reduction.dirichlet(U, whole)).norm(),
+        "held": solve(body.K, f, foot(body, 2)).norm(),
+        "held as vectors": solve(body.K, f, Reduction.dirichlet(body.space, whole)).norm(),
         "rigid": free.rigid,
         "frequencies": free.eigenvalues[6:],
     }
@@ -163,14 +146,11 @@ def solid(comm):
 
 def tube(comm):
     mesh = curved(triangles(comm, (1.0, 0.0), (2.0, 1.0), (6, 5)), distorted)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "axisymmetric")
+    body = Elastic(mesh, PW, "axisymmetric", 1.0)
     w = fem.Function(fem.functionspace(mesh, macro_element("triangle")))
     w.interpolate(lambda x: np.sin(x[0]) * x[1])
-    return {
-        "stiffness norm": assemble_matrix(body.stiffness()).norm(),
-        "mass norm": assemble_matrix(body.mass()).norm(),
-        "macro integral": assemble_scalar(w**2 * ufl.dx),
-    }
+    integral = assemble_scalar(w**2 * ufl.dx)
+    return {"stiffness": body.K.norm(), "mass": body.M.norm(), "macro integral": integral}
 
 
 def rubber(comm):
@@ -182,7 +162,8 @@ def rubber(comm):
     stress = F - inverse + ufl.ln(ufl.det(F)) * inverse
     residual = ufl.inner(stress, ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": 3})
     depth = fem.Constant(mesh, -0.3)
-    conditions = [*held(U, 2), prescribe(U, 2, at(2, 1.0), depth)]
+    conditions = [prescribe(U, i, at(2, 0.0)) for i in range(3)]
+    conditions.append(prescribe(U, 2, at(2, 1.0), depth))
     problem = PetrovGalerkinProblem(residual, u, conditions)
     problem.solve(depth, increments=2)
     return {
@@ -196,21 +177,19 @@ def rubber(comm):
 def hybrid(comm, state):
     square = triangles(comm, (0.0, 0.0), (1.0, 1.0), (7, 6))
     mesh = box(comm) if state == "solid" else mapped(square, distorted)
-    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), state)
-    W, dim = body.spaces.trial, mesh.geometry.dim
-    K, f = assemble_matrix(body.stiffness()), assemble_vector(body.body_load([3e6] * dim))
-    f.axpy(1.0, nodal_load(W, at(0, 0.0), [2e6] * dim))
-    a = solve(K, f, Reduction.dirichlet(W, held(W, 0, (0.0, 0.01, 0.02))))
-    return sizes(W, a) | {"reactions": reactions(K, a, f).norm()}
+    body = Elastic(mesh, Spaces.hybrid, state, 2e9, 0.5)
+    f = body.weight([3e6] * body.dim)
+    f.axpy(1.0, nodal_load(body.space, at(0, 0.0), [2e6] * body.dim))
+    a = solve(body.K, f, foot(body, 0, (0.0, 0.01, 0.02)))
+    return sizes(body.space, a) | {"reactions": reactions(body.K, a, f).norm()}
 
 
 def impact(comm):
-    body = Body(Spaces.galerkin(box(comm, (2, 1, 1), (6, 3, 3))), Material(10.0, 0.3), "solid")
-    U = body.spaces.trial
+    body = Elastic(box(comm, (2, 1, 1), (6, 3, 3)), GALERKIN, "solid", 10.0)
+    U = body.space
     sibling = Sibling.of(U)
-    K = sibling.matrix(assemble_matrix(body.stiffness()))
-    M = lumped_mass(sibling.matrix(assemble_matrix(body.mass())), U)
-    weight = sibling.load(assemble_vector(body.body_load((0.0, 0.0, -0.5))))
+    K, M = sibling.matrix(body.K), lumped_mass(sibling.matrix(body.M), U)
+    weight = sibling.load(body.weight((0.0, 0.0, -0.5)))
     thrown = K.createVecRight()
     thrown.array.reshape(-1, 3)[:] = (0.5, 0.1, -1.0)
     floor = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
@@ -225,9 +204,9 @@ def impact(comm):
     assert comm.size == 1 or sum(cut) > 1, "the partition spares the contact"
     fields = ("force_normal", "force_tangential", "status", "gap", "slip", "displacement")
     # the sibling at rest: supports with values, contact on its gaps
-    foot = sibling.dirichlet(held(U, 2, (0.0, 0.02, 0.04)))
+    held = sibling.dirichlet([prescribe(U, i, at(2, 0.0), 0.02 * i) for i in range(3)])
     near = ContactPair(at(2, 1.0), Sphere((1, 0.5, 3.91), 2.9), 0.2)
-    (state,) = solve_contact(K, weight, foot, near, U)
+    (state,) = solve_contact(K, weight, held, near, U)
     return {
         "critical step": history.critical_step,
         "energy": list(vars(history.energies).values()),
@@ -240,7 +219,7 @@ def impact(comm):
             for k, pair in enumerate(frame.pairs)
             for field in fields
         },
-        "held": sibling.displacement(solve(K, weight, foot)).norm(),
+        "held": sibling.displacement(solve(K, weight, held)).norm(),
         "static force": state.pairs[0].force_normal,
         "static gap": state.pairs[0].gap,
     }
@@ -250,28 +229,19 @@ def impact(comm):
 
 
 def supported(comm, cell):
-    body = Body(
-        Spaces.petrov_galerkin(box(comm, (2, 1, 1), (4, 2, 2), cell)), Material(1.0, 0.3), "solid"
-    )
-    U = body.spaces.trial
-    K = assemble_matrix(body.stiffness())
-    f = assemble_vector(body.body_load((0.0, 0.3, -1.0)))
-    foot = held(U, 0, (0.0, 0.1, 0.2))
-    supports = Reduction.dirichlet(U, foot)
+    body = Elastic(box(comm, (2, 1, 1), (4, 2, 2), cell), PW, "solid", 1.0)
+    f, supports = body.weight((0.0, 0.3, -1.0)), foot(body, 0, (0.0, 0.1, 0.2))
     with pytest.raises(SingularSystem):
-        solve(K, f, Reduction.dirichlet(U, foot[:2]), Iterative())
-    modes = vibration_modes(K, assemble_matrix(body.mass()), supports, 3, solver=Iterative())
-    displacement = solve(K, f, supports, Iterative())
+        solve(body.K, f, body.held((0, at(0, 0.0)), (1, at(0, 0.0))), Iterative())
+    modes = vibration_modes(body.K, body.M, supports, 3, solver=Iterative())
+    displacement = solve(body.K, f, supports, Iterative())
     return {"displacement norm": displacement.norm(), "frequencies": modes.eigenvalues}
 
 
 def incompressible(comm, cell):
-    mesh = box(comm, (2, 1, 1), (4, 2, 2), cell)
-    body = Body(Spaces.hybrid(mesh), Material(2e9, 0.5), "solid")
-    W = body.spaces.trial
-    f = assemble_vector(body.body_load((0.0, 3e8, -1e9)))
-    supports = Reduction.dirichlet(W, held(W, 0, (0.0, 0.1, 0.2)))
-    return sizes(W, solve(assemble_matrix(body.stiffness()), f, supports, Iterative()))
+    body = Elastic(box(comm, (2, 1, 1), (4, 2, 2), cell), Spaces.hybrid, "solid", 2e9, 0.5)
+    f, supports = body.weight((0.0, 3e8, -1e9)), foot(body, 0, (0.0, 0.1, 0.2))
+    return sizes(body.space, solve(body.K, f, supports, Iterative()))
 
 
 def summed(states):
@@ -322,7 +292,7 @@ def named(cases):
 
 def direct_numbers(comm):
     return named(
-        {"galerkin": beam(comm, Spaces.galerkin), "pw": beam(comm, Spaces.petrov_galerkin)}
+        {"galerkin": beam(comm, GALERKIN), "pw": beam(comm, PW)}
         | {"identity": identity(comm), "solid": solid(comm), "tube": tube(comm)}
         | {name: element(comm, name) for name in ("pw-Q8", "pw-Q9", "composite-T6")}
         | {"rubber": rubber(comm), "impact": impact(comm)}

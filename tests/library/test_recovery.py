@@ -2,80 +2,80 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType, create_box, create_rectangle
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
 
 from pw_elements import (
-    Body,
-    Material,
-    Spaces,
+    Reduction,
     SurfaceNodes,
+    assemble_matrix,
     assemble_vector,
     boundary_measure,
     force_transfer,
     forces_along,
+    nodal_flux,
+    reactions,
+    solve,
 )
-from pw_elements.elasticity import StressState, by_position
+from pw_elements.elasticity import by_position
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.spaces import exterior_facets
-from tests.contact.cases import at
+from study.verification.t_identity import distorted
+from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 
-PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
 PLANE = [
-    (triangles, GALERKIN, StressState.PLANE_STRESS),
-    (triangles, PW, StressState.PLANE_STRAIN),
-    (triangles, GALERKIN, StressState.AXISYMMETRIC),
-    (triangles, PW, StressState.AXISYMMETRIC),
-    (quadrilaterals, Q8, StressState.PLANE_STRESS),
-    (quadrilaterals, PW, StressState.PLANE_STRESS),
+    (triangles, GALERKIN, "plane stress"),
+    (triangles, PW, "plane strain"),
+    (triangles, GALERKIN, "axisymmetric"),
+    (triangles, PW, "axisymmetric"),
+    (quadrilaterals, Q8, "plane stress"),
+    (quadrilaterals, PW, "plane stress"),
 ]
 
 
-def body_of(build, method, state, thickness=1.0):
-    def uneven(x):
-        return np.column_stack([x[:, 0] + 0.1 * np.sin(3 * x[:, 0]), x[:, 1:]])
-
-    mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2)), uneven)
-    return Body(method(mesh), Material(10.0, 0.3), state, thickness)
+def uneven(build=triangles, method=PW, state="plane stress", thickness=1.0):
+    """A block 2 x 1 with cells of uneven width."""
+    mesh = build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2))
+    mesh = mapped(mesh, lambda x: x + 0.1 * np.sin(3 * x[:, :1]) * [1, 0, 0])
+    return Elastic(mesh, method, state, 10.0, thickness=thickness)
 
 
 def pressed(body, where, pressure=3.0):
     """Nodal forces of an even pressure, ordered like the surface's nodes."""
-    traction = np.zeros(body.spaces.mesh.geometry.dim)
-    traction[-1] = pressure
-    f = assemble_vector(body.surface_load(traction, boundary_measure(body.spaces.mesh, where)))
-    x = body.spaces.trial.tabulate_dof_coordinates()
+    f = body.load(pressure * np.eye(body.dim)[-1], where)
+    x = body.space.tabulate_dof_coordinates()
     nodes = np.flatnonzero(where(x.T))
     nodes = nodes[by_position(x[nodes])]
-    return f.array_r.reshape(-1, len(traction))[nodes, -1]
+    return f.array_r.reshape(-1, body.dim)[nodes, -1]
 
 
 @pytest.mark.parametrize(("side", "axis"), [(0, 1), (1, 0)])
 def test_forces_along_any_side_are_in_its_order(side, axis):
     """By its default, too, of a side that does not extend along x: round-off once ordered it."""
-    body = body_of(triangles, PW, StressState.PLANE_STRESS)
-    mesh = body.spaces.mesh
-    mesh.geometry.x[::2] *= 1 + 1e-15
-    end = mesh.geometry.x[:, side].max()
-    f = assemble_vector(body.surface_load((2.0, 5.0), boundary_measure(mesh, at(side, end))))
-    line = forces_along(body.spaces.trial, f, at(side, end))
+    body = uneven()
+    body.mesh.geometry.x[::2] *= 1 + 1e-15
+    end = body.mesh.geometry.x[:, side].max()
+    f = body.load((2.0, 5.0), at(side, end))
+    line = forces_along(body.space, f, at(side, end))
     assert np.all(np.diff(line.position[:, axis]) > 0)
-    again = forces_along(body.spaces.trial, f, at(side, end), axis)
+    again = forces_along(body.space, f, at(side, end), axis)
     assert np.array_equal(line.force, again.force)
     assert np.allclose(line.force.sum(axis=0), f.array_r.reshape(-1, 2).sum(axis=0))
 
 
 @pytest.mark.parametrize(("build", "method", "state"), PLANE)
 def test_pressures_of_an_even_pressure(build, method, state):
-    thickness = 1.0 if state is StressState.AXISYMMETRIC else 0.4
-    body = body_of(build, method, state, thickness)
-    surface = SurfaceNodes.of(body, at(1, 0.0))
+    thickness = 1.0 if state == "axisymmetric" else 0.4
+    body = uneven(build, method, state, thickness)
+    surface = SurfaceNodes.of(body.body, at(1, 0.0))
     end = 2 + 0.1 * np.sin(6)
-    total = np.pi * end**2 if state is StressState.AXISYMMETRIC else thickness * end
+    total = np.pi * end**2 if state == "axisymmetric" else thickness * end
     assert surface.own_area.sum() == pytest.approx(total)
     assert surface.tributary_area.sum() == pytest.approx(total)
     force = pressed(body, at(1, 0.0))
     pressure = surface.pressure(force)
-    on_axis = state is StressState.AXISYMMETRIC and method == GALERKIN  # has no weight there
+    on_axis = state == "axisymmetric" and method == GALERKIN  # has no weight there
     assert np.flatnonzero(np.isnan(pressure)).tolist() == [0] * on_axis
     assert pressure[on_axis:] == pytest.approx(3.0)
     if method != PW:
@@ -88,8 +88,8 @@ def test_pressures_of_an_even_pressure(build, method, state):
 @pytest.mark.parametrize(("method", "expected"), [(GALERKIN, 2.0), (PW, 1.0)])
 def test_sawtooth_of_an_even_pressure(method, expected):
     mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 2))
-    body = Body(method(mesh), Material(10.0), StressState.PLANE_STRESS)
-    surface = SurfaceNodes.of(body, at(1, 0.0))
+    body = Elastic(mesh, method, "plane stress")
+    surface = SurfaceNodes.of(body.body, at(1, 0.0))
     force = pressed(body, at(1, 0.0))
     assert surface.sawtooth(force) == pytest.approx(expected)
     uneven = abs(2 * expected / (expected + 1) - 2 / (expected + 1))
@@ -99,7 +99,7 @@ def test_sawtooth_of_an_even_pressure(method, expected):
 
 
 def test_measures_leave_out_open_and_rim_nodes():
-    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
+    surface = SurfaceNodes.of(uneven().body, at(1, 0.0))
     force = np.array([9.0, 9, 1, 2, 1, 3, 1, 9, 9, 9, 9])
     assert surface.sawtooth(force, np.arange(11) < 7) == pytest.approx(2.5)
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
@@ -109,8 +109,8 @@ def test_measures_leave_out_open_and_rim_nodes():
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_faces_in_space(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
-    body = Body(method(mesh), Material(10.0), StressState.SOLID)
-    surface = SurfaceNodes.of(body, at(2, 0.0))
+    body = Elastic(mesh, method, "solid")
+    surface = SurfaceNodes.of(body.body, at(2, 0.0))
     assert len(surface.position) == 9 * 9
     assert surface.rim.sum() == 4 * 8
     assert len(surface.edges) == 4 * 5 * 2 + (16 if cell is CellType.tetrahedron else 0)
@@ -130,19 +130,15 @@ def test_faces_in_space(cell, method):
 
 
 def test_surface_by_facets_is_that_of_the_marker():
-    body = body_of(triangles, PW, StressState.PLANE_STRAIN)
-    mesh = body.spaces.mesh
-    facets = exterior_facets(mesh, at(1, 0.0))
-    marked, tagged = (SurfaceNodes.of(body, where) for where in (at(1, 0.0), facets))
+    body = uneven()
+    facets = exterior_facets(body.mesh, at(1, 0.0))
+    marked, tagged = (SurfaceNodes.of(body.body, where) for where in (at(1, 0.0), facets))
     assert tagged.position == pytest.approx(marked.position)
     assert tagged.tributary_area == pytest.approx(marked.tributary_area)
-    loads = [
-        assemble_vector(body.surface_load((0.0, 1.0), boundary_measure(mesh, where)))
-        for where in (at(1, 0.0), facets)
-    ]
+    loads = [body.load((0.0, 1.0), where) for where in (at(1, 0.0), facets)]
     assert (loads[0] - loads[1]).norm() < 1e-14
     with pytest.raises(ValueError, match="counted from 0"):
-        boundary_measure(mesh, np.array([-1]))
+        boundary_measure(body.mesh, np.array([-1]))
 
 
 @pytest.mark.parametrize(
@@ -156,17 +152,12 @@ def test_transferred_loads_are_those_of_the_weights(cell):
     else:
         mesh = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 2)], (2, 3), cell)
     mapped(mesh, lambda x: x + 0.1 * x[:, [1, 0, 2]] * np.array([1.0, -0.5, 0.0]))
-    galerkin, pw = Spaces.galerkin(mesh), Spaces.petrov_galerkin(mesh)
     state = "solid" if dim == 3 else "plane strain"
-    everywhere = boundary_measure(mesh, lambda x: np.full(x.shape[1], True))
-    loads = [
-        assemble_vector(
-            Body(s, Material(1.0), state).surface_load(np.arange(dim) + 1.0, everywhere)
-        )
-        for s in (galerkin, pw)
-    ]
-    T = force_transfer(galerkin.trial)
-    assert (T * loads[0]).array == pytest.approx(loads[1].array, abs=1e-14)
+    bodies = [Elastic(mesh, method, state) for method in (GALERKIN, PW)]
+    everywhere = lambda x: np.full(x.shape[1], True)  # noqa: E731
+    given, shared = (body.load(np.arange(dim) + 1.0, everywhere) for body in bodies)
+    T = force_transfer(bodies[0].space)
+    assert (T * given).array == pytest.approx(shared.array, abs=1e-14)
     even = T.createVecLeft()
     even.set(1.0)
     given = T.createVecRight()
@@ -175,8 +166,97 @@ def test_transferred_loads_are_those_of_the_weights(cell):
 
 
 def test_edges_and_rim_of_a_line():
-    surface = SurfaceNodes.of(body_of(triangles, PW, StressState.PLANE_STRESS), at(1, 0.0))
+    surface = SurfaceNodes.of(uneven().body, at(1, 0.0))
     assert surface.edges.tolist() == [[k, k - 1, k + 1] for k in (1, 3, 5, 7, 9)]
     assert np.flatnonzero(surface.rim).tolist() == [0, 10]
     halves = np.diff(surface.position[:, 0]) / 2
     assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
+
+
+CELLS = {
+    CellType.triangle: 2,
+    CellType.quadrilateral: 2,
+    CellType.tetrahedron: 3,
+    CellType.hexahedron: 3,
+}
+SLOPE = np.array([1.3, -0.7, 0.4])
+
+
+def side(x):
+    return np.isclose(x[0], 0.0)
+
+
+def solved(cell, method, components=0, n=3, field=None, source=0.0):
+    """Reactions of div grad u = -source with u prescribed all around, u linear unless given."""
+    dim = CELLS[cell]
+    build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
+    mesh = mapped(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
+    spaces = method(mesh, components)
+    U = spaces.trial
+    u, v = ufl.TrialFunction(U), ufl.TestFunction(spaces.test)
+    g = fem.Function(U)
+
+    def linear(x):
+        value = SLOPE[:dim] @ x[:dim]
+        return np.array([(k + 1) * value for k in range(components)]) if components else value
+
+    g.interpolate(field or linear)
+    mesh.topology.create_connectivity(dim - 1, dim)
+    rim = fem.locate_dofs_topological(U, dim - 1, exterior_facet_indices(mesh.topology))
+    K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+    q = fem.Constant(mesh, np.full(components, source) if components else np.float64(source))
+    f = assemble_vector(ufl.inner(q, v) * ufl.dx)
+    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, rim)))
+    return spaces, reactions(K, a, f), f
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("components", [0, 2])
+def test_an_even_flux_is_exact_at_every_node(cell, components):
+    expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
+    ways = [
+        (PW, {}),
+        (PW, {"area": "own"}),
+        (GALERKIN, {"evened": True}),
+    ]
+    if cell != CellType.tetrahedron:
+        ways.append((GALERKIN, {"area": "own"}))
+    for method, options in ways:
+        spaces, r, _ = solved(cell, method, components)
+        heat = nodal_flux(spaces, r, side, **options)
+        inside = ~heat.surface.rim
+        assert inside.any()
+        assert np.abs(heat.flux[inside] - expected).max() < 1e-12, options
+
+
+def test_reactions_of_standard_elements_zigzag_over_geometric_areas():
+    spaces, r, _ = solved(CellType.triangle, GALERKIN)
+    heat = nodal_flux(spaces, r, side)
+    share = np.sort(heat.flux[~heat.surface.rim] / -SLOPE[0])
+    assert share == pytest.approx([2 / 3] * 2 + [4 / 3] * 3, rel=1e-12)
+
+
+def test_corners_of_standard_tetrahedra_have_no_flux_over_own_areas():
+    spaces, r, _ = solved(CellType.tetrahedron, GALERKIN)
+    heat = nodal_flux(spaces, r, side, area="own")
+    vertices = np.unique(heat.surface.edges[:, 1:])
+    assert np.isnan(heat.flux[vertices]).all()
+    assert np.isnan(heat.flux).sum() == len(vertices)
+
+
+@pytest.mark.parametrize("method", [GALERKIN, PW])
+def test_all_that_enters_is_what_the_source_takes(method):
+    def field(x):
+        return np.sin(3 * x[0]) * x[1]
+
+    spaces, r, f = solved(CellType.tetrahedron, method, field=field, source=-2.0)
+    heat = nodal_flux(spaces, r, lambda x: x[0] > -1.0)
+    assert heat.reaction.sum() == pytest.approx(-f.sum(), abs=1e-12)
+    assert heat.surface.tributary_area.sum() == pytest.approx(6.0, rel=0.1)  # moved vertices
+    assert (heat.flux * heat.surface.tributary_area).sum() == pytest.approx(-f.sum(), abs=1e-12)
+
+
+def test_a_depth_divides():
+    spaces, r, _ = solved(CellType.triangle, PW)
+    thin, thick = (nodal_flux(spaces, r, side, depth=depth) for depth in (1.0, 4.0))
+    assert np.allclose(thin.flux, 4 * thick.flux, rtol=1e-14)

@@ -103,9 +103,8 @@ def defect(weights, variables, form):
         [sum(integral(form(w[i]), c, variables) for c, w in weights) for i in range(len(N))]
     )
     corners = points(len(variables))[: len(variables) + 1]
-    return new - transfer(len(variables)) * sp.Matrix(
-        [integral(form(n), corners, variables) for n in N]
-    )
+    standard = sp.Matrix([integral(form(n), corners, variables) for n in N])
+    return new - transfer(len(variables)) * standard
 
 
 def vanishes(weights, variables, *forms):
@@ -119,20 +118,18 @@ def derivatives(variables, first, second, factor=1):
     ]
 
 
-@pytest.fixture(scope="module")
-def triangle():
-    return triangle_weights()
+TRIANGLE = triangle_weights()
 
 
-def test_the_lemma(triangle):
-    """w - T N has no mean over the triangle, and neither mean nor first moment along a side."""
-    assert vanishes(triangle, (X, Y), lambda w: w)
+def test_the_lemma():
+    """w - T N has no mean over the TRIANGLE, and neither mean nor first moment along a side."""
+    assert vanishes(TRIANGLE, (X, Y), lambda w: w)
     for a, b in SIDES[2]:
         ends, middle = (points(2)[a], points(2)[b]), (points(2)[a] + points(2)[b]) / 2
         for moment in (1, X + 2 * Y):  # which no side has as a constant
             along = {}
             for half in ((ends[0], middle), (middle, ends[1])):
-                (functions,) = [w for corners, w in triangle if all(h in corners for h in half)]
+                (functions,) = [w for corners, w in TRIANGLE if all(h in corners for h in half)]
                 for i, w in enumerate(functions):
                     along[i] = along.get(i, 0) + integral(moment * w, half, (X, Y))
             whole = sp.Matrix([integral(moment * n, ends, (X, Y)) for n in shapes(X, Y)])
@@ -140,7 +137,7 @@ def test_the_lemma(triangle):
             assert any(whole)
 
 
-def test_the_stiffness_of_any_triangle_and_of_any_constant_law(triangle):
+def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
     """Sides and nine moduli are symbols; every entry, times the determinant, is a polynomial."""
     jacobian = sp.Matrix(2, 2, sp.symbols("x1:3 y1:3"))
     D = sp.Matrix(3, 3, sp.symbols("d1:10"))
@@ -162,7 +159,7 @@ def test_the_stiffness_of_any_triangle_and_of_any_constant_law(triangle):
                 K += integral(1, corners, (X, Y)) / 3 * left.T * D * right
         return K.applyfunc(sp.expand)
 
-    new, standard = stiffness_of(triangle), stiffness_of([(points(2)[:3], shapes(X, Y))])
+    new, standard = stiffness_of(TRIANGLE), stiffness_of([(points(2)[:3], shapes(X, Y))])
     T = sp.kronecker_product(transfer(2), sp.eye(2))
     assert (new - T * standard).applyfunc(sp.expand) == sp.zeros(12, 12)
     assert new != standard
@@ -172,37 +169,37 @@ def test_the_stiffness_of_an_interval():
     assert vanishes(interval_weights(), (X,), *derivatives((X,), X, X))
 
 
-def test_loads(triangle):
+def test_loads():
     """A uniform body load and a force at a vertex; tractions, linear ones too, by the lemma."""
     assert transfer(2)[:, :3] == sp.eye(6)[:, :3]
-    assert not vanishes(triangle, (X, Y), lambda w: X * w)  # a linear body load
+    assert not vanishes(TRIANGLE, (X, Y), lambda w: X * w)  # a linear body load
     assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force on a mid-side node
 
 
-def test_constant_data_are_needed(triangle):
+def test_constant_data_are_needed():
     """Not with a linear modulus or prestress, which is the same factor, nor for the mass."""
-    assert vanishes(triangle, (X, Y), *derivatives((X, Y), X, Y))
-    assert not vanishes(triangle, (X, Y), *derivatives((X, Y), X, Y, factor=1 + X))
-    assert not vanishes(triangle, (X, Y), *(lambda w, n=n: w * n for n in shapes(X, Y)))
+    assert vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, Y))
+    assert not vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, Y, factor=1 + X))
+    assert not vanishes(TRIANGLE, (X, Y), *(lambda w, n=n: w * n for n in shapes(X, Y)))
 
 
-def test_a_plane_body_is_needed(triangle):
+def test_a_plane_body_is_needed():
     """In axisymmetry the shear modulus' part of the axial rows has the radius as a factor."""
     radius = 1 + X
-    assert not vanishes(triangle, (X, Y), *derivatives((X, Y), X, X, factor=radius))
+    assert not vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, X, factor=radius))
 
 
-def test_straight_sides_are_needed(triangle):
+def test_straight_sides_are_needed():
     """One mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y.
 
     The stiffness' derivative by c at c = 0, of the part with both derivatives by x, is that of
     the factor 1 / (1 + 4 c Y).
     """
-    assert not vanishes(triangle, (X, Y), *derivatives((X, Y), X, X, factor=-4 * Y))
+    assert not vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, X, factor=-4 * Y))
 
 
 @pytest.mark.parametrize("cuts", [DIAGONALS[:1], DIAGONALS], ids=str)
-def test_tetrahedra_have_no_such_matrix(triangle, cuts):
+def test_tetrahedra_have_no_such_matrix(cuts):
     """A mid-side's new row is no multiple of its standard one, whatever the cut.
 
     Each tetrahedron could make it of other nodes' rows, but those belong to other elements, too:
@@ -222,7 +219,7 @@ def test_tetrahedra_have_no_such_matrix(triangle, cuts):
         both = zip(rows(variables, pieces), rows(variables, standard), strict=True)
         return [new.col_join(old).rank() == 1 for new, old in both]
 
-    assert parallel((X, Y), triangle) == [True] * 3
+    assert parallel((X, Y), TRIANGLE) == [True] * 3
     pieces = [piece for cut in cuts for piece in tetrahedron_weights(cut)]
     assert parallel((X, Y, Z), pieces) == [False] * 6
 

@@ -1,16 +1,21 @@
 """Random contact problems: the law holds in every state, whatever way it was stated."""
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from functools import cache
+
+from mpi4py import MPI
 
 import numpy as np
 import pytest
 
-from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, Motion
+from pw_elements import prescribe
+from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, ContactPair, Motion, Plane, Sphere
+from pw_elements.meshes import triangles
+from tests.contact.cases import Elastic, at
 from tests.contact.residuals import Step, residuals, worst
 from tests.oracle.outcomes import outcome
-from tests.oracle.random_contact import PATHS, PairSketch, problem, sketch
+from tests.oracle.random_contact import PATHS, problem, sketch
 
 SUITE, NIGHTLY = 60, 1600
 PROVED = ("NoEquilibrium",)
@@ -100,69 +105,33 @@ def test_what_occurs(count, most):
             counts = Counter(getattr(one, field) for one in of)
             assert set(counts) == names
             assert min(counts.values()) >= (1 if field == "element" else most)
-    mu, nu = np.array([pair.mu for pair in pairs]), np.array([plan.nu for plan in sketches])
-    assert 0.05 < np.mean(mu == 0) < 0.3
-    assert 0.02 < np.mean(mu > 2) < 0.1
-    assert 10 < mu.max() <= 30
-    assert 0.02 < np.mean(nu > 0.46) < 0.2
-    assert nu.min() < 0
     assert {len(plan.steps) for plan in sketches} == {1, 2, 3, 4, 5}
     assert {len(plan.pairs) for plan in sketches} >= {1, 2, 3}
+    assert {0.0} < {pair.mu for pair in pairs}
+    assert 10 < max(pair.mu for pair in pairs) <= 30
     # curved surfaces under a force, whose normals turn with their place
     curved = [p for p in pairs if p.kind in ("sphere", "signed distance") and p.drive == "pushed"]
     assert len(curved) > most
 
 
-def test_a_seed_is_one_problem():
-    assert sketch(7) == sketch(7)
-    assert sketch(7) != sketch(8)
-    a, b = (problem(7) for _ in range(2))
-    assert a.K.norm() == b.K.norm()
-    assert a.sketch == b.sketch
-
-
 # -- a check that can fail -------------------------------------------------------------------
 
-DRAGGED = replace(
-    sketch(0),
-    cell="triangle",
-    element="petrov_galerkin",
-    state="plane strain",
-    divisions=(10, 4),
-    pattern="right",
-    size=(2.0, 1.0),
-    lower=(0.0, 0.0),
-    waves=(0.03, 3.0, 1.0) * 2,
-    crown={},
-    modulus=50.0,
-    nu=0.3,
-    support="clamped",
-    held=(((1, 0), 0, 0.0), ((1, 0), 1, 0.0)),
-    pairs=(
-        PairSketch(
-            (1, 1),
-            "sphere",
-            {"place": 0.5, "place 1": 0.5, "radius": 4.0},
-            0.3,
-            drive="pushed",
-            along="free",
-            press=0.5,
-            drag=(0.6,),
-        ),
-        PairSketch((0, 1), "plane", {"slope": 0.0, "slope 1": 0.0}, 0.3, gap=0.5),
-    ),
-    loads=(),
-    path="press, then drag",
-    steps=((1.0, 0.0), (1.0, 1.0)),
-    strain=0.02,
-)
+Stated = make_dataclass("Stated", ("K", "space", "loads", "conditions", "pairs"))
 
 
 @cache
 def dragged():
     """A ball pressed on a clamped block, then dragged: nodes are open, stick and slip."""
-    stated = problem(DRAGGED)
-    states = stated.solve()
+    body = Elastic(triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (10, 4)), E=50.0)
+    pushes = [Motion((None, None), (share * 0.3, -1.0)) for share in (0.0, 0.6)]
+    top = lambda x: np.isclose(x[1], 1.0) & (x[0] < 2 - 1e-9)  # noqa: E731
+    ball = ContactPair(top, Sphere((1.0, 9.0), 8.0), 0.3, pushes)
+    side = lambda x: np.isclose(x[0], 2.0) & (x[1] > 1e-9)  # noqa: E731
+    wall = ContactPair(side, Plane((2.01, 0.0), (-1.0, 0.0)), 0.3)
+    foot, loads = [(i, at(1, 0.0)) for i in (0, 1)], [body.nothing] * 2
+    conditions = [prescribe(body.space, *one) for one in foot]
+    stated = Stated(body.K, body.space, loads, conditions, [ball, wall])
+    states = body.contact(stated.pairs, body.held(*foot), loads)
     assert set(states[-1].pairs[0].status) == {OPEN, STICK, SLIP}
     steps = [Step.of(state) for state in states]
     assert worst(residuals(stated, steps)) < 1e-10
@@ -175,21 +144,18 @@ def with_ball(**changes):
     return replace(stated, pairs=[replace(ball, **changes), wall]), steps
 
 
-def with_last(change, at=-1):
+def with_last(change, number=-1):
     stated, steps = dragged()
     steps = list(steps)
-    steps[at] = change(steps[at])
+    steps[number] = change(steps[number])
     return stated, steps
 
 
 def moved(nodes, shift):
     def change(step):
-        stated, _ = dragged()
-        a = step.displacement.copy()
-        x = stated.space.tabulate_dof_coordinates()
-        chosen = nodes(x.T)
+        a, x = step.displacement.copy(), dragged()[0].space.tabulate_dof_coordinates()
+        a[chosen := nodes(x.T)] += shift
         assert chosen.any()
-        a[chosen] += shift
         return replace(step, displacement=a)
 
     return change
@@ -210,8 +176,8 @@ VIOLATIONS = {
     "complementarity": lambda: with_last(surfaces_moved([(0, 1e-5), (0, 0)])),
     "tension": lambda: with_last(lambda step: replace(step, displacement=-step.displacement)),
     "cone": lambda: with_ball(friction=0.297),
-    "stick": lambda: with_last(surfaces_moved([(1e-5, 0), (0, 0)]), at=0),
-    "direction": lambda: with_last(surfaces_moved([(0.1, 0), (0, 0)]), at=0),
+    "stick": lambda: with_last(surfaces_moved([(1e-5, 0), (0, 0)]), number=0),
+    "direction": lambda: with_last(surfaces_moved([(0.1, 0), (0, 0)]), number=0),
     "balance": lambda: with_ball(motions=list(map(less_force, dragged()[0].pairs[0].motions))),
     "motion": lambda: with_last(surfaces_moved([(0, 0), (1e-5, 0)])),
 }

@@ -4,11 +4,8 @@
 """
 
 import io
-import os
 import re
 import runpy
-import shutil
-import subprocess
 import sys
 from contextlib import chdir, redirect_stdout
 from pathlib import Path
@@ -216,19 +213,6 @@ def test_bracket(example):
     foot = found["foot"]
     assert foot.force == pytest.approx([-found["pull"], 0, found["bolt"]], rel=0.1, abs=20)
     assert 5 < found["closed"] < 95
-
-
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-def test_two_processes_print_the_same(tmp_path):
-    name = "gears"
-    alone = run(name, tmp_path)["printed"]
-    command = ["mpirun", "-n", "2", sys.executable, "-m", "mpi4py", f"{name}.py"]
-    environment = os.environ | {"PYTHONPATH": f"{EXAMPLES.parent}:{EXAMPLES}"}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == alone
 
 
 if __name__ == "__main__":

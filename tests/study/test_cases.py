@@ -8,7 +8,7 @@ import pytest
 
 from study.core import cases, provenance
 from study.core.cases import Case, fingerprints, load_section, title
-from study.core.sources import closure, code_digest, imported
+from study.core.sources import code_digest
 from study.core.store import StudyError
 from tests.study.toystudy import install
 
@@ -170,20 +170,6 @@ def test_stored_parameters_have_the_defaults_and_the_types_of_json():
         "smooth": None,
         "state": "plane stress",
     }
-
-
-def test_imports_are_found_in_all_their_forms(toy):
-    add(toy / "two.py", "import toy.one as o\nfrom . import common\nfrom .common import FACTOR\n")
-    names = imported("toy.two")
-    assert {
-        "study.core.cases",
-        "study.core.cases.Case",
-        "toy.one",
-        "toy.common",
-        "toy.common.FACTOR",
-    } <= names
-    assert set(closure("toy.two")) == {"toy", "toy.common", "toy.one", "toy.two"}
-    assert set(closure("toy.two", frozenset({"toy.one"}))) == {"toy", "toy.common", "toy.two"}
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,9 @@ import ufl
 from dolfinx import fem
 from scipy.special import j1
 
-from pw_elements import Body, Material, Spaces
 from pw_elements._compat import cell_nodes
-from pw_elements.elasticity import StressState
-from study.verification import c_eigenvalue_orders, c_manufactured, c_mesh_families
+from study.verification import c_eigenvalue_orders
 from study.verification.c_convergence import SETTINGS, errors
-from study.verification.c_manufactured import Manufactured
 from study.verification.c_mesh_families import cell_size, on_cube, on_hollow_ball, on_ring, order
 
 
@@ -65,40 +62,6 @@ def test_forces_are_integrals_over_the_elements_own_test_functions():
     for element in ("galerkin-T6", "pw-T6", "composite-T6", "galerkin-Q8", "pw-Q8", "pw-Q9"):
         error = errors(element, linear, 1 / 4)
         assert max(error[name] for name in error if name.startswith("error_")) < 1e-11
-
-
-@pytest.mark.parametrize(
-    ("field", "dimension"),
-    [(c_manufactured.plane, 2), (c_manufactured.solid, 3), (c_manufactured.round_about, 2)],
-)
-def test_fields_have_no_dilatation_but_for_the_compliance(field, dimension):
-    x = [np.array([0.3, 0.7]) for _ in range(dimension)]
-    step = 1e-5
-
-    def divergence(compliance):
-        total = field(np, x, compliance)[0] / x[0] if field is c_manufactured.round_about else 0.0
-        for i in range(dimension):
-            ahead, behind = ([c + s * (j == i) for j, c in enumerate(x)] for s in (step, -step))
-            difference = field(np, ahead, compliance)[i] - field(np, behind, compliance)[i]
-            total = total + difference / (2 * step)
-        return np.abs(total).max()
-
-    assert divergence(0.0) < 1e-9
-    assert divergence(1.0) > 0.1
-
-
-def test_loads_balance_each_other_in_axisymmetry():
-    # axial equilibrium of the whole body: body force and tractions sum to zero
-    mesh = c_mesh_families.on_square("pw-T6", 1 / 4)
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), StressState.AXISYMMETRIC)
-    known = Manufactured(body, c_manufactured.round_about)
-
-    def off_the_axis(x):
-        return np.isclose(x[0], 1) | np.isclose(x[1], 0) | np.isclose(x[1], 1)
-
-    load, sides = known.load(off_the_axis), known.traction_load(off_the_axis)
-    assert abs(load.array[1::2].sum()) < 1e-6 * np.abs(sides.array[1::2]).sum()
-    assert abs(load.array[0::2].sum()) > 0.1  # hoop stress has a share in the radial one
 
 
 def test_gmsh_meshes_are_the_same_each_time_and_curved_where_they_ought_to_be():

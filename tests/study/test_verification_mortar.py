@@ -46,18 +46,6 @@ def test_with_gaps_by_duals_a_multiplier_presses_its_own_node_alone(cell):
     assert found.rows @ moved == pytest.approx(found.weight)
 
 
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
-@pytest.mark.parametrize("linear", [True, False])
-def test_loads_beyond_an_end_have_the_area_and_its_centre(cell, linear):
-    """Of a strip of width 1 - end; both kinds of functions reproduce x."""
-    stack, end = Stack((3, 2), cell), 0.83
-    trace = gathered_trace(stack.space, stack.sides["upper"])
-    nodes, values = v11_two_bodies._beyond(trace, end, linear)
-    x = stack.x[nodes, 0]
-    assert values.sum() == pytest.approx(1 - end, rel=1e-12)
-    assert values @ x == pytest.approx((1 - end**2) / 2, rel=1e-12)
-
-
 def test_on_matching_meshes_duals_are_node_to_segment():
     """A dual's node then faces one of the master's."""
     found = [

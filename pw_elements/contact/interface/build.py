@@ -104,9 +104,6 @@ def nodal_interface(
     Bodies that are `deformed` find each other anew where they are.
     What is `known` of the stiffness tells whether areas are those of a circumference, and whether
     the unknowns are a sibling's coefficients; gaps are theirs then.
-
-    Raises:
-        ValueError: for what states no contact problem.
     """
     dim = space.mesh.geometry.dim
     if not is_hybrid(space) and space.dofmap.index_map_bs != dim:
@@ -120,12 +117,13 @@ def nodal_interface(
     for k, shape in enumerate(shapes):
         _check_dimension(k, shape, dim)
     body = BodyNodes.of(space, reduction)
-    found = [body.owned(f"contact pair {k}", pair.nodes) for k, pair in enumerate(pairs)]
+    names = [f"contact pair {k}" for k in range(len(pairs))]
+    found = [body.owned(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)]
     with collective(space.mesh.comm):
-        cones = [
-            _cone(space.mesh.comm, k, pair, body.x[node])
-            for k, (pair, node) in enumerate(zip(pairs, found, strict=True))
-        ]
+        comm, cones = space.mesh.comm, []
+        for name, pair, node in zip(names, pairs, found, strict=True):
+            at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
+            cones.append(Cone([pair.law], [at]))
     points, faced = [], []
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
@@ -176,12 +174,6 @@ def _check_dimension(number: int, surface: Surface, dim: int) -> None:
             raise ValueError(
                 f"contact pair {number}: the {name} of its surface has {size} components in {dim}-D"
             )
-
-
-def _cone(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Cone:
-    """What the law of friction says at positions (n, dim); local, for use under the guard."""
-    whose = f"the friction of contact pair {number}"
-    return Cone([pair.law], [_at_nodes(comm, whose, pair.law.at, x)])
 
 
 def _depth(comm: MPI.Comm, number: int, pair: ContactPair, x: Array) -> Array | None:

@@ -188,12 +188,12 @@ class Segments:
     @property
     def size(self) -> Array:
         """Lengths or areas (q,) in these coordinates."""
-        return _simplex(self.corners)
+        return sizes(self.corners)
 
     @property
     def share(self) -> Array:
         """Sizes (q,) over that of the slave's sub-facet."""
-        whole = sum(_simplex(self.on_slave[:, part]) for part in SIMPLICES[self.on_slave.shape[1]])
+        whole = sum(sizes(self.on_slave[:, part]) for part in SIMPLICES[self.on_slave.shape[1]])
         return np.asarray(self.size / whole)
 
     def weights(self, rule: Array) -> tuple[Array, Array]:
@@ -208,7 +208,7 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
     are the master's unit normals.
     """
-    one, other = candidates(slave, master)
+    one, other = _candidates(slave, master)
     facing = np.sum(along[one] * outward[other], axis=1) < FACING
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
@@ -269,25 +269,24 @@ def stretches(corners: Array, weight: Array | None = None) -> Array:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
-    """Pairs whose bounding balls meet, the slave's widened by its distance from the master."""
+def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
+    """Pairs whose bounding balls meet, the slave's widened by its distance from the master.
+
+    Radii are a coordinate beside the master's middles, and distances sums of components: so each
+    counts with its own, however large another one is.
+    """
     if not len(slave) or not len(master):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    middles, tree = slave.mean(axis=1), cKDTree(master.mean(axis=1))
-    sizes, largest = (
-        np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    (own, radius), (middles, radii) = (
+        (middle := corners.mean(axis=1), np.abs(corners - middle[:, None]).sum(axis=2).max(axis=1))
         for corners in (slave, master)
     )
-    reach = sizes + largest.max() + tree.query(middles)[0]
-    found = tree.query_ball_point(middles, reach)
+    away, largest = np.sqrt(slave.shape[2]) * cKDTree(middles).query(own)[0], radii.max()
+    tree = cKDTree(np.column_stack([middles, radii]))
+    at = np.column_stack([own, np.full(len(own), largest)])
+    found = tree.query_ball_point(at, radius + away + largest, p=1)
     one = np.repeat(np.arange(len(slave)), [len(near) for near in found])
     return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-
-
-def _simplex(corners: Array) -> Array:
-    """Lengths or areas (q,) of simplices (q, d + 1, d)."""
-    edges = corners[:, 1:] - corners[:, :1]
-    return np.asarray(np.abs(np.linalg.det(edges)) / edges.shape[1], dtype=float)
 
 
 def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001

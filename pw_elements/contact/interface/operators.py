@@ -33,7 +33,7 @@ from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
 from pw_elements.contact.interface.sliding import SlidingMortar
-from pw_elements.contact.model import Cone, NotFound, RigidBody, Surface
+from pw_elements.contact.model import Cone, NotFound, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
 
@@ -295,21 +295,11 @@ class Interface:
 
         They are zero in pairs of bodies.
         """
-        x = self.position + moved
-        m, dim = x.shape
-        found = np.zeros(m), np.zeros((m, dim)), np.zeros((m, dim, dim))
+        dim = moved.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
-        with collective(self.comm):
-            for k, surface in enumerate(self.surfaces):
-                mine = self.pair == k
-                if not mine.any() or k in self.mortars:
-                    continue
-                assert isinstance(surface, RigidBody)  # others are refused before
-                whose = f"the closest points of the surface of contact pair {k}"
-                given = answer(self.comm, whose, surface.closest, x[mine])
-                for all_points, values in zip(found, given, strict=True):
-                    shape = (int(mine.sum()), *all_points.shape[1:])
-                    all_points[mine] = checked_field(whose, values, shape, layout)
+        found = [np.zeros((len(moved), *shape)) for shape in ((), (dim,), (dim, dim))]
+        # surfaces without closest points are refused before
+        self._ask("closest", self.position + moved, found, layout)
         gap, normal, bend = found
         known = np.isfinite(gap) & np.isfinite(normal).all(axis=1)
         lost = self.gathered(self.position[~known])
@@ -320,18 +310,24 @@ class Interface:
     def _by_pair(
         self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]
     ) -> Array:
-        x = self.position - self.shifts(translations)
-        values = np.empty((len(x), *shape))
+        values = np.empty((len(self.position), *shape))
         layout = f"it takes points as rows (n, dim) and gives {'(n, dim)' if shape else '(n,)'}"
+        self._ask(what, self.position - self.shifts(translations), [values], layout)
+        return values
 
+    def _ask(self, what: str, x: Array, answers: Sequence[Array], layout: str) -> None:
+        """Fills in what surfaces say of points x (m, dim)."""
+        name = "closest points" if what == "closest" else what
         with collective(self.comm):
             for k, surface in enumerate(self.surfaces):
                 mine = self.pair == k
-                if mine.any():
-                    whose = f"the {what} of the surface of contact pair {k}"
+                if mine.any() and not (what == "closest" and k in self.mortars):
+                    whose = f"the {name} of the surface of contact pair {k}"
                     given = answer(self.comm, whose, getattr(surface, what), x[mine])
-                    values[mine] = checked_field(whose, given, (int(mine.sum()), *shape), layout)
-        return values
+                    each = given if len(answers) > 1 else (given,)
+                    for values, known in zip(answers, each, strict=True):
+                        shape = (int(mine.sum()), *values.shape[1:])
+                        values[mine] = checked_field(whose, known, shape, layout)
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

@@ -27,9 +27,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface.geometry import FACING, Trace, candidates
+from pw_elements.contact.interface.geometry import FACING, Trace
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -262,8 +263,19 @@ class SlidingMortar:
         return kept[0] * over, kept[1] * over
 
     def _pairs(self, x: Array) -> tuple[Indices, Indices]:
-        """Facets that may see each other, for they are near and look at each other."""
-        one, other = candidates(x[self._one], x[self._other])
+        """Facets that may see each other, for they are near and look at each other.
+
+        Middles are at most by half of both lengths (the master's longest) farther apart than the
+        nearest ones. No distance depends on axes, so that turned bodies find the same.
+        """
+        (own, half), (middles, halves) = (
+            (ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / 2)
+            for ends in (x[self._one], x[self._other])
+        )
+        tree = cKDTree(middles)
+        found = tree.query_ball_point(own, half + halves.max() + tree.query(own)[0])
+        one = np.repeat(np.arange(len(own)), [len(near) for near in found])
+        other = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
         (a, b), edge = self._one.T, np.diff(x[self._other], axis=1)[:, 0]
         chords = x[self._behind] - x[self._before]
         n = np.stack(self._unit((-chords[:, 1], chords[:, 0]), slice(None)), axis=1)

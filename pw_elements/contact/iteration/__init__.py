@@ -31,9 +31,7 @@ from pw_elements.contact.iteration.policy import (
     LeftFree,
     Policy,
     initial_active_set,
-    initial_unknowns,
     null_space,
-    triangle,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
-from pw_elements.contact.iteration.system import ContactSystem
+from pw_elements.contact.iteration.system import ContactSystem, local_rows

@@ -241,26 +241,19 @@ class ContactTangent(Protocol):
 
 
 class Place(Protocol):
-    """Gap, slip and force components, linear about a place in a, U and r.
-
-    Attributes:
-        interface: the contact points (m).
-        translations: U there, (pairs, dim).
-        frame: normals and tangents, (m, dim, dim).
-        gap: (m,), infinite where nothing faces a point.
-    """
+    """Gap, slip and force components, linear about a place in a, U and r."""
 
     @property
-    def interface(self) -> Interface: ...
+    def interface(self) -> Interface: ...  # contact points (m)
 
     @property
-    def translations(self) -> Array: ...
+    def translations(self) -> Array: ...  # U there, (pairs, dim)
 
     @property
-    def frame(self) -> Array: ...
+    def frame(self) -> Array: ...  # normals and tangents, (m, dim, dim)
 
     @property
-    def gap(self) -> Array: ...
+    def gap(self) -> Array: ...  # (m,), infinite where nothing faces a point
 
     def gaps(self, displacement: Array, translations: Array) -> Array:
         """Gaps (m,) at displacements (m, dim) and translations (pairs, dim)."""

@@ -39,46 +39,27 @@ _SOLUTION_CHANGE = 1e-3
 
 @dataclass(frozen=True)
 class Iterate:
-    """A solution of one linear system, seen from the contact points.
+    """A solution of one linear system, seen from the contact points."""
 
-    Args:
-        reduced: displacements, reduced.
-        full: all unknowns (n,).
-        translations: of the surfaces, (pairs, dim).
-        displacement: motion of the points, (m, dim).
-        force: of the surfaces on the points, (m, dim).
-        unbalanced: largest force on this process that is no contact force.
-        contact: gaps, slips and forces in the frames.
-        place: of linearisation, through which it is seen.
-        exact: whether the same system, solved again, would give nothing better.
-        final: whether it was solved exactly enough for an end.
-    """
-
-    reduced: PETSc.Vec
-    full: PETSc.Vec
-    translations: Array
-    displacement: Array
-    force: Array
-    unbalanced: float
-    contact: Contact
-    place: Place
-    exact: bool
-    final: bool
+    reduced: PETSc.Vec  # displacements
+    full: PETSc.Vec  # all unknowns (n,)
+    translations: Array  # of the surfaces, (pairs, dim)
+    displacement: Array  # motion of the points, (m, dim)
+    force: Array  # of the surfaces on the points, (m, dim)
+    unbalanced: float  # largest force on this process that is no contact force
+    contact: Contact  # gaps, slips and forces in the frames
+    place: Place  # of linearisation, through which it is seen
+    exact: bool  # whether the same system, solved again, would give nothing better
+    final: bool  # whether it was solved exactly enough for an end
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where an increment starts: slip counts from here.
+    """Where an increment starts: slip counts from here."""
 
-    Args:
-        displacement: motion of the points, (m, dim).
-        force: on the points, (m, dim).
-        translations: of the surfaces, (pairs, dim).
-    """
-
-    displacement: Array
-    force: Array
-    translations: Array
+    displacement: Array  # motion of the points, (m, dim)
+    force: Array  # on the points, (m, dim)
+    translations: Array  # of the surfaces, (pairs, dim)
 
     @classmethod
     def of(cls, state: ContactState, interface: Interface) -> "Reference":
@@ -89,18 +70,13 @@ class Reference:
 
 
 class Equilibrium(Protocol):
-    """Equilibrium of a body with its contact forces, K a = f + H r where it is linearised.
-
-    Attributes:
-        load: f, reduced.
-        offset: (n,), with what supports prescribe.
-    """
+    """Equilibrium of a body with its contact forces, K a = f + H r where it is linearised."""
 
     @property
-    def load(self) -> PETSc.Vec: ...
+    def load(self) -> PETSc.Vec: ...  # f, reduced
 
     @property
-    def offset(self) -> PETSc.Vec: ...
+    def offset(self) -> PETSc.Vec: ...  # (n,), with what supports prescribe
 
     def take(self, reduced: PETSc.Vec) -> float:
         """Goes to a solution of the linear equations, or the share of the way that it gives."""
@@ -121,19 +97,12 @@ class Equilibrium(Protocol):
 
 @dataclass(frozen=True)
 class LinearEquilibrium:
-    """Equilibrium K a = f + H r of a body under small strains, reduced by its supports.
+    """Equilibrium K a = f + H r of a body under small strains, reduced by its supports."""
 
-    Args:
-        stiffness: K, reduced: the tangent at any a.
-        load: f, reduced.
-        right: R, (n, n_r), and
-        offset: a_0, (n,), of all unknowns R a_r + a_0.
-    """
-
-    stiffness: PETSc.Mat
-    load: PETSc.Vec
-    right: PETSc.Mat
-    offset: PETSc.Vec
+    stiffness: PETSc.Mat  # K, reduced: the tangent at any a
+    load: PETSc.Vec  # f, reduced
+    right: PETSc.Mat  # R, (n, n_r), and
+    offset: PETSc.Vec  # a_0, (n,), of all unknowns R a_r + a_0
 
     @classmethod
     def of(
@@ -167,42 +136,28 @@ class LinearEquilibrium:
 
 
 class Increment:
-    """The equations of one increment.
-
-    Args:
-        system: linear systems.
-        equilibrium: at the end.
-        prescribed: translations of the surfaces (pairs, dim), NaN where they are free.
-        totals: forces of the free translations.
-        past: where it starts.
-        stated: share of the displacements that supports and interference prescribe.
-        deformed: kinematics of the deformed body, which are taken anew in each iteration; those of
-            the undeformed one by default.
-
-    Attributes:
-        precise: whether every solution is to be exact enough to be the last.
-        supported: what supports make of the points' motion, (m, dim).
-        nearest: what came nearest to a solution so far, and its violation of the law, as
-            `violation` gives it.
-    """
+    """The equations of one increment."""
 
     def __init__(
         self,
         system: ContactSystem,
-        equilibrium: Equilibrium,
-        prescribed: Array,
-        totals: Array,
+        equilibrium: Equilibrium,  # at the end
+        prescribed: Array,  # translations of the surfaces (pairs, dim), NaN where they are free
+        totals: Array,  # forces of the free translations
         past: Reference,
-        stated: float = 1.0,
+        stated: float = 1.0,  # share of what supports and interference prescribe
+        # kinematics of the deformed body, taken anew in each iteration; else of the undeformed one
         deformed: Callable[[Array, Array, Array], Place] | None = None,
     ) -> None:
         self.system, self.past = system, past
         self.interface: Interface = system.interface
         self.prescribed, self.totals, self._stated = prescribed, totals, stated
+        # whether every solution is to be exact enough to be the last
         self.equilibrium, self.precise = equilibrium, system.tangent.precise
         self.deformed = deformed
+        # what came nearest to a solution so far, and its violation of the law
         self.nearest: tuple[Iterate, float] | None = None
-        self.supported = self.system.motions(equilibrium.offset)
+        self.supported = self.system.motions(equilibrium.offset)  # the points' motion, (m, dim)
 
     def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""

@@ -3,7 +3,7 @@
 Each of them turns the next active set that the law asks for into another one, and each can be
 used and tested alone. `Policy` is both together, as the loop takes them.
 
-The active set and the displacements that an increment starts from are chosen here, too.
+The active set that an increment starts from is chosen here, too.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 from hashlib import blake2b
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.contact.interface import Interface
@@ -32,7 +30,6 @@ from pw_elements.contact.iteration.law import (
     sticking,
 )
 from pw_elements.contact.model import ContactState, FreeBody, NotFound
-from pw_elements.spaces import as_function, fields_of
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -59,9 +56,7 @@ _RESCUES = 3
 _TOUCHING_GAP = 1e-9
 # Stiffness of a motion, over what it would be for an arbitrary one, that is as good as none
 _FREE_STIFFNESS = 1e-8
-# Padding of cells among which that around a point of another mesh is looked for
-_BESIDE = 1e-6
-# Cells whose nodes are looked for, and rows that are factorised, at once, to save memory
+# Rows that are factorised at once, to save memory
 _AT_ONCE = 20_000
 
 
@@ -240,13 +235,12 @@ def null_space(rows: Array, tolerance: float) -> Array:
     return np.asarray(vectors[values < tolerance * np.sqrt(n)])
 
 
-def triangle(rows: Array, comm: MPI.Comm, *more: Array) -> Array:
+def triangle(rows: Array, comm: MPI.Comm) -> Array:
     """R of a QR factorisation of all processes' rows (m, n): a Gram matrix loses what is small."""
     own: Array = np.zeros((0, rows.shape[1]))
-    for each in (rows, *more):
-        for first in range(0, len(each), _AT_ONCE):
-            part = np.vstack([own, each[first : first + _AT_ONCE]])
-            own = np.asarray(np.linalg.qr(part, mode="r"))
+    for first in range(0, len(rows), _AT_ONCE):
+        part = np.vstack([own, rows[first : first + _AT_ONCE]])
+        own = np.asarray(np.linalg.qr(part, mode="r"))
     return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 
@@ -419,41 +413,6 @@ def initial_active_set(
         f"{' and '.join(motions)}: held neither by supports nor by contact, even if every "
         "contact node touched and stuck; add a support, friction or contact nodes"
     )
-
-
-def initial_unknowns(
-    before: ContactState, guess: ContactState | None, space: fem.FunctionSpace
-) -> PETSc.Vec:
-    """Unknowns (n,) for an iterative solver to begin at: a guess', as far as it tells them."""
-    if guess is None or guess.unknowns.getAttr("space") is None:
-        return before.unknowns
-    start = before.unknowns.duplicate()
-    known = guess.unknowns.getAttr("space")
-    for there, here in zip(fields_of(known), fields_of(space), strict=False):
-        values = _interpolated(as_function(there.space, there.part(guess.unknowns)), here.space)
-        start.array[here.owned.ravel()] = values
-    return start
-
-
-def _interpolated(there: fem.Function, space: fem.FunctionSpace) -> Array:
-    known, here = there.function_space, fem.Function(space)
-    cells, comm = _covering(space), space.mesh.comm
-    for k in range(comm.allreduce(-(-len(cells) // _AT_ONCE), MPI.MAX)):
-        some = cells[k * _AT_ONCE : (k + 1) * _AT_ONCE]
-        data = fem.create_interpolation_data(space, known, some, padding=_BESIDE)
-        here.interpolate_nonmatching(there, some, interpolation_data=data)
-    here.x.scatter_forward()
-    owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
-    return np.asarray(here.x.array[:owned])
-
-
-def _covering(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """Cells of this process that have all its nodes between them: about half of all cells."""
-    topology = space.mesh.topology
-    nodes = space.dofmap.list[: topology.index_map(topology.dim).size_local]
-    last = np.full(nodes.max(initial=-1) + 1, -1, dtype=np.int32)
-    last[nodes] = np.arange(len(nodes), dtype=np.int32)[:, None]
-    return np.unique(last[last >= 0])
 
 
 def _touching(place: Kinematics) -> ActiveSet:

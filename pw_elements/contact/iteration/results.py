@@ -57,22 +57,7 @@ def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
         gap=interface.gaps(None),
         friction=interface.cone.steepest,
     )
-    residuals = Residuals(*np.zeros(8).tolist())
-    report = SolverReport("nothing", 0)
-    return ContactState(
-        interface.field.part(unknowns),
-        pairs,
-        0,
-        None,
-        residuals,
-        report,
-        0,
-        (),
-        frozenset(),
-        Scale(),
-        Smallness(),
-        unknowns=unknowns,
-    )
+    return ContactState(interface.field.part(unknowns), pairs, unknowns=unknowns)
 
 
 def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:

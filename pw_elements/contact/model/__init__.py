@@ -22,6 +22,7 @@ from pw_elements.contact.model.friction import (
 )
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
+    NOTHING_DONE,
     ContactState,
     Free,
     PairState,

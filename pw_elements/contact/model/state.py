@@ -12,6 +12,7 @@ from pw_elements.arrays import Array, Indices
 from pw_elements.solvers import SolverReport
 
 Free: TypeAlias = tuple[tuple[int, int], ...]
+NOTHING_DONE = SolverReport("nothing", 0)
 
 
 @dataclass(frozen=True)
@@ -94,14 +95,14 @@ class Residuals:
         balance: total force against the one prescribed for free translations.
     """
 
-    equilibrium: float
-    penetration: float
-    tension: float
-    complementarity: float
-    cone: float
-    stick: float
-    direction: float
-    balance: float
+    equilibrium: float = 0.0
+    penetration: float = 0.0
+    tension: float = 0.0
+    complementarity: float = 0.0
+    cone: float = 0.0
+    stick: float = 0.0
+    direction: float = 0.0
+    balance: float = 0.0
 
     def largest(self) -> float:
         """The largest violation of any condition."""
@@ -174,16 +175,15 @@ class ContactState:
 
     displacement: PETSc.Vec
     pairs: tuple[PairState, ...]
-    iterations: int
-    unique: bool | None
-    residuals: Residuals
-    report: SolverReport
-    increment: int
-    free: Free
-    orientations: frozenset[int]
-    scale: Scale
-    smallness: Smallness | None
-
+    iterations: int = 0
+    unique: bool | None = None
+    residuals: Residuals = Residuals()
+    report: SolverReport = NOTHING_DONE
+    increment: int = 0
+    free: Free = ()
+    orientations: frozenset[int] = frozenset()
+    scale: Scale = Scale()
+    smallness: Smallness | None = Smallness()
     converged: bool = True
     substates: tuple[tuple[float, "ContactState"], ...] = ()
     unknowns: PETSc.Vec = None

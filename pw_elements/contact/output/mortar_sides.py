@@ -168,14 +168,10 @@ def mortar_sides(
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
     """The pair's own surface, with a body, and what it faces, where that is deformable.
 
-    The space is that of the displacements.
-    Areas of the own surface are of what faces the opposite one, and NaN where that is too little
-    for a pressure; nodes that face nothing have their whole areas, and no forces. Where bodies are
-    deformed, whole areas count, and nothing is said of the opposite one: who faces it changes.
-
-    Raises:
-        ValueError: for a node that belongs to no facet that has all of its nodes in the pair, or
-            two of the opposite surface at one place.
+    The space is that of the displacements. Areas of the own surface are of what faces the opposite
+    one, and NaN where that is too little for a pressure; nodes that face nothing have their whole
+    areas, and no forces. Where bodies are deformed, whole areas count, and nothing is said of the
+    opposite one: who faces it changes.
     """
     own = None if body is None else _surface(number, pair, body, space)
     if deformed or not len(pair.opposite):

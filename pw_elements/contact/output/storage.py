@@ -83,11 +83,7 @@ def write_state(
 def read_state(
     path: Path, space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace] = ()
 ) -> ContactState:
-    """Reads a state, each process the values of its own nodes.
-
-    Raises:
-        ValueError: if the file holds no state, or one of another mesh.
-    """
+    """Reads a state, each process the values of its own nodes."""
     comm = space.mesh.comm
     with collective(comm):
         try:

@@ -3,22 +3,22 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.sparse as sp
 from dolfinx import fem
+from scipy.linalg import block_diag
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
-from pw_elements.contact.iteration import ContactSystem, LeftFree, null_space, triangle
+from pw_elements.contact.iteration import ContactSystem, LeftFree, local_rows, null_space
 from pw_elements.contact.model import Free
-from pw_elements.solvers import collect_garbage, connected_pieces
+from pw_elements.solvers import Pieces, collect_garbage
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -40,57 +40,16 @@ class Basis:
 class RigidModes:
     """Translations and rotations of each connected piece, and free translations of surfaces.
 
-    Motions are vectors of all modes: piece after piece its translations and its rotations about its
-    centre (over its length, so that displacements are of the translations' size), then the
-    surfaces' translations. Centres (pieces, dim) are means of a piece's nodes, by which pieces are
-    sorted; the length (pieces,) is the radius of gyration of these nodes.
+    Motions are vectors of all modes: those of one piece after another, see `Pieces`, then the
+    surfaces' translations.
     """
 
-    def __init__(self, space: fem.FunctionSpace, free: Free, pairs: int) -> None:
-        dim = space.mesh.geometry.dim
-        owned = space.dofmap.index_map.size_local
-        x = space.tabulate_dof_coordinates()[:owned, :dim]
-        piece, count = connected_pieces(space)
-        piece = piece[:owned]
+    def __init__(self, pieces: Pieces, free: Free, pairs: int) -> None:
+        self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
-        self._planes = list(combinations(range(dim), 2))
-        sums = np.zeros((count, dim + 1))
-        np.add.at(sums, piece, np.column_stack([x, np.ones(owned)]))
-        space.mesh.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
-        centre, nodes = sums[:, :dim] / sums[:, dim:], sums[:, dim]
-        squares = np.zeros(count)
-        np.add.at(squares, piece, np.sum((x - centre[piece]) ** 2, axis=1))
-        space.mesh.comm.Allreduce(MPI.IN_PLACE, squares, MPI.SUM)
-        length = np.sqrt(squares / nodes)
-        order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
-        self.centre, self.length = centre[order], length[order]
-        self._x, self._piece = x, np.argsort(order)[piece]
-        self._each = dim + len(self._planes)
-
-    @property
-    def of_pieces(self) -> int:
-        return len(self.centre) * self._each
-
-    @property
-    def number(self) -> int:
-        return self.of_pieces + len(self.free)
-
-    def of_piece(self, k: int) -> slice:
-        return slice(k * self._each, (k + 1) * self._each)
-
-    def displacements(self) -> Iterator[Array]:
-        """Displacements (owned dofs,) of this process' nodes in each of the pieces' modes."""
-        for k in range(len(self.centre)):
-            mine = self._piece == k
-            s = (self._x[mine] - self.centre[k]) / self.length[k]
-            for axis in range(self._x.shape[1]):
-                mode = np.zeros_like(self._x)
-                mode[mine, axis] = 1.0
-                yield mode.ravel()
-            for i, j in self._planes:
-                mode = np.zeros_like(self._x)
-                mode[mine, i], mode[mine, j] = -s[:, j], s[:, i]
-                yield mode.ravel()
+        self.each = pieces.motion.shape[2]
+        self.of_pieces = len(pieces.centre) * self.each
+        self.number = self.of_pieces + len(free)
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -113,7 +72,7 @@ class RigidModes:
         Each of its motions has a mode that none of the others has, a rotation if possible. So
         what turns does not also move along what is free anyhow, and translations are along axes.
         """
-        turns = np.arange(self.of_pieces) % self._each >= self.centre.shape[1]
+        turns = np.arange(self.of_pieces) % self.each >= self.centre.shape[1]
         rank = np.concatenate([np.where(turns, 0, 1), np.full(len(self.free), 2)])
         order = np.argsort(rank, kind="stable")
         rows, pivot = reduced_echelon(motions[:, order])
@@ -219,11 +178,24 @@ class RigidMotions:
     """Rigid motions of the pieces of a supported body and of free surfaces."""
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
-        self._system = system
-        self.modes = RigidModes(space, system.free, system.interface.pairs)
-        motion, self._column = system.interface.motion, free_columns(system.reduction.right)
-        relative = self._at_points(motion * mode for mode in self._full())
-        held = self._hold_of_supports(transposed=False)
+        self._system, self._pieces = system, Pieces.of(space)
+        interface, modes = system.interface, self._pieces.motion
+        self.modes = RigidModes(self._pieces, system.free, interface.pairs)
+        # the unknown of each node's component (owned nodes, dim), and its reduced one here if any
+        own, dofs = interface.field.owned, free_columns(system.reduction.right)
+        self._prescribed, self._kept = dofs[own] == -1, dofs[own] >= 0
+        self._row = dofs[own] - system.stiffness.getOwnershipRange()[0]
+        # displacements (n, pieces' modes)
+        motion, each = interface.motion, self.modes.each
+        columns = self._pieces.number[: len(own), None, None] * each + np.arange(each)
+        columns = np.broadcast_to(columns, modes.shape).ravel()
+        entries = modes.ravel(), (np.repeat(own.ravel(), each), columns)
+        rows = sp.csr_matrix(entries, (motion.getLocalSize()[1], self.modes.of_pieces))
+        csr = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
+        sizes = motion.getSizes()[1], (PETSc.DECIDE, self.modes.of_pieces)
+        self._full = PETSc.Mat().createAIJ(sizes, csr=csr, comm=system.comm)
+        relative = self._at_points(motion.matMult(self._full))
+        held = block_diag(*self._hold_of_supports(transposed=False))
         self.left_free = LeftFree(relative, held, system.comm, self._names)
         collect_garbage(motion, system.stiffness)
 
@@ -237,85 +209,48 @@ class RigidMotions:
         relative to surfaces in which forces at the contact points do work.
         """
         held = self._hold_of_supports(transposed=True)
-        pieces, motions = len(self.modes.centre), self.modes.number
-        basis = []
-        for k in range(pieces):
-            mine = self.modes.of_piece(k)
-            free = null_space(held[:, mine], _ZERO_STIFFNESS)
-            basis.append(np.zeros((len(free), motions)))
-            basis[-1][:, mine] = free
-        surfaces = np.eye(motions)[held.shape[1] :]
-        chosen = self.modes.simplest(np.concatenate([*basis, surfaces]))
-        return chosen, self._at_points(self._works()) @ chosen.motions.T
+        free = [null_space(triangle, _ZERO_STIFFNESS) for triangle in held]
+        surfaces = np.eye(len(self.modes.free))
+        chosen = self.modes.simplest(block_diag(*free, surfaces))
+        works = self._system.interface.force.transposeMatMult(self._full)
+        return chosen, self._at_points(works) @ chosen.motions.T
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
-        work, size = np.zeros((2, self.modes.number))
-        magnitude = load.copy()
-        magnitude.abs()
-        for k, mode in enumerate(self._reduced()):
-            work[k] = load.dot(mode)
-            mode.abs()
-            size[k] = magnitude.dot(mode)
-        work[len(work) - len(totals) :] = totals
-        size[len(work) - len(totals) :] = np.abs(totals)
-        return work, size
+        pieces = self._pieces
+        force, sums = np.zeros(self._kept.shape), np.zeros((2, len(pieces.centre), self.modes.each))
+        force[self._kept] = load.array_r[self._row[self._kept]]
+        parts = force[:, :, None] * pieces.motion
+        for total, part in zip(sums, (parts.sum(axis=1), np.abs(parts).sum(axis=1)), strict=True):
+            np.add.at(total, pieces.number[: len(part)], part)
+        self._system.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+        work, size = sums.reshape(2, -1)
+        return np.append(work, totals), np.append(size, np.abs(totals))
 
-    def _full(self) -> Iterator[PETSc.Vec]:
-        """Displacements (n,) of the pieces' modes."""
-        for mode in self.modes.displacements():
-            vector = self._system.interface.motion.createVecRight()
-            vector.setArray(self._system.interface.field.spread(mode))
-            yield vector
-
-    def _reduced(self) -> Iterator[PETSc.Vec]:
-        """Reduced displacements of the pieces' modes, where they are not prescribed."""
-        stiffness, kept = self._system.stiffness, self._column >= 0
-        field = self._system.interface.field
-        own = self._column[kept] - stiffness.getOwnershipRange()[0]
-        for mode in self.modes.displacements():
-            vector = stiffness.createVecRight()
-            values = np.zeros(vector.getLocalSize())
-            values[own] = field.spread(mode)[kept]
-            vector.setArray(values)
-            yield vector
-
-    def _works(self) -> Iterator[PETSc.Vec]:
-        """Motions (points dim,) in which contact forces do work, in the pieces' modes."""
-        force = self._system.interface.force
-        for mode in self._full():
-            work = force.createVecRight()
-            force.multTranspose(mode, work)
-            yield work
-
-    def _at_points(self, motions: Iterable[PETSc.Vec]) -> Array:
-        """Relative motions (m, dim, modes) of the points, from the pieces' (points dim,) modes."""
+    def _at_points(self, motions: PETSc.Mat) -> Array:
+        """Relative motions (m, dim, modes) of the points, from the pieces' (points dim, modes)."""
         interface, free = self._system.interface, self.modes.free
         m, dim = interface.position.shape
         relative = np.zeros((m, dim, self.modes.number))
-        for k, motion in enumerate(motions):
-            relative[..., k] = motion.array_r.reshape(m, dim)
+        relative[..., : self.modes.of_pieces] = local_rows(motions, 0).toarray().reshape(m, dim, -1)
         for k, (pair, axis) in enumerate(free, start=self.modes.of_pieces):
             relative[interface.pair == pair, axis, k] = -1.0
         return relative
 
     def _hold_of_supports(self, transposed: bool) -> Array:
-        """Displacements of pieces' modes at supports and the forces they cause, by `triangle`.
+        """Displacements of pieces' modes at supports and the forces they cause, by `triangles`.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of
         strain changes the balance of forces; where it is unsymmetric, they may be fewer.
         """
-        system = self._system
+        system, kept, modes = self._system, self._kept, self._pieces.motion
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        image = system.stiffness.createVecLeft()
-        forces = np.empty((image.getLocalSize(), self.modes.of_pieces))
-        for k, mode in enumerate(self._reduced()):
-            if transposed:
-                system.stiffness.multTranspose(mode, image)
-            else:
-                system.stiffness.mult(mode, image)
-            forces[:, k] = image.array_r / largest
-        held, field = self._column == -1, system.interface.field
-        prescribed = [field.spread(mode)[held] for mode in self.modes.displacements()]
-        return triangle(np.stack(prescribed, axis=1), system.comm, forces)
+        motion, image = system.stiffness.createVecs()
+        multiply = system.stiffness.multTranspose if transposed else system.stiffness.mult
+        rows = np.where(self._prescribed[:, :, None], modes, 0.0)
+        for k in range(self.modes.each):  # of all pieces at once, which K does not couple
+            motion.array[self._row[kept]] = modes[:, :, k][kept]
+            multiply(motion, image)
+            rows[kept, k] = image.array_r[self._row[kept]] / largest
+        return self._pieces.triangles(rows)

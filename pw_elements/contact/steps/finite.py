@@ -31,21 +31,8 @@ from pw_elements.contact.iteration import (
     newton,
     sticking,
 )
-from pw_elements.contact.model import (
-    ContactPair,
-    ContactState,
-    Free,
-    Motion,
-    NotFound,
-)
-from pw_elements.contact.steps.stepping import (
-    Callback,
-    Reporter,
-    Target,
-    between,
-    divided,
-    joined,
-)
+from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound
+from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.progress import doing
 from pw_elements.solvers import LinearSolver
 
@@ -168,7 +155,6 @@ class FiniteStepping:
         before = state.orientations if state.free == system.free else frozenset()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
-        now.full.setAttr("space", self._whole)
         found = contact_state(increment, now, 0, state, system.report, None)
         return replace(found, unique=None, orientations=frozenset(signs[-1:]))
 

@@ -33,7 +33,7 @@ from pw_elements.algebra import (
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
-from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states, undeformed
+from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import SmallnessCheck
@@ -413,13 +413,9 @@ class _March:
             status=status,
             displacement=displacement.array_r[self._rows],
         )
-        return replace(
-            undeformed(interface, displacement),
-            pairs=pairs,
-            residuals=Residuals(*[np.nan] * 8),
-            increment=len(self.forces),
-            converged=False,
-        )
+        none = Residuals(*[np.nan] * 8)
+        steps = len(self.forces)
+        return ContactState(displacement, pairs, residuals=none, increment=steps, converged=False)
 
     def _keep(self, work: Array) -> None:
         """Energies after a step, and the work done in it."""

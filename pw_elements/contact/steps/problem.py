@@ -35,13 +35,7 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.output import read_state, write_state
 from pw_elements.contact.steps.finite import FiniteStepping, Loading
-from pw_elements.contact.steps.stepping import (
-    MULTIPLE,
-    REMEDIES,
-    Callback,
-    Remedy,
-    Stepping,
-)
+from pw_elements.contact.steps.stepping import MULTIPLE, REMEDIES, Callback, Remedy, Stepping
 from pw_elements.progress import bar, doing, told
 from pw_elements.solvers import (
     Direct,
@@ -455,8 +449,7 @@ class ContactProblem:
             motions: of each pair's surface from its initial place, None for one that rests
                 there; by default all rest. A single pair's need not be in a list.
             guess: state whose active set is the start, for example on a coarser mesh: each node
-                takes the status of the nearest; an iterative solver takes its displacements, too
-                (unless it was read from a file). It carries no history.
+                takes the status of the nearest. It carries no history.
 
         Raises:
             ValueError: for a load that is not finite, a number of motions that is not that of

@@ -48,10 +48,10 @@ from pw_elements.contact.iteration import (
     Reference,
     contact_state,
     initial_active_set,
-    initial_unknowns,
     newton,
 )
 from pw_elements.contact.model import (
+    NOTHING_DONE,
     ContactFailed,
     ContactPair,
     ContactState,
@@ -86,7 +86,6 @@ _USUAL, _FEW = 50, 2000
 
 # Linear systems, and what they took
 Spent: TypeAlias = tuple[int, SolverReport]
-_NOTHING: Spent = (0, SolverReport("nothing", 0))
 
 
 @dataclass(frozen=True)
@@ -456,7 +455,7 @@ class Stepping:
         policy = partial(Policy.of, rigid.left_free, interface)
         begin = np.where(target.idle[:, None] & (guess is None), 0.0, (guess or state).translations)
         translations = np.where(np.isnan(prescribed), begin, prescribed)
-        system.start(lambda: initial_unknowns(state, guess, self._whole), translations)
+        system.start(lambda: state.unknowns, translations)
         interface.check_supports(translations)
         self._watch.before(increment)
         place = increment.kinematics(translations, past.displacement, past.force)
@@ -469,12 +468,11 @@ class Stepping:
         self.interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
-        now.full.setAttr("space", self._whole)  # for who starts from it on another mesh
         left_free, lost = self._bound(increment.system.free)[1].left_free, increment.allowed(now)
         slides = left_free.slides(now.contact, lost)
         return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
-    def _spent(self, free: Free, before: Spent = _NOTHING) -> Spent:
+    def _spent(self, free: Free, before: Spent = (0, NOTHING_DONE)) -> Spent:
         """Linear systems of iterations since before, and what they and condensing took."""
         system, _ = self._bound(free)
         report = system.report

@@ -1,0 +1,1 @@
+"""Section W: problems in which nodal forces or pressures enter a law."""

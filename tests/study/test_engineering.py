@@ -1,0 +1,237 @@
+"""Section W: problems confirmed by what they do not compute; findings that can be turned."""
+
+from functools import cache
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from scipy.integrate import dblquad, quad
+
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    SurfaceNodes,
+    assemble_matrix,
+    assemble_vector,
+    boundary_measure,
+    prescribe,
+    solve,
+)
+from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.meshes import triangles
+from study.core.cases import load_section
+from study.core.store import Result, Results, save
+from study.discretisation import spaces
+from study.engineering import conductance, friction, impact, submodel, wear
+from study.engineering.readings import reading
+from study.judge.claims import judge, load_claims
+from study.verification.solid_meshes import box
+
+CASES = {case.name: case for case in load_section("W").cases}
+FINDINGS = {claim.id: claim for claim in load_claims() if claim.id.startswith("W-")}
+ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
+
+
+def block(element, cells=3):
+    lines = np.linspace(0, 1, cells + 1)
+    plane = element.endswith("T6")
+    mesh = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)) if plane else None
+    mesh = mesh or box("tetrahedron", lines, lines, lines)
+    state = "plane strain" if plane else "solid"
+    return Body(spaces(element, mesh), Material(wear.MODULUS, wear.NU), state)
+
+
+def at(axis, value):
+    return lambda x: np.isclose(x[axis], value)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_readings_know_the_pressure_of_its_forces(element):
+    """Even ones all but tributary areas, linear ones those that are projected; 1 + 2 x."""
+    body = block(element)
+    mesh = body.spaces.mesh
+    up = mesh.geometry.dim - 1
+    surface = SurfaceNodes.of(body, at(up, 0.0))
+    x = ufl.SpatialCoordinate(mesh)
+
+    def forces(pressure):
+        traction = ufl.as_vector([0.0] * up + [pressure])
+        load = body.surface_load(traction, boundary_measure(mesh, at(up, 0.0)))
+        return assemble_vector(load).array[up :: up + 1][surface.node]
+
+    linear = 1 + 2 * surface.position[:, 0]
+    assert reading("projected", surface) @ forces(1 + 2 * x[0]) == pytest.approx(linear)
+    corners = surface.own_area < 1e-9
+    even = forces(1.0 + 0 * x[0])
+    if corners.any():
+        with pytest.raises(ValueError, match="own weight vanishes"):
+            reading("own", surface)
+        assert reading("skip", surface) @ even == pytest.approx(~corners * 1.0)
+        assert reading("neighbours", surface) @ even == pytest.approx(1.0)
+    else:
+        assert reading("own", surface) @ even == pytest.approx(1.0)
+    uneven = np.ptp(reading("tributary", surface) @ even) > 0.1
+    assert uneven == element.startswith("galerkin")
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_an_unworn_punch_has_the_librarys_contact_forces(element):
+    punch = wear.Punch.of(element, 4)
+    body = block(element, 4)
+    up = body.spaces.mesh.geometry.dim - 1
+
+    def back(x):
+        return np.isclose(x[up], 1) & (np.max(x[:up], axis=0) < wear.LOADED + 1e-9)
+
+    traction = np.append(np.zeros(up), -wear.MEAN / wear.LOADED**up)
+    load = assemble_vector(body.surface_load(traction, boundary_measure(body.spaces.mesh, back)))
+    K, space = assemble_matrix(body.stiffness()), body.spaces.trial
+    held = Reduction.dirichlet(space, [prescribe(space, i, at(i, 0.0)) for i in range(up)])
+    plate = Plane((0.0,) * (up + 1), np.eye(up + 1)[up])
+    (state,) = solve_contact(K, load, held, ContactPair(at(up, 0.0), plate), space)
+    found, _ = punch.forces(np.zeros(len(punch.free)), np.ones(len(punch.free), dtype=bool))
+    assert found == pytest.approx(state.pairs[0].force_normal, abs=1e-9)
+
+
+@cache
+def worn(element, rule="own"):
+    return wear.worn(element, rule, 4, 200)
+
+
+def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
+    """The face's displacements under the even pressure, by one linear solution."""
+    body, end = block("pw-T6", 4), worn("pw-T6")
+    surface, mesh = boundary_measure, body.spaces.mesh
+    load = np.zeros(body.spaces.trial.dofmap.index_map.size_local * 2)
+    above = lambda x: np.isclose(x[1], 1) & (x[0] < wear.LOADED + 1e-9)  # noqa: E731
+    for where, pressure in ((at(1, 0.0), 1.0), (above, -1 / wear.LOADED)):
+        traction = np.array([0.0, pressure])
+        load += assemble_vector(body.surface_load(traction, surface(mesh, where))).array
+    K, space = assemble_matrix(body.stiffness()), body.spaces.trial
+    corner = prescribe(space, 1, lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
+    f = K.createVecLeft()
+    f.setArray(load)
+    u = solve(K, f, Reduction.dirichlet(space, [prescribe(space, 0, at(0, 0.0)), corner]))
+    moved = u.array_r[1::2][end.punch.surface.node]
+    worn_off = end.depth - end.depth.min()
+    assert worn_off == pytest.approx(moved.max() - moved, abs=5e-3 * np.ptp(moved))
+    assert np.ptp(end.depth) > 0.1 * end.depth.mean()
+
+
+@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6", "pw-T10"])
+def test_worn_volume_is_force_times_path_and_pressures_end_even(element):
+    end = worn(element)
+    assert end.punch.surface.own_area @ end.depth == pytest.approx(wear.PATH * end.punch.force)
+    assert end.pressure == pytest.approx(wear.MEAN, rel=0.01)
+
+
+def test_a_step_beyond_the_bound_is_refused_and_just_below_it_is_stable():
+    bound = worn("pw-T6").step_over_bound * 200
+    with pytest.raises(ValueError, match="not stable"):
+        wear.worn("pw-T6", "own", 4, int(bound))
+    assert wear.worn("pw-T6", "own", 4, int(bound) + 2).end_error < 0.05
+
+
+@cache
+def slipped(element, halving):
+    return friction.slipping(element, "own", 8, halving)
+
+
+@pytest.mark.parametrize("element", ELEMENTS[:2])
+def test_constant_friction_sticks_as_cattaneo_and_mindlin_say(element):
+    """To a third of the distance of nodes; the sides are near, and both directions coupled."""
+    found = slipped(element, 1e9)
+    assert found.stick == pytest.approx(np.sqrt(1 - found.force), abs=0.02)
+
+
+@pytest.mark.parametrize("element", ELEMENTS[:2])
+def test_shear_is_what_the_law_says_of_the_pressure(element):
+    found = slipped(element, friction.HALVING)
+    p, t, r = found.pressure, found.shear, np.abs(found.x[:, 0])
+    limit = friction.STEEPEST * p / (1 + p / friction.HALVING)
+    assert np.all(np.abs(t) <= limit + 1e-9)
+    assert t[r > found.stick + 0.1] == pytest.approx(limit[r > found.stick + 0.1], abs=1e-9)
+    assert np.all(t[r < found.stick - 0.1] < 0.99 * limit[r < found.stick - 0.1])
+    assert found.force < slipped(element, 1e9).force
+
+
+@pytest.mark.parametrize("element", ELEMENTS[:2])
+def test_heat_that_is_linear_in_the_pressure_is_that_of_the_force(element, monkeypatch):
+    """Through a joint so weak that the body has one temperature, whatever the nodal forces."""
+    monkeypatch.setattr(conductance, "STRENGTH", 1e-9)
+    contact = conductance.Indented.of(element, 4)
+    heat = conductance.conducted(element, "own", 4, power=1.0).heat
+    peak = contact.problem.known.peak
+    assert heat == pytest.approx(1e-9 * contact.force.sum() / peak, rel=1e-6)
+
+
+@pytest.mark.parametrize("element", ["galerkin-T6", "sibling-T6"])
+def test_impulse_is_the_change_of_momentum_and_energy_balances(element):
+    found = impact.thrown(element, 4)
+    step, mass = found.time[1], 2.0
+    assert step * found.force[:, 1].sum() == pytest.approx(
+        mass * impact.SPEED * (1 + found.rebound)
+    )
+    assert found.imbalance < 1e-12
+    assert found.force[-1] == pytest.approx(0.0)
+    assert 0 < found.slip < 1  # sliding all the time would be 1, and known
+
+
+def test_stress_below_hertz_contacts_is_the_integral_of_point_forces():
+    r, z = 0.35, 0.2
+    plane = quad(lambda s: np.sqrt(1 - s**2) / ((r - s) ** 2 + z**2) ** 2, -1, 1)[0]
+    space = dblquad(
+        lambda angle, s: s
+        * np.sqrt(1 - s**2)
+        / (r**2 + s**2 - 2 * r * s * np.cos(angle) + z**2) ** 2.5,
+        0, 1, 0, 2 * np.pi,
+    )[0]  # fmt: skip
+    at_point = np.array([r])
+    assert submodel.exact_stress(1, at_point, z)[0] == pytest.approx(2 * z**3 / np.pi * plane)
+    exact = submodel.exact_stress(2, at_point, z)[0]
+    assert exact == pytest.approx(3 * z**3 / (2 * np.pi) * space, rel=1e-6)
+
+
+def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
+    found = submodel.below("pw-T6", "exact", 8)
+    assert found.stress == pytest.approx(found.exact, abs=2e-3)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """All of the section, each case computed once."""
+    out = tmp_path_factory.mktemp("results")
+    for case in CASES.values():
+        result = case.run(**case.parameters)
+        save(out, "W", case.name, result, case.stored_parameters, {})
+    return Results(out)
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_findings_are_found_again_and_other_numbers_turn_them(name, stored, tmp_path):
+    claim = FINDINGS[name]
+    (found,) = judge([claim], stored)
+    assert not found.differs, f"{found.verdict} with {found.measured}"
+    for one in stored.section("W"):
+        scalars = one.scalars | turned(claim.judgement, one, found.measured)
+        save(tmp_path, "W", one.case, Result(scalars, one.units), one.parameters, {})
+    (other,) = judge([claim], Results(tmp_path))
+    assert other.verdict != found.verdict
+
+
+def turned(how, one, measured):
+    """Numbers of a result that put the measure on the other side of its bound."""
+    if how.measure == "answer_change":
+        prefix, standard = how.args.get("name", ""), one.parameters["element"].startswith("gal")
+        if f"{prefix}answer" not in one.scalars:
+            return {}
+        moved = 1.5 if measured < how.value and standard else 1.0
+        return {f"{prefix}answer": moved * one.scalars[f"{prefix}reference"]}
+    if how.measure == "rule_error":
+        made_up = one.parameters["reading"] in how.args["readings"]
+        return {"error": 0.0 if made_up == (measured > how.value) else 1.0}
+    name = how.args["name"]
+    return {name: 1e12 * one.scalars[name]} if name in one.scalars else {}

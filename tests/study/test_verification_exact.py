@@ -1,0 +1,259 @@
+"""What sections V1 to V8 and V10 are judged by: exact fields, meshes, published answers."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from scipy.integrate import quad
+
+from pw_elements import Body, Material, Reduction, assemble_matrix, prescribe, vibration_modes
+from pw_elements.elasticity import StressState
+from study.discretisation import spaces
+from study.verification import friction, v4_spence, v6_greco, v8_vibration
+from study.verification import v10_partial_slip as v10
+from study.verification.half_space import (
+    BondedLine,
+    Elastic,
+    FlatLine,
+    FlatRound,
+    HertzLine,
+    HertzSphere,
+)
+from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force
+from study.verification.mesh_lines import graded
+from study.verification.solid_meshes import box, quarter_disc, with_mirror_image
+from study.verification.v8_exact import Rod, rectangle_eigenvalues, wave_speeds_squared
+from study.vocabulary import OPEN, SLIP, STICK
+
+BODY = Elastic(1000.0, 0.3)
+KNOWN = [
+    HertzLine(BODY, 10.0, 20.0),
+    HertzSphere(BODY, 10.0, 20.0),
+    FlatLine(BODY, 1.0, 3.0),
+    BondedLine(BODY, 1.0, 3.0),
+    FlatRound(BODY, 1.0, 3.0),
+]
+ROUND = (HertzSphere, FlatRound)
+
+
+def stress(known, x):
+    """Stresses xx, yy, xy and hoop at points (n, 2), by central differences of displacements."""
+    h = 1e-4 * known.half_width
+    by_x, by_y = (
+        (known.displacement(x + step) - known.displacement(x - step)) / (2 * h)
+        for step in (np.array([h, 0.0]), np.array([0.0, h]))
+    )
+    hoop = known.displacement(x)[:, 0] / x[:, 0] if isinstance(known, ROUND) else 0.0
+    nu, shear = BODY.poissons_ratio, BODY.shear_modulus
+    volume = 2 * shear * nu / (1 - 2 * nu) * (by_x[:, 0] + by_y[:, 1] + hoop)
+    direct = [volume + 2 * shear * strain for strain in (by_x[:, 0], by_y[:, 1], hoop)]
+    return np.array([direct[0], direct[1], shear * (by_x[:, 1] + by_y[:, 0]), direct[2]])
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=lambda k: type(k).__name__)
+class TestExactFields:
+    def test_body_is_in_equilibrium(self, known):
+        a = known.half_width
+        x = np.array([[2.3, -0.4], [1.1, -2.2], [3.0, -3.0]]) * a
+        h = 1e-2 * a
+        by_x, by_y = (
+            (stress(known, x + step) - stress(known, x - step)) / (2 * h)
+            for step in (np.array([h, 0.0]), np.array([0.0, h]))
+        )
+        s, r = stress(known, x), x[:, 0] if isinstance(known, ROUND) else np.inf
+        residual = [by_x[0] + by_y[2] + (s[0] - s[3]) / r, by_x[2] + by_y[1] + s[2] / r]
+        assert np.abs(residual).max() < 1e-3 * np.abs(by_x).max()
+
+    def test_surface_beside_the_contact_is_free(self, known):
+        a = known.half_width
+        near = stress(known, np.array([[2.5 * a, -2e-4 * a]]))
+        inside = stress(known, np.array([[2.5 * a, -2.5 * a]]))
+        assert np.abs(near[[1, 2]]).max() < 1e-3 * np.abs(inside[:3]).max()
+
+    def test_stresses_carry_the_force(self, known):
+        side, n = 3 * known.half_width, 400
+        s = (np.arange(n) + 0.5) * side / n
+        below = stress(known, np.stack([s, np.full(n, -side)], axis=1))[1]
+        beside = stress(known, np.stack([np.full(n, side), -s], axis=1))[2]
+        around = 2 * np.pi * np.array([s, np.full(n, side)]) if isinstance(known, ROUND) else 2.0
+        width, height = around * np.ones((2, n))
+        carried = (-below @ width + beside @ height) * side / n
+        assert carried == pytest.approx(known.force, rel=1e-4)
+
+    def test_force_is_the_integral_of_the_pressure(self, known):
+        end = 0.7 * known.half_width
+
+        def density(x):
+            around = 2 * np.pi * x if isinstance(known, ROUND) else 1.0
+            return around * known.pressure(np.array([x]))[0]
+
+        assert known.force_within(np.array([end]))[0] == pytest.approx(quad(density, 0, end)[0])
+        whole = known.force if isinstance(known, ROUND) else known.force / 2
+        assert known.force_within(np.array([known.half_width]))[0] == pytest.approx(whole)
+
+
+HALF_SPACE = Elastic(2.0, 0.3)
+
+
+def stress_and_unbalance(field, x, h=1e-3):
+    """Stress (3, 3) of a displacement field at x, and its divergence, by differences."""
+
+    def stress(x):
+        gradient = np.array(
+            [(field(x + step) - field(x - step)) / (2 * h) for step in h * np.eye(3)]
+        ).T
+        strain, nu = (gradient + gradient.T) / 2, HALF_SPACE.poissons_ratio
+        lame = 2 * HALF_SPACE.shear_modulus * nu / (1 - 2 * nu)
+        return 2 * HALF_SPACE.shear_modulus * strain + lame * np.trace(strain) * np.eye(3)
+
+    divergence = sum(
+        (stress(x + step)[:, k] - stress(x - step)[:, k]) / (2 * h)
+        for k, step in enumerate(h * np.eye(3))
+    )
+    return stress(x), divergence
+
+
+def cerruti(x):
+    return _cerruti(HALF_SPACE, x[None], np.array([[0.0, 0.0]]), np.array([1.0]))[0]
+
+
+def test_cerruti_is_in_equilibrium_and_free_of_tractions():
+    for x in np.array([[1.0, 0.5, -0.7], [-0.4, 0.9, -1.5]]):
+        stress, divergence = stress_and_unbalance(cerruti, x)
+        assert divergence == pytest.approx(0.0, abs=1e-5 * np.abs(stress).max())
+    stress, _ = stress_and_unbalance(cerruti, np.array([0.7, -0.4, -2e-3]))
+    assert stress[:, 2] == pytest.approx(0.0, abs=5e-3 * np.abs(stress).max())
+
+
+def test_cerruti_carries_the_force():
+    """Tractions on a half ball around it, by Gauss' rule and even angles."""
+    s, weight = np.polynomial.legendre.leggauss(10)
+    total = np.zeros(3)
+    for cosine, w in zip((s - 1) / 2, weight / 2, strict=True):
+        for angle in 2 * np.pi * np.arange(16) / 16:
+            sine = np.sqrt(1 - cosine**2)
+            n = np.array([sine * np.cos(angle), sine * np.sin(angle), cosine])
+            total += stress_and_unbalance(cerruti, n)[0] @ n * w * 2 * np.pi / 16
+    assert total == pytest.approx([-1.0, 0.0, 0.0], abs=1e-4)
+
+
+def test_mindlin_holds_what_it_says():
+    known = MindlinSphere(
+        HertzSphere(Elastic(1.0, 0.0), 10.0, hertz_force(HALF_SPACE, 10.0)), 0.4, 0.5
+    )
+    a = known.normal.half_width
+    r = np.linspace(0, a, 4001)
+    force = 2 * np.pi * np.trapezoid(known.shear(r) * r, r)
+    assert force == pytest.approx(known.force, rel=1e-4)
+    # at nu = 0 the middle moves by the sum of 2 q dA / (4 pi G r)
+    moved = np.trapezoid(known.shear(r), r) / known.normal.body.shear_modulus
+    assert moved == pytest.approx(known.shift, rel=1e-3)
+    assert known.shear(np.array([known.stick])) == pytest.approx(
+        0.4 * known.pressure(np.array([known.stick]))
+    )
+
+
+def test_stick_radius_of_mindlins_tractions_is_that_of_its_disc():
+    """At any nodes that stick, without those that have no traction."""
+    known = MindlinSphere(
+        HertzSphere(HALF_SPACE, 1e3, hertz_force(HALF_SPACE, 1e3)), v10.SLIDING, v10.SHARE
+    )
+    r = np.random.default_rng(3).uniform(0, 1, 200)
+    tractions = np.column_stack([known.shear(r), 0 * r, known.pressure(r)])
+    tractions[::7] = np.nan
+    sticks = r < known.stick
+    assert v10._vanishing(r, tractions, sticks) == pytest.approx(known.stick, rel=1e-9)
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_meshes_have_their_volume_and_their_edge(cell):
+    lines = graded(3)
+    mesh = box(cell, lines.beside, lines.beside, lines.below)
+    assert volume(mesh) == pytest.approx(2.5**3)
+    mesh = quarter_disc(cell, 2, np.array([1.5, 2.0]), np.array([-1.0, -0.4, 0.0]))
+    assert volume(mesh) == pytest.approx(np.sin(np.pi / 8) / (np.pi / 8) * np.pi, rel=1e-12)
+    r = np.hypot(*mesh.geometry.x[:, :2].T)
+    assert np.isclose(r, 1.0).sum() == 3 * 5
+    both = with_mirror_image(mesh, 1.0)
+    assert volume(both) == pytest.approx(2 * volume(mesh))
+
+
+def volume(mesh):
+    return fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx))
+
+
+@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6"])
+def test_greco_plate_has_the_published_displacements_and_three_zones(element):
+    result = v6_greco.plate(element, 16)
+    u = [result.scalars[f"u_{i}"] for i in range(1, 6)]
+    assert u == pytest.approx(friction.GRECO_PUBLISHED, rel=0.05)
+    assert u == pytest.approx(friction.GRECO_PROTOTYPE, rel=2e-3)
+    x, status = result.curves["x"], result.curves["status"]
+    assert list(status[np.flatnonzero(np.diff(status, prepend=-1))]) == [OPEN, SLIP, STICK]
+    assert x[status == OPEN].max() == pytest.approx(3.3e-3, abs=1.25e-3)
+    assert x[status == STICK].min() == pytest.approx(29.8e-3, abs=1.25e-3)
+    total = v6_greco.PRESSURE_TOP * v6_greco.SIDE
+    assert result.scalars["force_normal"] == pytest.approx(total, rel=1e-10)
+    assert result.scalars["residual"] < 1e-10
+
+
+def test_partial_slip_formulas_balance_the_forces():
+    known = friction.Cattaneo(half_width=2.0, force=3.0, friction=0.3, share=0.6)
+    x = np.linspace(-2, 2, 200_001)
+    assert np.trapezoid(known.pressure(x), x) == pytest.approx(3.0, rel=1e-6)
+    assert np.trapezoid(known.shear(x), x) == pytest.approx(0.6 * 0.3 * 3.0, rel=1e-6)
+    slipping = np.abs(x) > known.stick
+    assert known.shear(x)[slipping] == pytest.approx(0.3 * known.pressure(x)[slipping])
+    assert np.all(known.shear(x)[~slipping] <= 0.3 * known.pressure(x)[~slipping])
+
+
+@pytest.mark.parametrize(("material", "known"), friction.SPENCE.items())
+def test_stick_radius_below_a_flat_punch(material, known):
+    scalars = v4_spence.stick_radius("pw-T6", *material, elements=32).scalars
+    reach = scalars["stick_between"] / 2 + friction.SPENCE_ACCURACY
+    assert abs(scalars["stick"] - known) < reach
+    assert scalars["pass_change"] < 1e-6
+    assert scalars["force_normal"] == pytest.approx(v4_spence.FORCE / 2, rel=1e-9)
+
+
+MATERIAL = Material(1.0, 0.3)
+
+
+def test_frequency_equation_gives_published_eigenvalues():
+    published = [8.32708524, 18.69438659, 21.0458481, 24.33204579, 32.8373545, 41.46258448]
+    assert Rod(MATERIAL, 0.5, 1.0).eigenvalues(6) == pytest.approx(published, rel=2e-9)
+
+
+def test_slow_waves_in_a_thin_rod_are_those_of_a_bar():
+    # Rayleigh's correction for lateral inertia: E k^2 / rho (1 - (nu k a)^2 / 2)
+    material, radius, length = Material(7.0, 0.3, density=2.0), 0.02, 3.0
+    k = np.pi * np.arange(1, 4) / length
+    bar = 7.0 / 2.0 * k**2
+    exact = np.array(Rod(material, radius, length).eigenvalues(3))
+    assert exact == pytest.approx(bar * (1 - (0.3 * k * radius) ** 2 / 2), rel=1e-6)
+    assert np.all(exact < bar * (1 - 1e-5))
+
+
+def test_wave_speeds_of_plane_states():
+    solid, shear = wave_speeds_squared(MATERIAL, StressState.PLANE_STRAIN)
+    plate, same = wave_speeds_squared(MATERIAL, StressState.PLANE_STRESS)
+    assert shear == same == pytest.approx(1 / 2.6)
+    assert plate / shear == pytest.approx(2 / (1 - 0.3))
+    assert solid / shear == pytest.approx(2 * (1 - 0.3) / (1 - 0.6))
+
+
+@pytest.mark.parametrize("state", [StressState.PLANE_STRESS, StressState.PLANE_STRAIN])
+def test_modes_of_a_rectangle_between_walls(state):
+    # unequal sides, so that no two modes share an eigenvalue
+    sides = (1.0, 0.7)
+    mesh = v8_vibration._mesh(sides, (12, 9), "triangle")
+    body = Body(spaces("pw-T6", mesh), MATERIAL, state)
+    U = body.spaces.trial
+    held = [(i, value) for i in (0, 1) for value in (0.0, sides[i])]
+    walls = [prescribe(U, i, lambda x, i=i, v=value: np.isclose(x[i], v)) for i, value in held]
+    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
+    modes = vibration_modes(K, M, Reduction.dirichlet(U, walls), 8)
+    exact = np.array(rectangle_eigenvalues(MATERIAL, state, sides, 8))
+    assert len(set(np.round(exact, 9))) == 8
+    assert modes.eigenvalues == pytest.approx(exact, rel=3e-3)
+    assert np.all(modes.eigenvalues > exact)
