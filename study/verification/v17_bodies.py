@@ -21,7 +21,7 @@ from pw_elements import prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.meshes import mapped, on_lines
+from pw_elements.meshes import curved, on_lines
 from pw_elements.spaces import SubSpace
 from study.core.cases import Case
 from study.core.store import Result
@@ -126,15 +126,14 @@ def follow(
 def die_meshes(own: int, opposite: int) -> tuple[Mesh, tuple[Indices, Indices]]:
     """A parabolic die and a block, with so many elements per width; facets of their sides."""
     x, y = _lines(-1.5, 2.5, 4 * opposite), _lines(-1.0, 0.0, opposite // 2)
-    block = on_lines(MPI.COMM_SELF, x, y, "triangle")
+    block = _degree_two(x, y, lambda x: x)
     x, y = _lines(-0.5, 0.5, own), _lines(0.0, 1.0, own // 2)
 
     def shaped(x: Array) -> Array:
         low = GAP + CURVATURE * x[:, 0] ** 2 / 2
         return np.column_stack([x[:, 0], low + x[:, 1] * (1 - low), x[:, 2]])
 
-    upper = mapped(on_lines(MPI.COMM_SELF, x, y, "triangle"), shaped)
-    mesh, _ = joined(block, upper)
+    mesh, _ = joined(block, _degree_two(x, y, shaped))
 
     def under(x: Array) -> Mask:
         return np.asarray(np.isclose(x[1], GAP + CURVATURE * x[0] ** 2 / 2) & (x[1] > GAP / 2))
@@ -336,7 +335,12 @@ def _half_ring(angle: Array, radius: Array, upper: bool) -> Mesh:
         shift = 2 * RADII[1] + APART if upper else 0.0
         return np.column_stack([-sign * x[:, 1] * np.cos(x[:, 0]), shift + y, x[:, 2]])
 
-    return mapped(on_lines(MPI.COMM_SELF, angle, radius, "triangle"), shaped)
+    return _degree_two(angle, radius, shaped)
+
+
+def _degree_two(x: Array, y: Array, image: Callable[[Array], Array]) -> Mesh:
+    """A rectangle's mesh with its nodes, mid-side ones too, mapped: straight sides have corners."""
+    return curved(on_lines(MPI.COMM_SELF, x, y, "triangle"), image)
 
 
 def _lines(first: float, last: float, cells: int) -> Array:

@@ -3,8 +3,9 @@
 Sides are the polylines through their deformed nodes, each in an order that has the outside on its
 right. A slave node's normal n is that of the chord between its neighbours, to the inside. A facet
 with ends a and b sees along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b, and what it has
-master's ends, on the way from 0 to 1; of facets that look at each other, and whose middles are at
-most by half of both lengths (the master's longest) farther apart than the nearest ones. There
+of a master's facet is between the s of the master's ends, on the way from 0 to 1. These facets look
+at each other, and their middles are at most by half of both lengths (the master's longest) farther
+apart than the nearest ones. There
 
     W_ij = int w_i w_j,    Q_ik = int w_i w_k,    psi = D W^-1 w,    D_i = sum over j of W_ij,
 
@@ -128,6 +129,7 @@ class Sliding:
         """
         before, u = history[-2:]
         force = max(np.abs(self.bodies.forces(u)).max() for u in history)
+        force = force if force > 1e-12 else 1.0  # the bodies have not yet met
         length = max(np.abs(u).max() for u in history)
         slave, master = (self._place(u, side) for side in (self.slave, self.master))
         P, S, n, area = meeting(slave, master)
