@@ -229,7 +229,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.what == "draw":
         rows = [mutant._asdict() for mutant in draw()]
-        DRAWN.write_text(json.dumps({"seed": SEED, "mutants": rows}, indent=1) + "\n")
+        lines = ",\n".join(map(json.dumps, rows))
+        DRAWN.write_text(f'{{"seed": {SEED}, "mutants": [\n{lines}\n]}}\n')
     elif options.what == "cover":
         cover()
     else:

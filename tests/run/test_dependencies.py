@@ -7,13 +7,11 @@ import ast
 import re
 import subprocess
 import sys
-import tomllib
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-import pw_elements
 from pw_elements import Direct, Iterative
 from pw_elements.contact.iteration.newton import Increment
 from pw_elements.contact.steps import stepping
@@ -259,40 +257,3 @@ def test_report_and_figures_leave_the_solver_unloaded():
     command = [sys.executable, "-c", code, *sorted(SOLVER)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
-
-
-# -- what the package says of itself; .ci/package builds it and looks at what comes out ------------
-
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-
-
-def text(name):
-    return (ROOT / name).read_text()
-
-
-def test_version_is_the_same_wherever_it_is_told():
-    assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "pw_elements.__version__"
-    assert re.fullmatch(r"\d+\.\d+\.\d+", pw_elements.__version__)
-    assert f"\nversion: {pw_elements.__version__}\n" in text("CITATION.cff")
-    assert re.findall(r"^## (\S+)", text("CHANGELOG.md"), re.M)[0] == pw_elements.__version__
-
-
-def test_every_folder_of_the_library_is_packaged_and_typed():
-    folders = {path.parent for path in LIBRARY.rglob("*.py")}
-    packages = {".".join(folder.relative_to(ROOT).parts) for folder in folders}
-    assert set(PROJECT["tool"]["setuptools"]["packages"]) == packages
-    assert (LIBRARY / "py.typed").exists()
-
-
-def test_every_package_that_the_library_imports_is_declared():
-    project = PROJECT["project"]
-    named = {re.match(r"[\w-]+", line)[0] for line in project["dependencies"]}
-    declared = {name.removeprefix("fenics-") for name in named}
-    declared |= {name for names in project["optional-dependencies"].values() for name in names}
-    others = tops(name for module in modules("pw_elements") for name in imported(module))
-    assert others - {*sys.stdlib_module_names, "pw_elements"} == declared
-
-
-def test_linter_is_of_one_version_in_every_check():
-    version = re.search(r"^ruff=(\S+)", text(".ci/run"), re.M)[1]
-    assert re.findall(r"ruff==([\d.]+)", text(".pre-commit-config.yaml")) == [version] * 2

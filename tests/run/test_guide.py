@@ -1,0 +1,66 @@
+"""The guide's pages: each one's code blocks are a program, which runs as it stands."""
+
+import io
+import re
+import runpy
+import shutil
+from contextlib import chdir, redirect_stdout
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PROGRAMS = sorted(
+    path
+    for path in DOCS.rglob("*.md")
+    if "```python" in path.read_text() and path.name != "your-own-problem.md"  # has its own tests
+)
+
+
+def program(page):
+    return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
+
+
+@pytest.mark.parametrize("page", PROGRAMS, ids=lambda page: page.stem)
+def test_code_of_the_page_runs(page, tmp_path):
+    shutil.copy(ROOT / "examples" / "gasket.msh", tmp_path)
+    file = tmp_path / "program.py"
+    file.write_text(program(page))
+    try:
+        with chdir(tmp_path), redirect_stdout(io.StringIO()):
+            names = runpy.run_path(str(file))
+    finally:
+        plt.close("all")
+    assert names
+
+
+def test_what_has_to_be_told_has_a_page():
+    told = {path.stem for path in (DOCS / "how-to").glob("*.md")}
+    assert told == {
+        "index",
+        "meshes",
+        "materials",
+        "which-method",
+        "results",
+        "friction",
+        "large-strains",
+        "restart",
+        "parallel",
+        "solvers",
+        "paraview",
+        "coupling",
+    }
+    listed = (DOCS / "how-to" / "index.md").read_text()
+    assert all(f"\n{page}\n" in listed for page in told - {"index"})
+
+
+def test_links_within_the_guide_lead_somewhere():
+    """Pages that are made (gallery, reference, evidence) are looked at in the browser."""
+    for page in DOCS.rglob("*.md"):
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            if target.removeprefix("../").split("/")[0] in ("gallery", "reference", "evidence"):
+                continue
+            path = page.parent / target
+            assert path.is_file() or path.with_suffix(".md").is_file(), f"{page.name}: {target}"

@@ -1,0 +1,46 @@
+"""What the package says of itself; .ci/package builds it and looks at what comes out."""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pw_elements
+from study.core.sources import imported
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def text(name):
+    return (ROOT / name).read_text()
+
+
+def test_version_is_the_same_wherever_it_is_told():
+    assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "pw_elements.__version__"
+    assert re.fullmatch(r"\d+\.\d+\.\d+", pw_elements.__version__)
+    assert f"\nversion: {pw_elements.__version__}\n" in text("CITATION.cff")
+    assert re.findall(r"^## (\S+)", text("CHANGELOG.md"), re.M)[0] == pw_elements.__version__
+
+
+def test_every_folder_of_the_library_is_packaged_and_typed():
+    folders = {path.parent for path in (ROOT / "pw_elements").rglob("*.py")}
+    packages = {".".join(folder.relative_to(ROOT).parts) for folder in folders}
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == packages
+    assert ((ROOT / "pw_elements") / "py.typed").exists()
+
+
+def test_every_package_that_the_library_imports_is_declared():
+    project = PROJECT["project"]
+    named = {re.match(r"[\w-]+", line)[0] for line in project["dependencies"]}
+    declared = {name.removeprefix("fenics-") for name in named}
+    declared |= {name for names in project["optional-dependencies"].values() for name in names}
+    paths = [path.relative_to(ROOT) for path in (ROOT / "pw_elements").rglob("*.py")]
+    names = {name for path in paths for name in imported(".".join(path.with_suffix("").parts))}
+    others = {name.split(".")[0] for name in names}
+    assert others - {*sys.stdlib_module_names, "pw_elements"} == declared
+
+
+def test_linter_is_of_one_version_in_every_check():
+    version = re.search(r"^ruff=(\S+)", text(".ci/run"), re.M)[1]
+    assert re.findall(r"ruff==([\d.]+)", text(".pre-commit-config.yaml")) == [version] * 2
