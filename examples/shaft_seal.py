@@ -68,7 +68,7 @@ def move(across, depth):
 
 state = problem.step(problem.undeformed, lambda share: move(0.0, share * down))
 forces, places = [], np.arange(1, steps + 1) * way / steps
-for k, end in enumerate(places):
+for k in range(steps):
     state = problem.step(state, lambda share, k=k: move((k + share) * way / steps, down))
     forces.append(-state.pairs[0].opposite_force.sum(axis=0))
 forces = np.array(forces)
