@@ -18,7 +18,7 @@ def draw(results: Results) -> Figure:
     """Forces above, their differences below."""
     curves, mean = results.curves(KEY), results.scalar(KEY, "mean_force")
     heights = {"height_ratios": (3, 2)}
-    fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.8), sharex=True, gridspec_kw=heights)
+    fig, axes = plt.subplots(2, 2, figsize=(FULL, 3.1), sharex=True, gridspec_kw=heights)
     for (above, below), (name, words) in zip(axes.T, COMPONENTS, strict=True):
         for theirs, ours, label in PAIRS:
             look, peer = LOOK[ours], curves[f"{theirs}_{name}"] / mean

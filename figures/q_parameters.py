@@ -17,7 +17,7 @@ MOST = 2.0  # errors above are those of no solution
 
 def draw(results: Results) -> Figure:
     """Means of two places; a gap where there is no solution at one of them."""
-    fig, ax = plt.subplots(figsize=(SIDE, 2.5))
+    fig, ax = plt.subplots(figsize=(SIDE, 1.7))
     for method in SWEPT:
         curves = [results.curves(f"Q/{method}-16-{place}") for place in PLACES]
         swept = np.array([one["sweep_l2"] for one in curves])
@@ -42,9 +42,8 @@ def draw(results: Results) -> Figure:
 def caption(results: Results) -> str:
     """What the figure shows."""
     return (
-        "Error of the pressure with 16 edges over the half width, over the parameter of the method "
-        "(times h/E; means of two places of the contact's edge). The new element has none. A gap: "
-        "Newton's method did not converge."
+        "Error of the pressure, 16 edges over a, over the parameter (times h/E); means of two "
+        "places. Gap: no convergence."
     )
 
 

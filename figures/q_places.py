@@ -14,11 +14,11 @@ NEEDS = [f"Q/offsets-{method}" for method in SHOWN]
 
 def draw(results: Results) -> Figure:
     """One line a method."""
-    fig, ax = plt.subplots(figsize=(BESIDE, 2.1))
+    fig, ax = plt.subplots(figsize=(BESIDE, 1.7))
     for method in SHOWN:
         curves = results.curves(f"Q/offsets-{method}")
         ax.semilogy(curves["offset"], 100 * curves["pressure_l2"], **LOOK[method])
-    ax.set(xlabel="place of the contact's edge in an element", ylabel="L2 error of pressure / %")
+    ax.set(xlabel="place of the contact's edge in an element", ylabel="L2 error / %")
     ax.set(xlim=(0, 1), ylim=(0.45, 6))
     plain_ticks(ax)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)

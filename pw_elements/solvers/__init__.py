@@ -24,10 +24,11 @@ from pw_elements.solvers.iterative import (
     with_levels,
 )
 from pw_elements.solvers.matrices import (
-    Followers,
     Masked,
     Projection,
     Supports,
+    add,
+    block_diagonal,
     collect_garbage,
     connected_pieces,
     destroy,

@@ -77,6 +77,11 @@ NO_SUPPORTS = (
 # Iterations allowed, and vectors kept to be orthogonal to
 _MOST_ITERATIONS = 1000
 _KEPT_VECTORS = 100
+# Stiffnesses that differ by more than 1e5 make vectors lose their orthogonality
+_GMRES: Mapping[str, str | int | float | bool] = {
+    "ksp_converged_maxits": True,
+    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
+}
 # The true residual over what the method takes it for
 _DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
@@ -335,7 +340,7 @@ class Krylov:
         counted = self._counted  # a method would make a cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # residuals are judged here, not by an error of PETSc's
-        set_options(ksp, {"ksp_converged_maxits": True} | dict(self._how.options))
+        set_options(ksp, {**_GMRES, **self._how.options})
         return ksp
 
     @property

@@ -2,10 +2,7 @@
 
 What supports or contact hold is taken out of vectors; nothing of K is changed or copied.
 
-Nodes may also move with others where they are held. Where contact closes, a node of one body moves
-as the means O b of the other's nodes around do, in the directions H that are held; forces are
-handed on by the same weights. With W = 1 + H O, which acts on displacements b that vanish in H,
-W^T K W is the stiffness of both bodies in one.
+Nodes may also be joined to others by springs, a matrix B: then the operator has K + B for K.
 """
 
 from collections.abc import Sequence
@@ -150,61 +147,6 @@ def connected_pieces(space: fem.FunctionSpace) -> tuple[Indices, int]:
     return pieces_of(space.mesh.comm, space.dofmap.index_map, space.dofmap.list)
 
 
-class Followers:
-    """W and its transpose, for some local nodes (k); `rows` (k,) of O are theirs, else all."""
-
-    def __init__(
-        self, opposite: PETSc.Mat, nodes: Indices, block: int, rows: Indices | None = None
-    ) -> None:
-        self.opposite, self.nodes, self._block = opposite, nodes, block
-        self._rows = np.arange(len(nodes)) if rows is None else rows
-        self._around, self._mean = opposite.createVecs()
-        self._held: Array = np.zeros((len(nodes), block, block))
-
-    def hold(self, held: Array) -> None:
-        self._held = held
-
-    def follow(self, x: PETSc.Vec) -> None:
-        """W x in place of x (n,)."""
-        x.copy(self._around)
-        self.opposite.mult(self._around, self._mean)
-        mean = self._mean.array_r.reshape(-1, self._block)[self._rows]
-        x.array.reshape(-1, self._block)[self.nodes] += np.einsum("nij,nj->ni", self._held, mean)
-
-    def hand_on(self, y: PETSc.Vec) -> None:
-        """W^T y in place of y (n,)."""
-        force = y.array_r.reshape(-1, self._block)[self.nodes]
-        self._mean.set(0.0)
-        at = self._mean.array.reshape(-1, self._block)
-        at[self._rows] = np.einsum("nji,nj->ni", self._held, force)
-        self.opposite.multTranspose(self._mean, self._around)
-        y.axpy(1.0, self._around)
-
-    def followed(self, rows: Indices, local: int, opposite: PETSc.Mat | None = None) -> PETSc.Mat:
-        """H O, (local block here, n), at local rows (k,) in blocks; O may be another one."""
-        return scattered(self._held, rows, local, self._rows, opposite or self.opposite)
-
-
-def scattered(
-    blocks: Array, rows: Indices, local: int, columns: Indices, factor: PETSc.Mat
-) -> PETSc.Mat:
-    """Blocks (k, b, b) at local rows (k,) of `local` and at columns (k,), times a matrix."""
-    comm: MPI.Comm = factor.comm.tompi4py()
-    k, b = blocks.shape[:2]
-    order = np.argsort(rows)
-    number = np.zeros(local, dtype=PETSc.IntType)
-    number[rows] = 1
-    indptr = np.append(0, np.cumsum(np.repeat(b * number, b))).astype(PETSc.IntType)
-    first = factor.getOwnershipRange()[0]
-    column = first + b * columns[order, None, None] + np.arange(b)
-    column = np.broadcast_to(column, (k, b, b)).ravel().astype(PETSc.IntType)
-    sizes = ((local * b, PETSc.DETERMINE), factor.getSizes()[0])
-    placed = PETSc.Mat().createAIJ(sizes, csr=(indptr, column, blocks[order].ravel()), comm=comm)
-    product = placed.matMult(factor)
-    placed.destroy()
-    return product
-
-
 def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
     """Local numbers (k,) of the nodes with entries on the diagonal, and their blocks there."""
     indptr, column, value = matrix.getValuesCSR()
@@ -279,23 +221,29 @@ class Projection:
 
 
 class Masked:
-    """Pi s W^T K W s Pi + (1 - Pi), for `PETSc.Mat.createPython`.
+    """Pi s (K + B) s Pi + (1 - Pi), for `PETSc.Mat.createPython`; B are springs, if there are any.
 
-    W is one without ties, and so are the scales s where none are given.
+    The scales s are one where none are given.
     """
 
     def __init__(
         self, K: PETSc.Mat, projection: Projection, scale: PETSc.Vec | None = None
     ) -> None:
         self._K, self._projection, self._scale = K, projection, scale
-        self.ties: Followers | None = None
+        self.springs: PETSc.Mat | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._K.mult(self._kept(x), y)
+        kept = self._kept(x)
+        self._K.mult(kept, y)
+        if self.springs is not None:
+            self.springs.multAdd(kept, y, y)
         self._finish(x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._K.multTranspose(self._kept(x), y)
+        kept = self._kept(x)
+        self._K.multTranspose(kept, y)
+        if self.springs is not None:
+            self.springs.multTransposeAdd(kept, y, y)
         self._finish(x, y)
 
     def _kept(self, x: PETSc.Vec) -> PETSc.Vec:
@@ -304,13 +252,9 @@ class Masked:
         self._projection.take_out(kept.array)
         if self._scale is not None:
             kept.array *= self._scale.array_r
-        if self.ties:
-            self.ties.follow(kept)
         return kept
 
     def _finish(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        if self.ties:
-            self.ties.hand_on(y)
         self._projection.take_out(y.array)
         if self._scale is not None:
             y.array *= self._scale.array_r

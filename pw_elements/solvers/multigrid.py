@@ -2,8 +2,8 @@
 
 With P the interpolation of vertex values to all nodes, P^T K P is the stiffness of linear
 elements, for standard and new elements alike. Nothing of K is copied or changed by supports:
-what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi), or moves
-with other nodes, see `Followers`.
+what they (or contact) hold is taken out of vectors by a projection, Pi K Pi + (1 - Pi). Springs
+between nodes are added to K.
 """
 
 from mpi4py import MPI
@@ -14,7 +14,6 @@ from dolfinx import fem, la
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.solvers.matrices import (
-    Followers,
     Masked,
     Projection,
     Supports,
@@ -127,16 +126,10 @@ class LinearLevel:
         self._near_null = near_null_space(linear)
         self._moved = _Interpolation(self._P, fine, self._held)
         self.interpolation = python_matrix(self._P.getSizes(), self._moved, K.comm)
-        self._ties: Followers | None = None
-        self._tied: PETSc.Mat | None = None
+        self.springs: PETSc.Mat | None = None
         self._near: _Near | None = None
         self._matrix: PETSc.Mat | None = None
         self._exchanged: PETSc.Mat | None = None  # the part of it that is
-
-    def tie(self, ties: Followers) -> None:
-        vertex, at = self._vertices_of(ties.nodes)
-        self._ties = ties
-        self._moved.ties = Followers(ties.opposite.matMult(self._P), vertex, self._block, at)
 
     def watch(self, nodes: Indices) -> None:
         if self._near is None:
@@ -145,40 +138,15 @@ class LinearLevel:
 
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds at the vertices what is held at local nodes (m,), always the same ones."""
-        vertex, at = self._vertices_of(nodes)
-        self._held.hold(vertex, held[at], weight[at])
-        if self._moved.ties:
-            self._moved.ties.hold(held[at])
-
-    def carried(self) -> tuple[Indices, Array]:
-        """Nodes (k,) that others follow, and the blocks (k, block, block) of K they so get."""
-        ties, near = self._ties, self._near
-        if ties is None:
-            return np.empty(0, dtype=np.int64), np.empty((0, self._block, self._block))
-        assert near is not None, "what is held at times is known before"
-        if self._tied is None:
-            first = near.K.getOwnershipRange()[0] // self._block
-            rows = first + np.searchsorted(near.nodes, np.sort(ties.nodes))
-            numbers = rows.astype(PETSc.IntType)
-            held = PETSc.IS().createBlock(self._block, numbers, comm=self._K.comm)
-            self._tied = near.K.createSubMatrix(held, held)
-        order = np.argsort(np.argsort(ties.nodes))
-        followed = ties.followed(order, len(order))
-        carried = self._tied.ptap(followed)
-        found = diagonal_blocks(carried, self._block)
-        destroy(carried, followed)
-        return found
-
-    def _vertices_of(self, nodes: Indices) -> tuple[Indices, Indices]:
-        """Local vertices (k,) among local nodes (m,), and which of the nodes they are."""
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
         order = np.argsort(nodes)
-        return vertex, order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+        at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
+        self._held.hold(vertex, held[at], weight[at])
 
     @property
     def keeps_pattern(self) -> bool:
         """Whether `matrix` has the same entries again, whatever is held."""
-        return self._ties is None
+        return self.springs is None
 
     def matrix(self) -> PETSc.Mat:
         """The matrix under what is held now, always the same object."""
@@ -191,7 +159,10 @@ class LinearLevel:
             add(self._matrix, -1.0, self._exchanged, within=again)
         free = self._held.all_blocks()
         part = None
-        if near is not None:
+        if self.springs is not None:
+            part = galerkin_product(self.springs, self._P)
+            add(self._matrix, 1.0, part, last=False)
+        elif near is not None:
             P = self._moved_near(near, free)
             part = galerkin_product(near.K, P)
             destroy(P)
@@ -214,18 +185,8 @@ class LinearLevel:
         columns, comm = self._P.getSizes()[1], self._K.comm
         left = block_diagonal(self._fine.blocks_at(near.nodes), near.P.getSizes()[0], comm)
         right = block_diagonal(coarse, columns, comm)
-        at_nodes, at_vertices = self._ties, self._moved.ties
-        if at_vertices is not None:
-            followed = at_vertices.followed(at_vertices.nodes, len(coarse))
-            add(right, 1.0, followed.matMult(right))
-            destroy(followed)
         half = left.matMult(near.P)
         P = half.matMult(right)
-        if at_nodes is not None and at_vertices is not None:
-            rows = np.searchsorted(near.nodes, at_nodes.nodes)
-            followed = at_nodes.followed(rows, len(near.nodes), at_vertices.opposite)
-            add(P, 1.0, followed.matMult(right))
-            destroy(followed)
         destroy(left, right, half)
         return P
 
@@ -236,13 +197,10 @@ class _Interpolation:
     def __init__(self, P: PETSc.Mat, fine: Projection, coarse: Projection) -> None:
         self._P, self._fine, self._coarse = P, fine, coarse
         self._on_coarse, self._on_fine = P.createVecs()
-        self.ties: Followers | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         x.copy(self._on_coarse)
         self._coarse.take_out(self._on_coarse.array)
-        if self.ties:
-            self.ties.follow(self._on_coarse)
         self._P.mult(self._on_coarse, y)
         self._fine.take_out(y.array)
 
@@ -254,8 +212,6 @@ class _Interpolation:
         x.copy(self._on_fine)
         self._fine.take_out(self._on_fine.array)
         self._P.multTranspose(self._on_fine, y)
-        if self.ties:
-            self.ties.hand_on(y)
         self._coarse.take_out(y.array)
 
 
@@ -310,11 +266,12 @@ class _NodeBlocks:
         self._nodes: Indices = np.empty(0, dtype=np.int64)
         self._other: Array = np.empty((0, block, block))
 
-    def update(self, projection: Projection, nodes: Indices, carried: Array) -> None:
-        """Takes over what is held; nodes (k,) that others follow carry blocks of theirs besides."""
+    def update(self, projection: Projection, springs: PETSc.Mat | None) -> None:
+        """Takes over what is held, and the blocks of springs."""
+        nodes, sprung = ((), 0.0) if springs is None else diagonal_blocks(springs, self._block)
         self._nodes, free, rest = projection.blocks(nodes)
         own = np.linalg.inv(self._inverse()[self._nodes])
-        own[np.searchsorted(self._nodes, nodes)] += carried
+        own[np.searchsorted(self._nodes, nodes)] += sprung
         self._other = np.asarray(np.linalg.inv(free @ own @ free + rest))
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -339,8 +296,8 @@ class Multigrid:
     coarse level, is the operator that is solved: that matrix of a linear problem, E K + C of
     contact. With the former alone, contact takes four tenths more iterations.
 
-    K in blocks multiplies twice as fast. The operator is Pi W^T K W Pi + (1 - Pi); W is one unless
-    `tie` says more. A node without stiffness is a ValueError.
+    K in blocks multiplies twice as fast. The operator is Pi (K + B) Pi + (1 - Pi) with the springs
+    B of `hold`. A node without stiffness is a ValueError.
     """
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
@@ -353,7 +310,7 @@ class Multigrid:
         self.operator = python_matrix(K.getSizes(), self._masked, K.comm)
         self._smoother = _NodeBlocks(self.blocked, self._block)
         self._linear = LinearLevel(K, supports, self._projection)
-        self._smoother.update(self._projection, *self._linear.carried())
+        self._smoother.update(self._projection, None)
         self._held_before: Array | None = None  # when the coarse level was made
         self._aggregated: Array | None = None  # and when aggregates below it were
         self._coarse: PETSc.Mat | None = None
@@ -395,24 +352,19 @@ class Multigrid:
         coarse.getPC().setType("gamg")
         self._preconditioner = preconditioner
 
-    def tie(self, nodes: Indices, opposite: PETSc.Mat) -> Followers:
-        """Has what is held of local nodes (m,) follow others from now on, by (m block, n) weights.
-
-        A body that nothing else holds is then held by the other one.
-        """
-        self._masked.ties = Followers(opposite, nodes, self._block)
-        self._linear.tie(self._masked.ties)
-        return self._masked.ties
-
-    def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
+    def hold(
+        self, nodes: Indices, held: Array, weight: Array, springs: PETSc.Mat | None = None
+    ) -> None:
         """Holds directions at local nodes (m,), always the same ones, besides the supports.
 
-        Projectors (m, dim, dim) are onto what is held, weights (m,) its stiffness. The coarse level
-        is made anew where it would differ at more than some of them.
+        Projectors (m, dim, dim) are onto what is held, weights (m,) its stiffness; springs hold it
+        if they are given, (n, n), always or never. The coarse level is made anew where it would
+        differ at more than some of them.
         """
-        self._projection.hold(nodes, held, weight)
-        if self._masked.ties:
-            self._masked.ties.hold(held)
+        self._masked.springs = springs
+        if springs is None:
+            self._projection.hold(nodes, held, weight)
+            self._linear.watch(nodes)
         first = self._held_before is None
         if self._held_before is None or self._aggregated is None:
             self._held_before = self._aggregated = np.zeros_like(held)
@@ -423,11 +375,12 @@ class Multigrid:
         )
         counts = np.array([some.sum(), other.sum(), since.sum()])
         self.blocked.comm.tompi4py().Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
-        self._linear.watch(nodes)
-        self._smoother.update(self._projection, *self._linear.carried())
+        self._smoother.update(self._projection, springs)
         if first or counts[1] > _RENEWED * counts[0]:
             self._held_before = held
-            self._linear.hold(nodes, held, weight)
+            self._linear.springs = springs
+            if springs is None:
+                self._linear.hold(nodes, held, weight)
             anew = first or counts[2] > _AGGREGATED * counts[0] or not self._linear.keeps_pattern
             if anew:
                 self._aggregated = held

@@ -7,7 +7,7 @@ Lengths are over the half width of the contact, stresses over E.
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -30,7 +30,7 @@ from study.verification.indentation import growing
 from study.verification.mesh_lines import PLACE
 from study.verification.solid_meshes import box, cell_of
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 
 STEEPEST, HALVING = 0.6, 0.5  # mu0; p1 over Hertz' peak
@@ -130,7 +130,7 @@ def slipping(element: str, reading: str, edges: int, halving: float = HALVING) -
 
     read = read_by(reading, surface)
     if reading == "projected":
-        mu = np.full(len(read), STEEPEST)
+        mu: Array = np.full(len(read), STEEPEST)
         for _ in range(MOST):
             found = solved(Coulomb(partial(_given, surface.position, mu)))
             pressure = np.maximum(0.0, read @ found.force_normal)

@@ -53,11 +53,12 @@ class Thrown(NamedTuple):
 def thrown(element: str, cells: int) -> Thrown:
     """The impact of the block with so many cells along its height."""
     kind, cell = element.split("-")
-    along, up = np.linspace(-1.0, 1.0, 2 * cells + 1), np.linspace(0.0, 1.0, cells + 1)
     if cell == "T6":
         mesh = triangles(MPI.COMM_SELF, (-1, 0), (1, 1), (2 * cells, cells))
     else:
-        mesh = box("tetrahedron", along, np.linspace(0.0, 0.5, cells // 2 + 1), up)
+        ends = ((-1.0, 1.0, 2 * cells), (0.0, 0.5, cells // 2), (0.0, 1.0, cells))
+        along, across, up = (np.linspace(a, b, n + 1, dtype=np.float64) for a, b, n in ends)
+        mesh = box("tetrahedron", along, across, up)
     found, dim = Scheme.of(SCHEMES[kind], mesh), mesh.geometry.dim
     middle = [prescribe(found.space, 1, lambda x: np.isclose(x[1], 0.0))] if dim == 3 else []
     if found.sibling is None:

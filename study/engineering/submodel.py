@@ -6,7 +6,7 @@ its surface the nodal forces as they are ("forces"), or the pressures that are r
 linear between all nodes. The stress across the surface is compared on a line below it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,7 +26,7 @@ from study.engineering.readings import reading as read_by
 from study.rivals.problem import Problem, function
 from study.verification.solid_meshes import box
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 
 DEPTH, BELOW = 0.1, 1.0  # of the line, and of the box at least, over the half width
@@ -103,7 +103,7 @@ def _part(problem: Problem) -> Problem:
     depths = lines[problem.up]
     lines[problem.up] = _halved(depths[depths > depths[depths < -BELOW + 1e-9].max() - 1e-9])
     mesh = (
-        on_lines(MPI.COMM_SELF, *lines, "triangle")
+        on_lines(MPI.COMM_SELF, lines[0], lines[1], "triangle")
         if problem.up == 1
         else box("tetrahedron", *lines)
     )

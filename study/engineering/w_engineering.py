@@ -75,7 +75,7 @@ def impact(element: str, mesh: int, known: Known = None) -> Result:
     found = thrown(element, mesh)
     answers = {"": found.rebound, "slip_": found.slip, "energy_": found.energy}
     scalars = _judged("impact", element, answers, known)
-    scalars |= {"imbalance": found.imbalance, "steps": found.steps}
+    scalars |= {"imbalance": found.imbalance, "steps": float(found.steps)}
     return _result(scalars, {"time": found.time, "force": found.force}, found.dofs)
 
 
@@ -84,7 +84,7 @@ def submodel(element: str, reading: str, mesh: int) -> Result:
     found = below(element, reading, mesh)
     known = {"": float(found.exact.max())}
     scalars = _judged("", "", {"": found.stress.max()}, known)
-    off = np.linalg.norm(found.stress - found.exact) / np.linalg.norm(found.exact)
+    off = float(np.linalg.norm(found.stress - found.exact) / np.linalg.norm(found.exact))
     return _result(
         scalars | {"field_error": off}, {"stress": found.stress, "exact": found.exact}, found.dofs
     )

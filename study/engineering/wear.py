@@ -10,8 +10,9 @@ reads pressures and S is the change of forces with depths while all of the face 
 as many as the finest meshes need.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -35,7 +36,7 @@ from study.engineering.readings import reading as read_by
 from study.rivals.problem import direct
 from study.verification.solid_meshes import box, cell_of
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 
 MODULUS, NU, MEAN = 100.0, 0.3, 1.0  # the last is the mean pressure
@@ -66,7 +67,7 @@ class Punch:
     @classmethod
     def of(cls, element: str, cells: int) -> "Punch":
         """One half, or in space a quarter, with `cells` along its height and half width."""
-        lines = np.linspace(0.0, 1.0, cells + 1)
+        lines: npt.NDArray[np.float64] = np.linspace(0.0, 1.0, cells + 1, dtype=np.float64)
         if element.endswith("T6"):
             mesh, state = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)), "plane strain"
         else:
@@ -79,12 +80,13 @@ class Punch:
             loaded = np.max(x[:up], axis=0) < LOADED + 1e-9
             return np.asarray(np.isclose(x[up], 1.0) & loaded)
 
+        def top(x: Array) -> Mask:  # one node: held against a translation, it has no reaction
+            return np.asarray(np.isclose(x, np.eye(3)[up][:, None]).all(axis=0))
+
         down = -MEAN * np.eye(up + 1)[up] / LOADED**up
         load = assemble_vector(body.surface_load(down, boundary_measure(mesh, back))).array
-        held = [prescribe(space, i, lambda x, i=i: np.isclose(x[i], 0.0)) for i in range(up)]
-        held.append(
-            prescribe(space, up, lambda x: np.isclose(x, np.eye(3)[up][:, None]).all(axis=0))
-        )
+        held = [prescribe(space, i, _symmetry(i)) for i in range(up)]
+        held.append(prescribe(space, up, top))
         free = np.setdiff1d(np.arange(len(load)), [d for bc in held for d in bc.dof_indices()[0]])
 
         def face(x: Array) -> Mask:
@@ -141,6 +143,10 @@ class Punch:
         return np.block([[flexible, border], [border.T, np.zeros((1, 1))]])
 
 
+def _symmetry(axis: int) -> Callable[[Array], Mask]:
+    return lambda x: np.isclose(x[axis], 0.0)
+
+
 def _solved(K: PETSc.Mat, free: npt.NDArray[np.int64], right: Array) -> Array:
     """Solutions (n, k) by MUMPS of the free rows and columns."""
     rows = PETSc.IS().createGeneral(free.astype(PETSc.IntType))
@@ -190,7 +196,8 @@ def worn(element: str, reading: str, cells: int, steps: int) -> Worn:
     over = step * float(np.abs(np.linalg.eigvals(R @ punch.stiffness())).max()) / 2
     if over >= 1:
         raise ValueError(f"{steps} steps are not stable: it takes {int(np.ceil(steps * over))}")
-    depth, touching = np.zeros(len(R)), np.ones(len(R), dtype=bool)
+    depth: Array = np.zeros(len(R))
+    touching: Mask = np.ones(len(R), dtype=bool)
     half = depth
     for k in range(steps):
         force, touching = punch.forces(depth, touching)

@@ -19,6 +19,7 @@ MESHES = (
     "elements",
     "edges",
     "cells",
+    "mesh",
     "n",
     "sides",
 )
@@ -75,7 +76,7 @@ def _sizes(case: Stored) -> list[tuple[float, ...]]:
             sizes.append(value)
         elif name == "sides" and value:
             sizes += [1 / side for side in value]
-        elif value is not None:
+        elif value is not None and not isinstance(value, str):  # the name of a kind of meshes
             sizes += value if isinstance(value, list) else [value]
         elif name in case.curves and case.curves[name].ndim == 1:
             sizes += case.curves[name].tolist()

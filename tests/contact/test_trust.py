@@ -1,6 +1,7 @@
 """No number that is far off, no refusal without cause."""
 
 import logging
+from dataclasses import fields, replace
 
 from mpi4py import MPI
 
@@ -10,6 +11,8 @@ import pytest
 from pw_elements import Iterative
 from pw_elements.contact import (
     HELD,
+    OPEN,
+    SLIP,
     STICK,
     ContactPair,
     ContactProblem,
@@ -18,10 +21,14 @@ from pw_elements.contact import (
     NotFound,
     Sphere,
 )
+from pw_elements.contact.iteration import contact_state, initial_active_set, newton
+from pw_elements.contact.model import Residuals
 from pw_elements.contact.rescue import Budget
+from pw_elements.contact.steps.stepping import Target
 from pw_elements.meshes import triangles
+from pw_elements.solvers import SolverReport
 from pw_elements.spaces import Assembled
-from tests.contact.cases import Block, Elastic, at
+from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.two_bodies import Stack
 from tests.oracle.random_contact import problem
 
@@ -84,6 +91,51 @@ def test_residuals_of_two_bodies_that_stick_are_round_off(caplog):
     (state,) = stack.contact(pair, stack.clamped(at(1, 0.0)), load, solver=Iterative())
     assert set(state.pairs[0].status) == {STICK}
     assert state.residuals.largest() < 1e-8
+
+
+@pytest.fixture(scope="module")
+def accepted():
+    """An increment with open, sticking and slipping nodes, and a free surface; its solution."""
+    punch = Punch()
+    stated = punch.problem(punch.pair(0.6), punch.foot)
+    stepping, motion = stated._stepping, Motion((0.02, None), (0, -217.3))
+    target = Target.of(punch.nothing, [motion], stepping.interface)
+    increment, place, policy = stepping._begun(stated.undeformed, target)
+    free = stepping._bound(target.free)[1].left_free
+    active = initial_active_set(place, stated.undeformed, None, free, target.idle)
+    return increment, newton(increment, active, place, policy(), 50), stated.undeformed
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Residuals)])
+def test_no_state_is_accepted_that_its_residuals_reject(accepted, name):
+    """Each condition alone is violated by 1e-7 of the largest force, then by 1e-10 of it."""
+    increment, right, before = accepted
+    contact = right.contact
+    status, largest = contact.active_set().status, np.abs(right.force).max()
+    first = {kind: np.flatnonzero(status == kind)[0] for kind in (OPEN, STICK, SLIP)}
+    for share in (1e-7, 1e-10):
+        small, now = share * largest, right
+        force, gap, slip = contact.force.copy(), contact.gap.copy(), contact.slip.copy()
+        if name == "equilibrium":
+            now = replace(right, unbalanced=small)
+        elif name == "balance":
+            pushed = right.force.copy()
+            pushed[first[OPEN], 1] += small
+            now = replace(right, force=pushed)
+        elif name in ("penetration", "stick"):
+            changed = gap if name == "penetration" else slip[:, 0]
+            changed[first[STICK]] -= small / contact.scale[first[STICK]]
+        elif name in ("tension", "complementarity"):
+            force[first[OPEN], 0] += small if name == "complementarity" else -small
+        else:
+            way = np.sign(force[first[SLIP], 1]) * (1 if name == "cone" else -1)
+            force[first[SLIP], 1] += way * small
+        if now is right:
+            now = replace(right, contact=replace(contact, force=force, gap=gap, slip=slip))
+        state = contact_state(increment, now, 1, before, SolverReport("", 0), None)
+        assert (increment.violation(now) <= 1) == (share == 1e-10)
+        assert getattr(state.residuals, name) > share / 100
+    assert increment.violation(right) <= 1
 
 
 @pytest.mark.parametrize(("share", "unique"), [(0.9, True), (1.0, False)])

@@ -228,10 +228,14 @@ def turned(how, one, measured):
         prefix, standard = how.args.get("name", ""), one.parameters["element"].startswith("gal")
         if f"{prefix}answer" not in one.scalars:
             return {}
-        moved = 1.5 if measured < how.value and standard else 1.0
+        moved = 4.0 if measured < how.value and standard else 1.0
         return {f"{prefix}answer": moved * one.scalars[f"{prefix}reference"]}
     if how.measure == "rule_error":
         made_up = one.parameters["reading"] in how.args["readings"]
         return {"error": 0.0 if made_up == (measured > how.value) else 1.0}
+    if how.measure in ("answers_apart", "largest_difference"):
+        of = [name for name in one.scalars if name.endswith("answer")]
+        moved = one.parameters["element"].startswith("gal")
+        return {name: 1.5 * one.scalars[name] for name in of if moved}
     name = how.args["name"]
     return {name: 1e12 * one.scalars[name]} if name in one.scalars else {}

@@ -375,7 +375,7 @@ class FiniteEquilibrium:
         """Gives all unknowns (n,)."""
         return self._at
 
-    def violation(self, unbalanced: float) -> float:
+    def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002
         """Unbalanced forces over those of contact and supports; infinite before all is applied."""
         return unbalanced / (TOLERANCE * self._size + self._lost) if self._reached else np.inf
 

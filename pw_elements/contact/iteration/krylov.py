@@ -2,8 +2,9 @@
 
 With y = K a, the rows of the contact points become E r + C G a - D U with r read from y; all
 others stay, but those of opposite nodes, which r acts on, too. The preconditioner is multigrid for
-K in which the directions that an active set holds are taken out, as supports are, or follow the
-opposite nodes: so a body that contact alone holds has a stiffness. Free translations U, of which
+K in which the directions that an active set holds are taken out, as supports are, or held by
+springs against the opposite nodes, see `Sprung`: so a body that contact alone holds has a
+stiffness. Free translations U, of which
 there are few, are eliminated by the Schur complement of the preconditioner. In hybrid bodies held
 are displacements alone, the first block of the triangle, see `SaddlePoint`.
 
@@ -27,17 +28,18 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
-    Followers,
     MatrixFree,
     Multigrid,
     PreparedSolver,
     SaddlePoint,
     SingularSystem,
     Supports,
+    add,
+    block_diagonal,
     collect_garbage,
     connected_pieces,
     destroy,
@@ -71,18 +73,21 @@ class NodePoints:
 
     node: Indices  # (m,), local number
     motion: PETSc.Mat  # G, (m dim, n)
+    force: PETSc.Mat  # H^T, (m dim, n), under the supports
     spread: PETSc.Mat | None  # what forces do to the equations of other nodes, (m dim, n)
     own: Indices  # (m, dim), local number of each point's own equations, -1 where there is none
     flexible: Array  # (m, dim), what makes forces of equations
     scale: Array  # (m,), c of the law
     moved: Indices  # (m, dim), number of the free translation that moves it, or -1
     translations: int
+    facing: Mask  # (m,), whether it may hold its body at all
     round_off: float  # force that may be nothing but round-off, at all points together
 
     @classmethod
     def of(
         cls,
         interface: Interface,
+        force: PETSc.Mat,
         spread: PETSc.Mat | None,
         own: Indices,
         flexible: Array,
@@ -95,17 +100,20 @@ class NodePoints:
             moved[interface.pair == pair, axis] = k
         lost = ROUND_OFF * np.linalg.norm(scale[:, None] * interface.position)
         round_off = interface.comm.allreduce(float(lost), MPI.SUM)
-        motion = interface.motion
-        return cls(node, motion, spread, own, flexible, scale, moved, len(free), round_off)
+        indptr, _, value = force.getValuesCSR()
+        used = np.bincount(np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))[value != 0])
+        several = np.pad(used, (0, own.size - len(used))).reshape(own.shape).max(axis=1) > 1
+        facing = several | (interface.faced != DEFORMABLE)
+        moves = interface.motion, force, spread
+        return cls(node, *moves, own, flexible, scale, moved, len(free), facing, round_off)
 
     def of_displacements(self, field: SubSpace) -> "NodePoints":
         """The same points where displacements are all unknowns; no surface is free there."""
         number = np.full(field.rows[0] + 1, -1, dtype=np.int64)  # -1 stays what it is
         number[field.owned.ravel()] = np.arange(field.owned.size)
         columns = field.selection().transpose(PETSc.Mat())
-        spread = None if self.spread is None else self.spread.matMult(columns)
-        motion = self.motion.matMult(columns)
-        return replace(self, motion=motion, spread=spread, own=number[self.own], translations=0)
+        motion, force = (each.matMult(columns) for each in (self.motion, self.force))
+        return replace(self, motion=motion, force=force, own=number[self.own], translations=0)
 
     def read(self, equations: Array) -> Array:
         return np.where(self.own >= 0, equations[self.own] * self.flexible, 0.0)
@@ -179,36 +187,73 @@ class Unassembled:
         return law
 
 
-class Tied:
-    """Preconditioner of E K + C from one of bodies that are tied, for a `PETSc.PC` in Python.
+class Sprung:
+    """Preconditioner of E K + C from one of bodies with springs, for a `PETSc.PC` in Python.
 
-    The ties move a node as weighted means of its own side's weights would, were these lumped; what
-    is left of its stated gap is taken out once more.
+    Springs k of the softer side's stiffness, in the directions Q that are held, turn K into
+    K' = K + H k Q G, which is as regular as contact makes it. Forces follow from the law alone, as
+    if points moved by W r, (E + C W) r = c; W = G D^-1 H, with the diagonal D of K, knows which
+    motions of a fine stiff side a coarse soft one cannot follow. What G K'^-1 H makes of r + k Q W
+    r is then about W r, whatever the stiffnesses of the bodies are.
     """
 
-    def __init__(self, inner: PETSc.PC, ties: Followers, points: NodePoints) -> None:
-        self._inner, self._ties, self._points = inner, ties, points
-        self._motion, self._nodal = ties.opposite.createVecLeft(), ties.opposite.createVecRight()
-        self._rest = self._nodal.duplicate()
-        self._held: Array = np.zeros((0, 1, 1))
+    def __init__(self, inner: PETSc.PC, points: NodePoints, K: PETSc.Mat) -> None:
+        self._inner, self._points = inner, points
+        flexible = points.force.copy()
+        flexible.diagonalScale(R=1 / K.getDiagonal())
+        self._flexible = points.motion.matMult(flexible.transpose())
+        self._stated = stated = points.own >= 0
+        compliance = self._flexible.getDiagonal().array_r.reshape(stated.shape)
+        self._springs = 1 / stated_mean(compliance, stated)[:, None, None]
+        self._law, self._force = self._flexible.createVecs()
+        self._moved, self._rest = self._law.duplicate(), points.motion.createVecRight()
+        self._ksp = PETSc.KSP().create(K.comm)
+        self._ksp.setType("preonly")
+        self._ksp.getPC().setType("lu")
+        self._ksp.getPC().setFactorSolverType("mumps")
 
-    def hold(self, held: Array) -> None:
-        self._held = held
+    def shares(self, law: LinearisedLaw) -> Array:
+        """Factors (m, dim) that make gaps of the law forces of the springs."""
+        size = np.linalg.norm(law.E, axis=2) + np.linalg.norm(law.C, axis=2) / self._springs[:, 0]
+        return np.asarray(1 / np.where(size > 0, size, 1.0))
+
+    def hold(self, law: LinearisedLaw, held: Array, anchored: Array) -> PETSc.Mat:
+        """H k Q G (n, n) of what holds the bodies; an active set alone lets less be held."""
+        points, one = self._points, np.eye(held.shape[1])
+        both = self._stated[:, :, None] & self._stated[:, None, :]
+        self._held: Array = self._springs * held * both
+        E, C = np.where(both, law.E, one), np.where(both, law.C, 0.0)
+        T = self._times(C, self._flexible)
+        add(T, 1.0, block_diagonal(E, points.motion.getSizes()[0], points.motion.comm))
+        self._ksp.setOperators(T)
+        half = self._times(self._springs * anchored * both, points.motion)
+        return points.force.transposeMatMult(half)
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Forces that are stated act on the opposite nodes, too."""
-        points, opposite = self._points, self._ties.opposite
-        stated = np.where(points.own >= 0, x.array_r[points.own], 0.0)
-        fixed = np.einsum("nij,nj->ni", self._held, stated)
-        self._motion.array[:] = (stated - fixed).ravel()
-        opposite.multTranspose(self._motion, self._nodal)
-        self._rest.waxpy(-1.0, self._nodal, x)
+        points, stated = self._points, self._stated
+        self._law.array[:] = np.where(stated, x.array_r[points.own], 0.0).ravel()
+        self._ksp.solve(self._law, self._force)
+        self._flexible.mult(self._force, self._moved)
+        moved = self._moved.array_r.reshape(stated.shape)
+        self._force.array[:] += np.einsum("nab,nb->na", self._held, moved).ravel()
+        x.copy(self._rest)
+        self._rest.array[points.own[stated]] = 0.0
+        points.force.multTransposeAdd(self._force, self._rest, self._rest)
         self._inner.apply(self._rest, y)
-        self._ties.follow(y)
-        points.motion.mult(y, self._motion)
-        wrong = fixed / points.scale[:, None] - self._motion.array_r.reshape(fixed.shape)
-        nodal = y.array.reshape(-1, fixed.shape[1])
-        nodal[points.node] += np.einsum("nij,nj->ni", self._held, wrong)
+
+    def release(self) -> None:
+        destroy(self._ksp)
+
+    def _times(self, blocks: Array, matrix: PETSc.Mat) -> PETSc.Mat:
+        return block_diagonal(blocks, self._points.motion.getSizes()[0], matrix.comm).matMult(
+            matrix
+        )
+
+
+def stated_mean(values: Array, stated: Mask) -> Array:
+    """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
+    count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), 1.0)
 
 
 class Bordered:
@@ -248,15 +293,17 @@ class Bordered:
 class RigidHolds:
     """As many nodes of each connected piece as there are dimensions, far from each other.
 
-    They are picked among local contact nodes (m,).
+    They are picked among those of the local contact nodes (m,) that face anything.
     """
 
-    def __init__(self, space: fem.FunctionSpace, nodes: Indices) -> None:
+    def __init__(self, space: fem.FunctionSpace, points: NodePoints) -> None:
+        nodes = points.node
         self._comm: MPI.Comm = space.mesh.comm
         piece, self._pieces = connected_pieces(space)
         self._piece = piece[nodes]
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
-        every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, self._piece))
+        among = np.where(points.facing, self._piece, -1)
+        every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, among))
         chosen = np.zeros(len(every), dtype=bool)
         for k in range(self._pieces):
             mine = np.flatnonzero(where == k)
@@ -323,22 +370,21 @@ class KrylovTangent:
         sizes = (local + points.translations * last, whole + points.translations)
         self._operator = python_matrix((sizes, sizes), self._context, K.comm)
         inner = krylov.ksp.getPC()
-        self._tied: Tied | None = None
+        self._sprung: Sprung | None = None
         self._border: Bordered | None = None
         if points.spread is not None:
             alone = points.of_displacements(saddle.displacements) if saddle else points
-            ties = self._multigrid.tie(points.node, alone.spread)
-            self._tied = Tied(saddle.inner if saddle else inner, ties, alone)
-            tied = PETSc.PC().createPython(self._tied, comm=K.comm)
-            tied.setOperators(self._multigrid.operator)
+            self._sprung = Sprung(saddle.inner if saddle else inner, alone, krylov.elastic[0])
+            sprung = PETSc.PC().createPython(self._sprung, comm=K.comm)
+            sprung.setOperators(self._multigrid.operator)
             if saddle:
-                saddle.inner = tied
+                saddle.inner = sprung
             else:
-                inner = tied
+                inner = sprung
         if points.translations:
             sums = [self._sum(stiffness, supports, j) for j in range(points.translations)]
             self._border = Bordered(inner, sums, self._comm, K.createVecRight())
-        if outer := self._border or (None if saddle else self._tied):
+        if outer := self._border or (None if saddle else self._sprung):
             self._ksp = krylov.preconditioned(self._operator, outer)
         else:
             self._ksp = krylov.ksp
@@ -346,7 +392,7 @@ class KrylovTangent:
         # supports that hold all pieces need no help of contact
         elastic, held = krylov.elastic
         loose = free_motion(elastic, held)
-        self._rigid_holds = RigidHolds(held.space, points.node) if loose else None
+        self._rigid_holds = RigidHolds(held.space, points) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
         self._accuracy, self._size = _EXACT, 0.0
@@ -364,50 +410,62 @@ class KrylovTangent:
         """A constant pressure that acts on nothing is singular."""
         more = accuracy == "more" and self._final
         self._accuracy = self._accuracy * _MORE if more else _EXACT
+        forcing = _FORCING
+        if self._sprung is not None:
+            share, stated = self._sprung.shares(law), self._points.own >= 0
+            right[self._points.own[stated]] *= share[stated]
+            E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
+            law = replace(law, E=E, C=C, D=D, c=share * law.c)
+            # gaps are read as forces of the nodes
+            forcing *= self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
         self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
-        held = self._hold(law.E)
+        held = self._hold(law)
         if self._saddle and self._saddle.free_pressure(self._operator):
             self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
-        self._land(known, x, held)
+        if self._sprung is None:
+            self._land(known, x, held)
         if self._ksp is not self._krylov.ksp:
             self._krylov.ksp.setUp()
         if self._border is not None:
             self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
         rest, step = known.duplicate(), known.duplicate()
         left = self._left(known, rest)
-        reduced = _FORCING * left if accuracy == "rough" else 0.0
-        stalled = False
-        while left > (target := self._target(left, reduced)) and not stalled:
+        reduced = forcing * left if accuracy == "rough" else 0.0
+        stalled, lost = False, 0.0
+        while left > (target := self._target(left, reduced, forcing)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
             self._ksp.solve(rest, step)
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
-            stalled = left >= min(_STALLED * target, before)
+            self._size = max(self._size, x.norm())
+            lost = self._krylov.round_off(self._size) + self._points.round_off + target
+            stalled = left >= (min(before, _STALLED * target) if left <= lost else _MORE * before)
         force = self._largest()
-        self._size = max(self._size, x.norm())
-        if stalled and left > self._krylov.round_off(self._size) + self._points.round_off + target:
+        if stalled and left > lost:
             raise self._krylov.not_converged(left / max(known.norm(), force))
         self._final = bool(left <= _EXACT * force or stalled)
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
     def release(self) -> None:
+        if self._sprung is not None:
+            self._sprung.release()
         destroy(self._ksp, self._operator, self._supported)
         self._krylov.release()
         if self.solver is not self._krylov:
             self.solver.release()
 
-    def _target(self, left: float, reduced: float) -> float:
+    def _target(self, left: float, reduced: float, forcing: float) -> float:
         """The residual to be reached; on the way `reduced`, if that is small beside the forces.
 
         It may be large, where an active set moves nodes of a body that does not follow yet.
         """
         square = self._comm.allreduce(float(np.sum(self._context.force**2)), MPI.SUM)
         if square > (_KNOWN * left) ** 2:
-            reduced = min(reduced, _FORCING * square**0.5)
+            reduced = min(reduced, forcing * square**0.5)
         return max(reduced, self._accuracy * self._largest())
 
     def _left(self, known: PETSc.Vec, rest: PETSc.Vec) -> float:
@@ -420,18 +478,18 @@ class KrylovTangent:
         force = float(np.abs(self._context.force).max(initial=0.0))
         return float(self._comm.allreduce(force, MPI.MAX))
 
-    def _hold(self, E: Array) -> Array:
+    def _hold(self, law: LinearisedLaw) -> Array:
         """Tells multigrid what an active set holds; projectors (m, dim, dim) onto what it fixes."""
-        left, size, _ = np.linalg.svd(E)
+        left, size, _ = np.linalg.svd(law.E)
         held, fixed = (
             np.einsum("nak,nk,nbk->nab", left, (size < bound).astype(float), left)
             for bound in (_HELD, _NO_FORCE)
         )
+        anchored, points = held, self._points
         if self._rigid_holds is not None:
-            held = self._rigid_holds.held(held)
-        self._multigrid.hold(self._points.node, held, self._points.scale)
-        if self._tied is not None:
-            self._tied.hold(held)
+            anchored = self._rigid_holds.held(held)
+        springs = self._sprung.hold(law, held, anchored) if self._sprung else None
+        self._multigrid.hold(points.node, anchored, points.scale, springs)
         return fixed
 
     def _land(self, known: PETSc.Vec, x: PETSc.Vec, fixed: Array) -> None:

@@ -128,6 +128,22 @@ class Contact:
         normal = self.force[:, :1] - np.maximum(0.0, p)[:, None]
         return np.hstack([normal, self.force[:, 1:] - projected(s, self.limits[0])])
 
+    def residuals(self, force: float, length: Array | float) -> dict[str, Array]:
+        """How far each condition is from holding, (n,), over a force and lengths (n,)."""
+        pressed, tangential, gap = self.force[:, 0], self.force[:, 1:], self.gap
+        limit, _ = self.cone.limit(np.maximum(0.0, pressed))
+        sticks = np.linalg.norm(self.shearing, axis=1) < limit
+        unlike = np.abs(tangential - projected(self.shearing, limit)).max(axis=1, initial=0.0)
+        slipped = np.where(sticks, np.linalg.norm(self.slip, axis=1), 0.0)
+        return {
+            "penetration": np.maximum(0.0, -gap) / length,
+            "tension": np.maximum(0.0, -pressed) / force,
+            "complementarity": np.maximum(0.0, np.minimum(pressed / force, gap / length)),
+            "cone": np.maximum(0.0, np.linalg.norm(tangential, axis=1) - limit) / force,
+            "stick": slipped / length,
+            "direction": np.where(sticks, 0.0, unlike) / force,
+        }
+
 
 def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> ActiveSet:
     """The set in which closed nodes (n,) stick, or slip where there is no friction."""

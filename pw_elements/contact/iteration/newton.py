@@ -90,8 +90,8 @@ class Equilibrium(Protocol):
         """All unknowns (n,) there."""
         ...
 
-    def violation(self, unbalanced: float) -> float:
-        """What no contact force balances on this process, over what is allowed."""
+    def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:
+        """What no contact force balances over what is allowed, of which contact is a part."""
         ...
 
 
@@ -103,6 +103,7 @@ class LinearEquilibrium:
     load: PETSc.Vec  # f, reduced
     right: PETSc.Mat  # R, (n, n_r), and
     offset: PETSc.Vec  # a_0, (n,), of all unknowns R a_r + a_0
+    largest: float = 0.0  # sum of the magnitudes in a row of K
 
     @classmethod
     def of(
@@ -111,15 +112,18 @@ class LinearEquilibrium:
         """With a free stiffness (n, n), a load (n,), and a share of what supports prescribe."""
         reduction: Reduction = system.reduction.scaled(stated).under(K, load)
         reduced = reduction.load(K, load)
-        return cls(system.stiffness, reduced, reduction.right, reduction.offset)
+        largest = K.norm(PETSc.NormType.INFINITY)
+        return cls(system.stiffness, reduced, reduction.right, reduction.offset, largest)
 
     def take(self, reduced: PETSc.Vec) -> float:  # noqa: ARG002
         """The solution is the one of any place."""
         return 1.0
 
-    def violation(self, unbalanced: float) -> float:  # noqa: ARG002
-        """None, for the solver has seen to it."""
-        return 0.0
+    def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:
+        """The rest are the loads' tolerance, and round-off over stiffness x displacement."""
+        load, moved = (each.norm(PETSc.NormType.INFINITY) for each in (self.load, full))
+        allowed = contact + TOLERANCE * load + _LOST * self.largest * moved
+        return unbalanced / allowed if unbalanced else 0.0
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """K a - f, reduced: where nothing touches it vanishes."""
@@ -262,31 +266,42 @@ class Increment:
             final,
         )
 
-    def violation(self, now: Iterate) -> float:
-        """Largest violation of the law over what is allowed.
+    def residuals(self, now: Iterate, force: float, length: Array | float) -> dict[str, Array]:
+        """The fields of `Residuals` on this process, over a force and lengths (m,)."""
+        unbalanced = self.system.totals(now.force) - self.totals
+        return now.contact.residuals(force, length) | {
+            "equilibrium": np.array([now.unbalanced / force]),
+            "balance": np.abs(unbalanced) / force,
+        }
 
-        Coordinates' round-off is allowed for in gaps, and in all that is said of points which are
-        not pressed by more. It excuses no friction of the others: slips have no coordinates.
+    def violation(self, now: Iterate) -> float:
+        """Largest of the residuals over what is allowed, lengths being forces of the nodes.
+
+        Coordinates' round-off is allowed for in gaps and balances, and in friction at points which
+        are not pressed by more: slips have no coordinates, but friction's limit has the gap.
         """
         comm, contact = self.system.comm, now.contact
-        wrong = np.nan_to_num(np.abs(contact.violation()), nan=np.inf)
-        largest = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
         moved, placed = self._lost(now)
-        pressed = contact.force[:, :1] > placed
-        gap = np.where(np.isfinite(contact.gap), contact.gap, 0.0)
-        slope = contact.limits[1]
-        excused = slope * contact.scale * np.abs(gap)  # friction's limit has the gap
-        lost = np.where(pressed, excused[:, None], placed) + np.zeros_like(wrong)
-        lost[:, 0] = placed
-        allowed = TOLERANCE * largest + moved + lost
-        share = np.divide(wrong, allowed, out=np.zeros_like(wrong), where=wrong > 0)
-        worst = share.max(initial=self.equilibrium.violation(now.unbalanced))
+        allowed = TOLERANCE * self._largest(now) + moved
+        gap = np.where(np.isfinite(contact.gap), np.abs(contact.gap), 0.0)
+        loose = contact.limits[1] * contact.scale * gap
+        loose = np.where(contact.force[:, 0] > placed, loose, placed)
+        wrong = self.residuals(now, 1.0, 1 / contact.scale)
+        worst = self.equilibrium.violation(wrong.pop("equilibrium")[0], allowed + placed, now.full)
+        for name, values in wrong.items():
+            lost = loose if name in ("cone", "stick", "direction") else placed
+            values = np.nan_to_num(values, nan=np.inf)
+            share = np.divide(values, allowed + lost, out=np.zeros_like(values), where=values > 0)
+            worst = max(worst, float(share.max(initial=0.0)))
         return float(comm.allreduce(worst, MPI.MAX))
+
+    def _largest(self, now: Iterate) -> float:
+        """Largest component of a contact force, of all processes."""
+        return float(self.system.comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX))
 
     def allowed(self, now: Iterate) -> float:
         """Force by which the law may be violated."""
-        largest = self.system.comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
-        return float(TOLERANCE * largest + self.round_off(now))
+        return TOLERANCE * self._largest(now) + self.round_off(now)
 
     def round_off(self, now: Iterate) -> float:
         """Force that may be nothing but round-off."""

@@ -8,12 +8,15 @@ The active set that an increment starts from is chosen here, too.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from hashlib import blake2b
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pw_elements.contact.interface import Interface
@@ -221,11 +224,30 @@ class LeftFree:
 
     def _free(self, active: ActiveSet, frame: Array) -> Array:
         """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
-        m, dim, motions = self.relative.shape
-        constraints = equations(active, np.ones(m))[1] @ frame
-        rows = np.einsum("nab,nbm->nam", constraints, self.relative).reshape(m * dim, motions)
-        held = np.pad(self.held, ((0, 0), (0, motions - self.held.shape[1])))
-        return null_space(np.vstack([held, triangle(rows, self.comm)]), _FREE_STIFFNESS)
+        constraints = equations(active, np.ones(len(frame)))[1] @ frame
+        free = [np.zeros((0, self.relative.shape[2]))]
+        for motions, points, relative, held in self._clusters:
+            rows = np.einsum("nab,nbm->nam", constraints[points], relative)
+            rows = triangle(rows.reshape(-1, len(motions)), self.comm)
+            found = null_space(np.vstack([held, rows]), _FREE_STIFFNESS)
+            free.append(np.zeros((len(found), self.relative.shape[2])))
+            free[-1][:, motions] = found
+        return np.concatenate(free)
+
+    @cached_property
+    def _clusters(self) -> list[tuple[Indices, Indices, Array, Array]]:
+        """Motions that have points or supports in common, their points, and rows of both."""
+        held = np.pad(self.held, ((0, 0), (0, self.relative.shape[2] - self.held.shape[1])))
+        moved = np.any(self.relative != 0, axis=1)
+        rows = sp.csr_array(np.vstack([held != 0, moved]).astype(float))
+        coupled = sum(self.comm.allgather(rows.T @ rows))
+        count, cluster = connected_components(coupled, directed=False)
+        found = []
+        for motions in (np.flatnonzero(cluster == k) for k in range(count)):
+            points = np.flatnonzero(moved[:, motions].any(axis=1))
+            own = held[np.ix_(np.any(held[:, motions] != 0, axis=1), motions)]
+            found.append((motions, points, self.relative[points][..., motions], own))
+        return found
 
 
 def null_space(rows: Array, tolerance: float) -> Array:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import HELD, OPEN, SLIP, STICK
+from pw_elements.contact.iteration.law import HELD, OPEN
 from pw_elements.contact.iteration.newton import Increment, Iterate
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
@@ -132,29 +132,8 @@ def _largest(increment: Increment, values: Array) -> float:
 
 
 def _residuals(increment: Increment, now: Iterate, force: float, length: float) -> Residuals:
-    system, interface, contact = increment.system, increment.interface, now.contact
-    active = contact.active_set()
-
-    def largest(values: Array) -> float:
-        return _largest(increment, values)
-
-    extent = largest(np.abs(interface.position))
+    extent = _largest(increment, np.abs(increment.interface.position))
     length = length if length > ROUND_OFF * extent else extent
-    force = force or largest(system.scale) * length
-    tangential = contact.force[:, 1:]
-    friction, slip = np.linalg.norm(tangential, axis=1), np.linalg.norm(contact.slip, axis=1)
-    limit, _ = interface.cone.limit(contact.force[:, 0])
-    against = slip[:, None] * tangential + limit[:, None] * contact.slip
-    pressed = contact.force[:, 0]
-    apart = np.where(np.isfinite(contact.gap), contact.gap, 0.0) / length
-    balance = np.abs(system.totals(now.force) - increment.totals)
-    return Residuals(
-        equilibrium=largest(np.array([now.unbalanced])) / force,
-        penetration=largest(-apart),
-        tension=largest(-pressed) / force,
-        complementarity=largest(np.minimum(pressed / force, apart)),
-        cone=largest(friction - limit) / force,
-        stick=largest(slip[active.status == STICK]) / length,
-        direction=largest(np.linalg.norm(against, axis=1)[active.status == SLIP]) / force / length,
-        balance=largest(balance) / force,
-    )
+    force = force or _largest(increment, increment.system.scale) * length
+    found = increment.residuals(now, force, length)
+    return Residuals(**{name: _largest(increment, values) for name, values in found.items()})

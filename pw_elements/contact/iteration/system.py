@@ -25,9 +25,9 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from pw_elements.algebra import Reduction, free_pressure
-from pw_elements.arrays import Array, Indices, Local, Mask
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints
+from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stated_mean
 from pw_elements.contact.iteration.law import Accuracy, ContactTangent, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
@@ -203,12 +203,6 @@ def own_entries(matrix: sp.csr_matrix, equation: Indices) -> Array:
     return values.reshape(equation.shape)
 
 
-def stated_mean(values: Array, stated: Mask) -> Array:
-    """Mean (m,) of values (m, dim) where the law is stated; 1 where it is not at all."""
-    count, total = np.sum(stated, axis=1), np.sum(values * stated, axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), 1.0)
-
-
 @dataclass(frozen=True)
 class Solution:
     """Reduced displacements, and the free translations on every process; flags as in `Solved`."""
@@ -258,7 +252,7 @@ class ContactSystem:
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)
             of_points = self._own, self._flexible, self.scale, free
-            points = NodePoints.of(interface, self._spread, *of_points)
+            points = NodePoints.of(interface, force, self._spread, *of_points)
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._moved = moved

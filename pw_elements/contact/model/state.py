@@ -88,10 +88,11 @@ class Residuals:
         equilibrium: unbalanced force of nodes that are not in contact.
         penetration: -g where it is positive.
         tension: -r_n where it is positive.
-        complementarity: smaller of r_n and g.
+        complementarity: smaller of r_n and g, where both are positive.
         cone: |r_t| - mu r_n where it is positive.
         stick: slip of nodes that stick.
-        direction: |v| r_t + mu r_n v of slipping nodes.
+        direction: r_t less the limit of friction against the slip, of slipping nodes; its largest
+            component along the tangents.
         balance: total force against the one prescribed for free translations.
     """
 

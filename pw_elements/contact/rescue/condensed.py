@@ -261,9 +261,6 @@ class CondensedIncrement:
         wrong = np.einsum("nab,na->nb", self.frame, self.contact(z).violation())
         return np.append(wrong.ravel()[self._places], self.balance.at(z))
 
-    def solved_by(self, z: Array) -> bool:
-        return self.error(z) <= _TOLERANCE
-
     def error(self, z: Array) -> float:
         """Largest violation of the law and of the balances over the largest force."""
         largest = np.abs(self._nodal.at(z)).max(initial=0.0)
@@ -273,7 +270,7 @@ class CondensedIncrement:
     def newton(self, z: Array, most: int, damped: bool, budget: Budget) -> Array | None:
         """Semismooth Newton from z, damped by a line search on the residual; None if it fails."""
         for _ in range(most):
-            if self.solved_by(z):
+            if self.error(z) <= _TOLERANCE:
                 return z
             if not budget.take(_DENSE_STEP + _DENSE * len(z) ** 3):
                 return None
@@ -420,12 +417,6 @@ def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> lis
     return [polygon(tangents[n] if rough[n] else np.zeros_like(tangents[n])) for n in faced]
 
 
-def complementary(interface: Interface) -> int:
-    """Number of unknowns of the complementarity problem, at most."""
-    points, dim = sum(interface.comm.allgather(len(interface.pair))), interface.position.shape[1]
-    return points * (2 + (2 if dim == 2 else SIDES))
-
-
 def without_active_sets(
     increment: Increment,
     condensed: Callable[[], Condensation],
@@ -435,7 +426,9 @@ def without_active_sets(
     budget: Budget,
 ) -> Iterate | None:
     """The solution of an increment, or None; NotUnique of a loose body or singular tangents."""
-    comm, size = increment.interface.comm, complementary(increment.interface)
+    comm, dim = increment.interface.comm, increment.interface.position.shape[1]
+    points = sum(comm.allgather(len(increment.interface.pair)))
+    size = points * (2 + (2 if dim == 2 else SIDES))  # of the complementarity problem, at most
     pivots = _PIVOTED * float(size) ** 3
     if size > _MOST_UNKNOWNS or pivots > budget.left:
         told(comm, logging.INFO, "too many contact points to do without active sets", ".contact")

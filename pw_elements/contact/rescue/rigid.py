@@ -232,7 +232,8 @@ class RigidMotions:
         interface, free = self._system.interface, self.modes.free
         m, dim = interface.position.shape
         relative = np.zeros((m, dim, self.modes.number))
-        relative[..., : self.modes.of_pieces] = local_rows(motions, 0).toarray().reshape(m, dim, -1)
+        of_pieces = local_rows(motions, 0).toarray()
+        relative[..., : self.modes.of_pieces] = of_pieces.reshape(m, dim, self.modes.of_pieces)
         for k, (pair, axis) in enumerate(free, start=self.modes.of_pieces):
             relative[interface.pair == pair, axis, k] = -1.0
         return relative
