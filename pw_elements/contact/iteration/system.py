@@ -252,7 +252,7 @@ class ContactSystem:
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)
             of_points = self._own, self._flexible, self.scale, free
-            points = NodePoints.of(interface, force, self._spread, *of_points)
+            points = NodePoints.of(interface, self._force, self._spread, *of_points)
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._moved = moved
