@@ -321,7 +321,7 @@ class SlidingMortar:
     def _integrals(
         self, corners: Sequence[Vector], nodes: Indices, whole: tuple[Mask, Mask]
     ) -> tuple[list[Any], list[Any]]:
-        """Of products of the slave's weights, and of these with the master's, (q,) each.
+        """Integrals (q,) of two of the slave's weights, and of one with one of the master's.
 
         Where a segment reaches as far as its facet, `whole` (q,) tells it of each end.
         """
