@@ -67,9 +67,9 @@ foot = state.pairs[0]
 closed = 100 * np.mean(foot.status != OPEN)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
-draw(mesh, bracket.von_mises(u), u, scale=30, axes=left, view=(25, -50), limits=(0, 100),
+draw(mesh, bracket.von_mises(u), u, scale=30, axes=left, view=(52, -40), limits=(0, 100),
      label="von Mises stress [MPa]")
-plot(state, bracket, axes=right).set(xlabel="x [mm]", ylabel="y [mm]")
+plot(state, bracket, axes=right, unit="MPa").set(xlabel="x [mm]", ylabel="y [mm]")
 if mesh.comm.rank == 0:
     figure.savefig("bracket.png", dpi=150)
     print(f"{closed:.0f} % of the foot's nodes touch; the plate carries {foot.force[2]:.0f} N")

@@ -23,7 +23,7 @@ gmsh.initialize(interruptible=False)
 gmsh.option.setNumber("General.Terminal", 0)
 if MPI.COMM_WORLD.rank == 0:
     mesh_gears(size)
-mesh, _, facets = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+mesh, _, facets, _ = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 gmsh.finalize()
 body = Body(Spaces.petrov_galerkin(mesh), Material(210e3, 0.3), "plane strain")
 U = body.spaces.trial

@@ -34,7 +34,7 @@ ends = gmsh.model.getEntitiesInBoundingBox(-1, -1, -1, hole + 1, hole + 1, 1, 0)
 gmsh.model.mesh.setSize(ends, size / 6)
 gmsh.model.mesh.generate(2)
 gmsh.model.mesh.setOrder(2)  # mid-side nodes on the circle
-mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 gmsh.finalize()
 
 steel = Body(Spaces.petrov_galerkin(mesh), Material(210e3, 0.3), "plane stress", thickness)

@@ -31,7 +31,7 @@ gmsh.model.addPhysicalGroup(2, [tag for _, tag in hub[0]], 1)
 gmsh.option.setNumber("Mesh.MeshSizeMax", size)
 gmsh.model.mesh.generate(2)
 gmsh.model.mesh.setOrder(2)
-mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 gmsh.finalize()
 
 body = Body(Spaces.petrov_galerkin(mesh), Material(210e3, 0.3), "plane strain")

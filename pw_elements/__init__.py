@@ -7,13 +7,15 @@ functions in 2D contact problems" (2001); as a function space it is the P1-iso-P
 of M. Bercovier and O. Pironneau (1979), https://doi.org/10.1007/BF01399555.
 """
 
+import re
+from importlib import import_module
 from importlib.util import find_spec
 
 __version__ = "0.1.0"
 
-if find_spec("dolfinx") is None:
+if not find_spec("dolfinx") or re.match(r"0\.([0-8]|10)\.", import_module("dolfinx").__version__):
     raise ImportError(
-        "pw_elements needs DOLFINx 0.9 or newer: use Debian's python3-dolfinx, conda-forge's "
+        "pw_elements needs DOLFINx 0.9 or 0.11: use Debian's python3-dolfinx, conda-forge's "
         "fenics-dolfinx or the container dolfinx/dolfinx, or start through ./run, which fetches it"
     )
 

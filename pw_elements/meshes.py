@@ -1,4 +1,4 @@
-"""Structured rectangles in the patterns of the examples, their smooth images, and Gmsh's meshes."""
+"""Structured rectangles, their smooth images, and meshes of Gmsh and Abaqus with their sets."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,16 @@ from dolfinx.mesh import (
     meshtags,
 )
 
+from pw_elements.abaqus import EDGES, FACES, Model
 from pw_elements.checks import agree, answer, arguments, collective, field, vector
 
-__all__ = ["curved", "from_gmsh", "mapped", "on_lines", "quadrilaterals", "triangles"]
+__all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
 
 Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
+Integers = npt.NDArray[np.int64]
+Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
 Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
 
@@ -76,79 +80,102 @@ def quadrilaterals(
     return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
 
 
-def on_lines(
-    comm: MPI.Comm,
-    x_lines: npt.NDArray[np.float64],
-    y_lines: npt.NDArray[np.float64],
-    cell: str,
-    pattern: Pattern = "right",
-) -> Mesh:
-    """Meshes a rectangle along given lines.
-
-    Args:
-        comm: communicator.
-        x_lines: increasing coordinates (m,) of the lines x = constant.
-        y_lines: the same (n,) of the lines y = constant.
-        cell: "triangle" or "quadrilateral".
-        pattern: how rectangles are cut into triangles.
-
-    Raises:
-        ValueError: if lines do not increase, or the cell or the pattern is unknown.
-    """
-    arguments.communicator(comm)
-    with collective(comm):
-        for name, lines in (("x_lines", x_lines), ("y_lines", y_lines)):
-            if not np.all(np.diff(vector(name, lines)) > 0):
-                raise ValueError("mesh lines have to increase")
-        if cell not in ("triangle", "quadrilateral"):
-            raise ValueError(f'cell {cell!r}: the cells are "triangle" and "quadrilateral"')
-    agree(comm, {"x_lines": x_lines, "y_lines": y_lines, "cell": cell})
-    divisions = (len(x_lines) - 1, len(y_lines) - 1)
-    corners = (0.0, 0.0), (float(divisions[0]), float(divisions[1]))
-
-    def placed(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        moved = x.copy()
-        for axis, lines in enumerate((x_lines, y_lines)):
-            moved[:, axis] = np.interp(x[:, axis], np.arange(len(lines)), lines)
-        return moved
-
-    if cell == "triangle":
-        return mapped(triangles(comm, *corners, divisions, pattern), placed)
-    return mapped(quadrilaterals(comm, *corners, divisions), placed)
-
-
 class TaggedMesh(NamedTuple):
-    """A mesh and the numbers of Gmsh's physical groups.
+    """A mesh, tags of its cells and facets, and which tags a named set has.
+
+    Sets of Abaqus' files may overlap: cells, or facets, have one tag if they lie in the same sets.
 
     Args:
         mesh: the mesh.
-        cell_tags: of the groups of cells; `cell_tags.find(STEEL)` are those of one group.
-        facet_tags: of the groups of facets; `facet_tags.find(BASE)` are those of one group.
+        cell_tags: `cell_tags.find(STEEL)` are the local cells of one tag.
+        facet_tags: `facet_tags.find(BASE)` are the local facets of one tag.
+        names: of sets of "cells" and of "facets", with the tags of each, such as
+            {"cells": {"STEEL": (1,)}, "facets": {"BASE": (1, 3)}}.
     """
 
     mesh: Mesh
     cell_tags: MeshTags
     facet_tags: MeshTags
+    names: Names
+
+    def cells(self, name: str) -> npt.NDArray[np.int32]:
+        """Local numbers of the cells in a named set.
+
+        Args:
+            name: of the set; capitals do not count in Abaqus' files.
+        """
+        return self._find("cells", self.cell_tags, name)
+
+    def facets(self, name: str) -> npt.NDArray[np.int32]:
+        """Local numbers of the facets in a named set, as `boundary_measure` takes them.
+
+        Args:
+            name: of the set; capitals do not count in Abaqus' files.
+        """
+        return self._find("facets", self.facet_tags, name)
+
+    def _find(self, kind: str, tags: MeshTags, name: str) -> npt.NDArray[np.int32]:
+        known = self.names[kind]
+        own = known.get(name, known.get(name.upper(), ()))
+        if not own:
+            raise ValueError(f"no set of {kind} is called {name}, but {', '.join(known) or 'none'}")
+        return tags.indices[np.isin(tags.values, own)]
 
 
-def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa: ANN401
+def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
+    """Mesh and sets from a file of Gmsh (`.msh`) or of Abaqus or CalculiX (`.inp`).
+
+        part = from_file("seal.inp")
+        K = assemble_matrix(Body(Spaces.petrov_galerkin(part.mesh), steel, "solid").stiffness())
+        pressed = boundary_measure(part.mesh, part.facets("TOP"))
+
+    Of `.inp` files: C3D10, C3D4, C3D8, and plane elements and shells with 3, 4 or 6 nodes, such as
+    CPS6, CPE6, CAX6, S6, all in one plane z = constant. Elements of the highest dimension are
+    cells, those of one less are facets. ELSETs are sets of cells or facets; SURFACEs are sets of
+    facets, and so are NSETs: of the boundary's facets with all nodes in them. Of one name, surfaces
+    count before sets. Sets without any facet or cell, and those whose names begin with an
+    underscore, are left out. Sets of parts bear their own names if there is one part, otherwise
+    "INSTANCE.SET". Names are in capitals.
+
+    Args:
+        path: of the file.
+        comm: communicator.
+
+    Raises:
+        FileNotFoundError: if there is no such file, or it includes one that is not there.
+        ValueError: for a file of another kind, or one that states no such mesh; the message names
+            what cannot be read, such as elements C3D20 and CPS8, which DOLFINx has no cells for.
+    """
+    arguments.communicator(comm)
+    with collective(comm):
+        arguments.of_type("path", path, (str, Path), "it has to be the path of a file")
+        path = Path(path)
+        if path.suffix.lower() not in (".msh", ".inp"):
+            raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
+        if not path.is_file():
+            raise FileNotFoundError(f"there is no file {path}")
+    agree(comm, {"path": str(path)})
+    return from_gmsh(comm, path) if path.suffix.lower() == ".msh" else _from_abaqus(path, comm)
+
+
+def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh:  # noqa: ANN401
     """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
 
-        mesh, cell_tags, facet_tags = from_gmsh(MPI.COMM_WORLD, "gasket.msh", dim=2)
-        mesh, *_ = from_gmsh(MPI.COMM_WORLD, gmsh.model, dim=2)
+        mesh, cell_tags, facet_tags, names = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 
     Gmsh's own order is kept: after `gmsh.model.mesh.setOrder(2)` the mesh's sides are curved.
 
     Args:
         comm: communicator.
         source: path of a file, or `gmsh.model`, which is read on process 0.
-        dim: of the space in which the mesh lies: 2 for plane meshes.
+        dim: of the space in which the mesh lies; by default the cells' own dimension.
 
     Raises:
         ModuleNotFoundError: if Gmsh's Python module is not installed.
         FileNotFoundError: if there is no such file.
-        ValueError: for a dimension other than 2 or 3, a file that Gmsh cannot read, or a model
-            without a mesh or without a physical group of cells.
+        ValueError: for a dimension other than 2 or 3, a file that Gmsh cannot read, a model
+            without a mesh or without a physical group of cells, or a mesh of dimension 2 that does
+            not lie in a plane z = constant.
     """
     arguments.communicator(comm)
     import gmsh
@@ -156,16 +183,19 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
     from pw_elements._compat import model_to_mesh
 
     with collective(comm):
-        if dim not in (2, 3):
+        if dim not in (None, 2, 3):
             raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
         from_file = isinstance(source, str | Path)
         if comm.rank == 0 and from_file:
             _open(gmsh, Path(source))
     agree(comm, {"dim": dim, "from_file": from_file})
+    names: Names = {}
     try:
         with collective(comm):
             if comm.rank == 0:
-                _check_model(gmsh.model, dim)
+                dim = _checked_dimension(gmsh.model, dim)
+                names = _group_names(gmsh.model)
+        dim, names = comm.bcast((dim, names))
         read = model_to_mesh(gmsh.model, comm, 0, gdim=dim)
     finally:
         if comm.rank == 0 and from_file:
@@ -174,7 +204,7 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int = 3) -> TaggedMesh:  # noqa:
     if facet_tags is None:  # DOLFINx 0.10 and later, of models without groups of facets
         none = np.empty(0, dtype=np.int32)
         facet_tags = meshtags(mesh, mesh.topology.dim - 1, none, none)
-    return TaggedMesh(mesh, cell_tags, facet_tags)
+    return TaggedMesh(mesh, cell_tags, facet_tags, names)
 
 
 def mapped(mesh: Mesh, image: Map) -> Mesh:
@@ -266,15 +296,169 @@ def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401
         raise ValueError(f"{path} cannot be read: {error}") from error
 
 
-def _check_model(model: Any, dim: int) -> None:  # noqa: ANN401
-    """Raises unless Gmsh's model has a mesh with a physical group of cells."""
-    highest = model.getDimension()
-    if highest < 2 or not len(model.mesh.getNodes()[0]):
+def _checked_dimension(model: Any, dim: int | None) -> int:  # noqa: ANN401
+    """Raises unless Gmsh's model has a mesh with a physical group of cells, in a space of `dim`."""
+    highest, x = model.getDimension(), np.reshape(model.mesh.getNodes()[1], (-1, 3))
+    if highest < 2 or not len(x):
         raise ValueError("Gmsh's model has no mesh: call gmsh.model.mesh.generate first")
+    dim = dim or highest
     if highest > dim:
         raise ValueError(f"Gmsh's model has cells of {highest} dimensions: give dim={highest}")
+    if dim == 2:
+        _check_plane("Gmsh's model", x)
     if not model.getPhysicalGroups(highest):
         raise ValueError(
             "no physical group has the cells: gmsh.model.addPhysicalGroup(dim, tags, number) "
             "makes one, and DOLFINx takes only what is in groups"
         )
+    return dim
+
+
+def _group_names(model: Any) -> Names:  # noqa: ANN401
+    names: Names = {"cells": {}, "facets": {}}
+    highest = model.getDimension()
+    for dim, tag in model.getPhysicalGroups():
+        name = model.getPhysicalName(dim, tag)
+        if name and dim >= highest - 1:
+            names["cells" if dim == highest else "facets"][name] = (tag,)
+    return names
+
+
+def _check_plane(whose: str, x: Array) -> None:
+    if np.ptp(x[:, 2]) > 1e-9 * np.ptp(x, axis=0).max():
+        raise ValueError(f"{whose} has plane cells that do not lie in one plane z = constant")
+
+
+def _from_abaqus(path: Path, comm: MPI.Comm) -> TaggedMesh:
+    deck: _Deck
+    with collective(comm):
+        if comm.rank == 0:
+            deck = _deck(path)
+    told = None if comm.rank else deck._replace(x=deck.x[:0], cells=deck.cells[:0])
+    (cell, degree), x, cells, tags, names = comm.bcast(told)
+    dim = x.shape[1]
+    if comm.rank == 0:
+        x, cells = deck.x, deck.cells
+    element = basix.ufl.element("Lagrange", cell, degree, shape=(dim,))
+    mesh = create_mesh(comm, cells=cells, x=x, e=element)
+    mesh.topology.create_connectivity(dim, dim - 1)
+    given = mesh.topology.original_cell_index
+    entities = {
+        "cells": np.arange(len(given), dtype=np.int32),
+        "facets": mesh.topology.connectivity(dim, dim - 1).array,
+    }
+    found = []
+    for k, (kind, entity) in enumerate(entities.items()):
+        tag = tags[kind][given].ravel()
+        each, first = np.unique(entity[tag > 0], return_index=True)
+        found.append(meshtags(mesh, dim - k, each, tag[tag > 0][first].astype(np.int32)))
+    return TaggedMesh(mesh, found[0], found[1], names)
+
+
+class _Deck(NamedTuple):
+    """Cells of a file in DOLFINx' order, and tags of them and of their facets, 0 being none."""
+
+    kind: tuple[str, int]  # cell and degree
+    x: Array  # (nodes, dim)
+    cells: Integers  # (n, nodes of each)
+    tags: dict[str, Integers]  # of "cells" (n, 1), of "facets" (n, facets of each)
+    names: Names
+
+
+def _deck(path: Path) -> _Deck:
+    model = Model(path)
+    placed = {"", *model.instances.values()} if model.instances else {k[0] for k in model.nodes}
+    elements = {key: element for key, element in model.elements.items() if key[0] in placed}
+    dim = max((kind[0] for kind, _ in elements.values()), default=0)
+    kinds = {kind[1:3] for kind, _ in elements.values() if kind[0] == dim}
+    if dim < 2 or len(kinds) > 1:
+        found = " and ".join(sorted(f"{name}s of degree {n}" for name, n in kinds)) or "none"
+        raise ValueError(f"{path}: a mesh has plane or solid cells of one kind, here are {found}")
+    ((cell, degree),) = kinds
+    own = {key: nodes for key, (kind, nodes) in elements.items() if kind[0] == dim}
+    if lost := {node for nodes in own.values() for node in nodes} - {*model.nodes}:
+        raise ValueError(f"{path}: elements have the node {min(lost)[1]}, which is not there")
+    index = {key: k for k, key in enumerate(model.nodes)}
+    given = np.array([[index[node] for node in nodes] for nodes in own.values()])
+    used, cells = np.unique(given, return_inverse=True)
+    order = _order(cell, degree)
+    cells = cells.reshape(given.shape)[:, order]
+    x = np.array([*model.nodes.values()])[used]
+    if dim == 2:
+        _check_plane(str(path), x)
+
+    # every facet once, by its corners, and which of them each cell has
+    corners = np.array(basix.topology(basix.CellType[cell])[dim - 1])
+    rows = np.sort(cells[:, corners], axis=2).reshape(-1, corners.shape[1])
+    facets, which, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    which = which.reshape(len(cells), -1)
+    outer = times[which] == 1
+    element = basix.ufl.element("Lagrange", cell, degree)
+    with_middles = np.array(element.entity_closure_dofs[dim - 1])
+    sides: list[set[int]] = [{*map(int, facet)} for facet in corners]
+    side = [sides.index({order.index(int(k)) for k in face}) for face in FACES[cell]]
+    number = {key: k for k, key in enumerate(own)}
+    every = [*model.nodes]
+    in_use = {every[k]: n for n, k in enumerate(used.tolist())}
+    by_corners = {tuple(row): k for k, row in enumerate(facets.tolist())}
+    ends, skin = {*rows.ravel().tolist()}, {}
+    for key, (made_as, nodes) in elements.items():
+        if made_as[0] == dim - 1:
+            corner = sorted({in_use.get(node, -1) for node in nodes} & ends)
+            skin[key] = by_corners.get(tuple(corner), -1)
+    if -1 in skin.values():
+        alone = next(key[1] for key, facet in skin.items() if facet < 0)
+        raise ValueError(f"{path}: element {alone} is no facet of a cell; shells are not read")
+
+    def facets_of(kind: str, members: list[Any]) -> list[int]:
+        if kind == "NSET":
+            inside = np.isin(np.arange(len(x)), [in_use[key] for key in members if key in in_use])
+            return which[inside[cells[:, with_middles]].all(axis=2) & outer].tolist()
+        if kind == "ELSET":
+            return [skin[key] for key in members if key in skin]
+        of = {made: [m[1:] for m in members if m[0] == made] for made in ("NSET", "ELSET")}
+        found = [facet for made in of for facet in facets_of(made, [key for _, key in of[made]])]
+        for face, key in of["ELSET"]:
+            if (k := number.get(key)) is not None:
+                found += [which[k, side[int(face[1:]) - 1]]] if face else [*which[k][outer[k]]]
+        return found
+
+    sets: dict[str, dict[str, Integers]] = {"cells": {}, "facets": {}}
+    instance = {part: name for name, part in model.instances.items() if len(model.instances) > 1}
+    for sort, named in model.sets.items():
+        for (part, title), members in named.items():
+            if part not in placed or title.startswith("_"):
+                continue
+            label = f"{instance[part]}.{title}" if part in instance else title
+            if chosen := facets_of(sort, members):
+                sets["facets"][label] = np.unique(chosen)
+            if sort == "ELSET" and not number.keys().isdisjoint(members):
+                sets["cells"][label] = np.unique([number[key] for key in members if key in number])
+    cell_tags, of_cells = _numbered(sets["cells"], len(cells))
+    facet_tags, of_facets = _numbered(sets["facets"], len(facets))
+    tags = {"cells": cell_tags[:, None], "facets": facet_tags[which]}
+    names = {"cells": of_cells, "facets": of_facets}
+    return _Deck((cell, degree), np.ascontiguousarray(x[:, :dim]), cells, tags, names)
+
+
+def _order(cell: str, degree: int) -> list[int]:
+    """Abaqus' nodes of a cell in DOLFINx' order."""
+    if cell in ("quadrilateral", "hexahedron"):
+        return [0, 1, 3, 2, 4, 5, 7, 6][: len(basix.topology(basix.CellType[cell])[0])]
+    corners, edges = basix.topology(basix.CellType[cell])[:2]
+    middles = [len(corners) + EDGES.index({*edge}) for edge in edges]
+    return [*range(len(corners)), *middles[: len(edges) * (degree - 1)]]
+
+
+def _numbered(sets: dict[str, Integers], count: int) -> tuple[Integers, dict[str, tuple[int, ...]]]:
+    """Tags (count,) that tell in which of the sets each member is, from 1, and those of a set."""
+    codes: Integers = np.zeros(count, dtype=np.int64)
+    for members in sets.values():
+        inside = np.isin(np.arange(count), members)
+        codes = np.unique(2 * codes + inside, return_inverse=True)[1].astype(np.int64)
+    tag: dict[int, int] = {}
+    names = {}
+    for name, members in sets.items():
+        own = map(int, np.unique(codes[members]))
+        names[name] = tuple(tag.setdefault(code, len(tag) + 1) for code in own)
+    return np.array([tag.get(code, 0) for code in range(codes.max() + 1)])[codes], names

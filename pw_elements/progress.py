@@ -1,4 +1,4 @@
-"""What goes on while a computation runs: the library's loggers, and one line on a terminal.
+"""What goes on while a computation runs: the library's loggers, and lines on stderr.
 
 Loggers are "pw_elements", "pw_elements.contact", "pw_elements.eigen", "pw_elements.linear_solver"
 and "pw_elements.problems": increments and eigenvalue problems at the level INFO, iterations and
@@ -7,7 +7,8 @@ factorisations at DEBUG, on process 0 alone.
     logging.basicConfig(level=logging.INFO)
 
 Where the log does not speak and stderr is a terminal, a line there names what is being done, and
-is wiped out when it is done. For silence say so:
+is wiped out when it is done. Pipes and files get such a line every ten seconds at most. For silence
+say so:
 
     logging.getLogger("pw_elements").setLevel(logging.ERROR)
 """
@@ -29,20 +30,25 @@ _WIPE = "\r\033[K"
 # What is being done now, the outermost first, and since when
 _doing: list[str] = []
 _since = 0.0
+# Seconds between lines that are not on a terminal; when the last one was written, or could have
+# been, and when the last thing was done
+_PAUSE = 10.0
+_written = _ended = float("-inf")
 
 
 @contextmanager
 def doing(comm: MPI.Comm, what: str) -> Iterator[Callable[[str], None] | None]:
-    """Says on a terminal what is being done in a block, below what is said around it.
+    """Says on stderr what is being done in a block, below what is said around it.
 
     What it yields adds words, in place of those that it added before; None where nothing is said.
     """
-    global _since
-    if comm.rank > 0 or not sys.stderr.isatty() or _settled():
+    global _since, _written, _ended
+    if comm.rank > 0 or _settled():
         yield None
         return
     if not _doing:
         _since = perf_counter()
+        _written = _since if _since - _ended > _PAUSE else _written
     depth = len(_doing)
     _doing.append(what)
     _show()
@@ -52,9 +58,10 @@ def doing(comm: MPI.Comm, what: str) -> Iterator[Callable[[str], None] | None]:
         _show()
 
     try:
-        yield more
+        yield more if sys.stderr.isatty() else None
     finally:
         _doing.pop()
+        _ended = perf_counter()
         _show()
 
 
@@ -72,7 +79,7 @@ def told(comm: MPI.Comm, level: int, words: str, of: str = "") -> None:
 
 def hush() -> None:
     """Wipes the line out until the next thing is done: something else is to be written."""
-    if _doing:
+    if _doing and sys.stderr.isatty():
         sys.stderr.write(_WIPE)
         sys.stderr.flush()
 
@@ -83,9 +90,16 @@ def _settled() -> bool:
 
 
 def _show() -> None:
-    line = ", ".join(_doing)
-    if perf_counter() - _since >= 1:
-        line = f"{perf_counter() - _since:.0f} s {line}"
+    global _written
+    line, now = ", ".join(_doing), perf_counter()
+    if now - _since >= 1:
+        line = f"{now - _since:.0f} s {line}"
+    if not sys.stderr.isatty():
+        if _doing and now - _written >= _PAUSE:
+            _written = now
+            sys.stderr.write(f"{line}\n")
+            sys.stderr.flush()
+        return
     width = shutil.get_terminal_size().columns - 1
     sys.stderr.write(_WIPE + line[:width] if _doing else _WIPE)
     sys.stderr.flush()

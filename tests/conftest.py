@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 
+CANDIDATES = 40  # for a sub-facet
 ASSUMED = 0.25  # seconds of a test, before any of its file has run
 
 
@@ -22,6 +23,21 @@ def _closed_figures():
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.fixture(autouse=True)
+def _few_candidates(monkeypatch):
+    """The mortar's search asks about few pairs on each of the suite's meshes."""
+    if (geometry := sys.modules.get("pw_elements.contact.interface.geometry")) is None:
+        return
+    candidates = geometry._candidates
+
+    def counted(slave, master, along):
+        found = candidates(slave, master, along)
+        assert len(found[0]) <= CANDIDATES * max(len(slave), len(master))
+        return found
+
+    monkeypatch.setattr(geometry, "_candidates", counted)
 
 
 def pytest_addoption(parser):

@@ -49,6 +49,7 @@ from pw_elements.spaces import (
     exterior_facets,
     is_hybrid,
     marked,
+    numbered,
 )
 
 Scalar: TypeAlias = float | Expr
@@ -537,19 +538,19 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
 def prescribe(
     space: fem.FunctionSpace,
     component: int | Literal["pressure"],
-    where: Marker,
+    where: Part,
     value: float | fem.Constant = 0.0,
 ) -> fem.DirichletBC:
-    """Prescribes one displacement component at all nodes, mid-side ones too, that a marker selects.
+    """Prescribes one displacement component at all nodes, mid-side ones too, of a part.
 
         held = Reduction.dirichlet(U, [prescribe(U, 1, lambda x: np.isclose(x[1], 0))])
-
-    On tagged facets `fem.dirichletbc` prescribes, see the guide's page on meshes and tags.
+        held = Reduction.dirichlet(U, [prescribe(U, k, facet_tags.find(BASE)) for k in (0, 1)])
 
     Args:
         space: trial space.
         component: counted from 0; or "pressure" of a hybrid space, whose nodes are the vertices.
-        where: marker of the nodes' positions as columns (3, n).
+        where: marker of the nodes' positions as columns (3, n); or local numbers of facets, as
+            `MeshTags.find` gives them, or a mask of all.
         value: of the component; the value of a `fem.Constant` may change later.
 
     Raises:
@@ -568,7 +569,11 @@ def prescribe(
         now = number("the prescribed value", value if held is None else held.value)
     agree(comm, {"the component": component, "the prescribed value": now})
     axis = 0 if fluid else int(component)
-    dofs = field.unknowns[_nodes(field.space, where, "the prescribed nodes"), axis]
+    if callable(where):
+        nodes = _nodes(field.space, where, "the prescribed nodes")
+    else:
+        nodes = _nodes_on(field.space, where)
+    dofs = field.unknowns[nodes, axis]
     part = space.sub(int(fluid)) if hybrid else space
     if part.num_sub_spaces:
         part = part.sub(axis)
@@ -654,6 +659,24 @@ def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> Local:
     if comm.allreduce(len(nodes), MPI.SUM) == 0:
         raise ValueError("the marker holds at no node of the space: check its coordinates")
     return nodes
+
+
+def _nodes_on(space: fem.FunctionSpace, where: Part) -> Local:
+    """Nodes on facets of the boundary; nodes given in their place are hardly ever all such."""
+    mesh, dim = space.mesh, space.mesh.topology.dim - 1
+    outer = exterior_facets(mesh, where)
+    index_map = mesh.topology.index_map(dim)
+    with collective(mesh.comm):
+        count = index_map.size_local + index_map.num_ghosts
+        given = numbered(mesh.comm, "the prescribed facets", where, count)
+        if np.setdiff1d(given[given < index_map.size_local], outer).size:
+            raise ValueError(
+                "the prescribed part has facets within the body: numbers are those of facets of "
+                "its boundary, tags.find(value); for nodes there is fem.dirichletbc"
+            )
+    if mesh.comm.allreduce(len(outer), MPI.SUM) == 0:
+        raise ValueError("the prescribed part has no facet")
+    return fem.locate_dofs_topological(space, dim, outer)
 
 
 def _constant(value: Scalar) -> bool:

@@ -101,11 +101,16 @@ class SubSpace:
         every[self.owned.ravel()] = values
         return every
 
-    def selection(self) -> PETSc.Mat:
-        """Matrix (field's, unknowns) of ones that does what `part` does."""
+    def numbers(self) -> PETSc.IS:
+        """Global numbers of the field's unknowns of this process, among all."""
         comm = self.space.mesh.comm
         first = comm.scan(self.rows[0]) - self.rows[0]
-        columns = (self.owned.ravel() + first).astype(PETSc.IntType)
+        numbers = (self.owned.ravel() + first).astype(PETSc.IntType)
+        return PETSc.IS().createGeneral(numbers, comm=comm)
+
+    def selection(self) -> PETSc.Mat:
+        """Matrix (field's, unknowns) of ones that does what `part` does."""
+        comm, columns = self.space.mesh.comm, self.numbers().getIndices()
         pointers = np.arange(len(columns) + 1, dtype=PETSc.IntType)
         csr = (pointers, columns, np.ones(len(columns)))
         return PETSc.Mat().createAIJ((self.sizes, self.rows), csr=csr, comm=comm)
@@ -121,9 +126,9 @@ def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
     if not is_hybrid(space):
         return None
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
-    u, p = (field.selection() for field in fields)
+    u, p = (field.numbers() for field in fields)
     largest = PETSc.NormType.INFINITY
-    of_volume = p.matMult(K).matMult(u.transpose(PETSc.Mat())).norm(largest)
+    of_volume = K.createSubMatrix(p, u).norm(largest)
     of_equilibrium = fields[0].part(K.getDiagonal()).norm(largest)
     modulus = of_equilibrium / (of_volume or 1.0) or 1.0
     scale = K.createVecRight()

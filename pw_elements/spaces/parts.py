@@ -12,6 +12,7 @@ from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities
 
 from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import agree, answer, arguments, collective
+from pw_elements.spaces.hybrid import SubSpace
 
 # of points as columns (3, n): True or False for each, (n,)
 Marker: TypeAlias = Callable[[Array], Mask]
@@ -23,8 +24,8 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     """Which points (3, n) a marker holds at; local, under the guard; not asked without points."""
     if not callable(where):
         raise TypeError(
-            f"{whose} is of the type {type(where).__name__}: give a function of points. For tagged "
-            "facets there are fem.dirichletbc, and nodal_flux to read reactions"
+            f"{whose} is of the type {type(where).__name__}: give a function of points. Tagged "
+            "facets are taken by prescribe, boundary_measure and nodal_flux"
         )
     n = x.shape[1]
     if n == 0:
@@ -64,13 +65,32 @@ def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # no
 
 
 def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
-    """Local numbers (ghosts too) of nodes of a space, mid-side ones too; collective."""
-    comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
+    """Local numbers (ghosts too) of a space's nodes, mid-side ones too; collective.
+
+    Of a hybrid space they are those of its displacements; numbers in `where` are of its unknowns, a
+    mask may be one of nodes.
+    """
+    comm, field = space.mesh.comm, SubSpace.displacements(space)
+    x = field.space.tabulate_dof_coordinates()
+    index_map = space.dofmap.index_map
     with collective(comm):
-        if not callable(where):
-            return numbered(comm, f"the nodes of {whose}", where, len(x))
-        holds = marked(comm, f"the marker of {whose}", where, x.T)
-    return np.flatnonzero(holds).astype(np.int32)
+        if callable(where):
+            holds = marked(comm, f"the marker of {whose}", where, x.T)
+            return np.flatnonzero(holds).astype(np.int32)
+        mask = np.asarray(where).dtype == bool and len(where) == len(x)
+        by_node = field.is_all or mask
+        count = len(x) if by_node else index_map.size_local + index_map.num_ghosts
+        numbers = numbered(comm, f"the nodes of {whose}", where, count)
+        if by_node:
+            return numbers
+        inside = np.isin(field.unknowns, numbers)
+        nodes = inside.all(axis=1)
+        if np.any(inside.any(axis=1) != nodes) or (len(numbers) and not nodes.any()):
+            raise ValueError(
+                f"the nodes of {whose} are not whole nodes of the hybrid space U: give a marker "
+                "or numbers of U itself, fem.locate_dofs_topological(U, tags.dim, tags.find(value))"
+            )
+    return np.flatnonzero(nodes).astype(np.int32)
 
 
 def exterior_facets(mesh: Mesh, where: Part) -> Local:

@@ -4,6 +4,7 @@ Displacements are u = N a, Eq. (3), virtual displacements v = W c, Eq. (7).
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -22,6 +23,14 @@ from pw_elements.spaces.elements import (
     serendipity_element,
 )
 from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
+
+
+class HasUnknowns(Protocol):
+    """A state, such as `ContactState`."""
+
+    @property
+    def unknowns(self) -> PETSc.Vec:
+        """Vector (n,) of all unknowns."""
 
 
 class NumberingError(RuntimeError):
@@ -233,25 +242,34 @@ def as_function(
     return function
 
 
-def split(space: fem.FunctionSpace, values: PETSc.Vec) -> tuple[fem.Function, fem.Function]:
-    """Displacement and pressure, as functions, from a vector (n,) of a hybrid space.
+def split(
+    space: fem.FunctionSpace, values: PETSc.Vec | HasUnknowns
+) -> tuple[fem.Function, fem.Function]:
+    """Displacement and pressure, as functions, from a vector or a state of a hybrid body.
 
     The pressure is compression positive, -lambda div u.
 
         u, p = split(body.spaces.trial, solve(K, f, held))
+        u, p = split(body.spaces.trial, states[-1])
 
     Args:
         space: trial space of `Spaces.hybrid`.
-        values: vector (n,).
+        values: vector (n,), or a `ContactState`, whose `unknowns` these are.
 
     Raises:
         TypeError: for arguments of the wrong type.
         ValueError: if the space is not hybrid, or the vector does not belong to it.
     """
-    both = as_function(space, values)
+    arguments.space(space)
     if not is_hybrid(space):
         raise ValueError("the space has no pressure: Spaces.hybrid(mesh) makes one that has")
     parts = SubSpace.displacements(space), SubSpace.pressure(space)
+    given = getattr(values, "unknowns", values)
+    if isinstance(given, PETSc.Vec) and given.handle and given.getSizes() == parts[0].sizes:
+        raise ValueError(
+            "the vector has displacements alone: split(U, state) has the pressure, too"
+        )
+    both = as_function(space, given)
     found = []
     for name, part in zip(("displacement", "pressure"), parts, strict=True):
         function = fem.Function(part.space, name=name)

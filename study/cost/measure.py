@@ -41,6 +41,10 @@ ONCE = 10.0
 # Of two blocks: the upper one's modulus over the lower one's, its cells over the lower one's, its
 # sides across (the lower one is a unit cube)
 STIFFER, FINER, SIDES = 3.0, 0.8, (0.13, 0.83)
+# Cells along the sides of a piece, by the dimension
+EACH = {2: 4, 3: 6}
+# Width of the wide cells around the lower block where the search is measured
+RIM = 6.0
 # Of the body: a block 2 x 1 (x 1), E, nu
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
 PRESSURE, PUSH, FRICTION, FRICTION_BETWEEN = 100.0, 20.0, 0.3, 0.2
@@ -58,13 +62,14 @@ class Row:
 
     Args:
         task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other,
+            "search": who faces whom there, "pieces": loose ones side by side on a plane,
             "incompressible": a solution, or "linear": one solution of K on contact's way, of the
             clamped block.
         element: as in the study, or one of CalculiX.
-        cells: along the height of the block, or of the lower one.
+        cells: along the height of the block, or of the lower one; or the number of pieces.
         method: "Direct", "Iterative", "nested": from the state of half as many cells;
-            "compared": Direct and Iterative, for their difference; or "CalculiX", which
-            `study.benchmarks.calculix_block` measures.
+            "compared": Direct and Iterative, for their difference; "graded": wide cells around the
+            others; or "CalculiX", which `study.benchmarks.calculix_block` measures.
         processes: of MPI.
     """
 
@@ -106,6 +111,12 @@ def rows() -> Iterator[Row]:
         yield Row("bodies", "pw-T10", 10, method)
     for processes in (1, 2, 3):
         yield Row("bodies", "pw-T10", 20, "Iterative", processes)
+    for n in (10, 20, 40, 80):
+        yield Row("search", "pw-T10", n, "graded")
+    for n in (30, 100, 300):
+        yield Row("pieces", "pw-T6", n)
+    for n in (10, 30, 100):
+        yield Row("pieces", "pw-T10", n, "Iterative")
     for n in (8, 11):
         yield Row("contact", "pw-hybrid-T10", n)
     for n in (8, 11, 16, 22):
@@ -184,6 +195,8 @@ def _one(row: Row) -> None:
         "frequencies": _frequencies,
         "contact": _contact,
         "bodies": _bodies,
+        "search": _search,
+        "pieces": _pieces,
         "incompressible": _incompressible,
         "linear": _linear,
     }
@@ -441,37 +454,33 @@ def _bodies(row: Row) -> dict[str, float]:
     }
 
 
-def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
-    """Its state, with assembly."""
+def _two_blocks(
+    sizes: tuple[int, int], deep: tuple[int, int], rim: float = 0.0
+) -> tuple[Any, Callable[[int, Any], Any]]:
+    """A block on a coarser one, which a rim of wide cells may surround; and what is the upper's.
+
+    Args:
+        sizes: cells along the sides of the lower and of the upper block.
+        deep: cells along their heights.
+        rim: width of the lower one's outermost cells; zero for that of the others.
+    """
     from mpi4py import MPI
 
     import numpy as np
-    from dolfinx import fem
-    from dolfinx.mesh import (
-        CellType,
-        compute_midpoints,
-        create_box,
-        create_mesh,
-        exterior_facet_indices,
-        locate_entities_boundary,
-        meshtags,
-    )
+    from dolfinx.mesh import CellType, compute_midpoints, create_box, create_mesh
 
-    import pw_elements as pw
     from pw_elements._compat import cell_nodes
-    from pw_elements.contact import ContactPair, DeformableSurface, solve_contact
-    from pw_elements.elasticity import StressState
-    from study.discretisation import spaces
 
-    comm, finer = MPI.COMM_WORLD, round(FINER * row.cells)
+    comm = MPI.COMM_WORLD
     low, high = SIDES
+    corners = ([(0, 0, 0), (1, 1, 1)], [(low, low, 1), (high, high, 2)])
     lower, upper = (
-        create_box(MPI.COMM_SELF, corners, (n, n, n), CellType.tetrahedron)
-        for corners, n in (
-            ([(0, 0, 0), (1, 1, 1)], row.cells),
-            ([(low, low, 1), (high, high, 2)], finer),
-        )
+        create_box(MPI.COMM_SELF, ends, (n, n, d), CellType.tetrahedron)
+        for ends, n, d in zip(corners, sizes, deep, strict=True)
     )
+    if rim:
+        known, wide = [0, 1 / sizes[0], 1 - 1 / sizes[0], 1], [-rim, 0, 1, 1 + rim]
+        lower.geometry.x[:, :2] = np.interp(lower.geometry.x[:, :2], known, wide)
     x = np.concatenate([lower.geometry.x, upper.geometry.x])
     cells = np.concatenate([cell_nodes(lower), cell_nodes(upper) + len(lower.geometry.x)])
     if comm.rank:
@@ -485,6 +494,105 @@ def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
         of = entities if dim == 3 else np.array([behind.links(f)[0] for f in entities])
         return compute_midpoints(mesh, 3, of.astype(np.int32))[:, 2] > 1
 
+    return mesh, above
+
+
+def _between(space: Any, above: Callable[[int, Any], Any]) -> Any:  # noqa: ANN401
+    """The pair of the upper block's nodes and the lower one's facets."""
+    import numpy as np
+    from dolfinx import fem
+    from dolfinx.mesh import exterior_facet_indices, locate_entities_boundary
+
+    from pw_elements.contact import ContactPair, DeformableSurface
+
+    mesh = space.mesh
+    between = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1.0))
+    between = np.intersect1d(between, exterior_facet_indices(mesh.topology))
+    of_upper = above(2, between)
+    nodes = fem.locate_dofs_topological(space, 2, between[of_upper])
+    return ContactPair(nodes, DeformableSurface(between[~of_upper]), FRICTION_BETWEEN)
+
+
+def _search(row: Row) -> dict[str, float]:
+    """The mortar of two layers whose meshes do not match; "graded": with a rim of wide cells."""
+    from pw_elements import Reduction
+    from pw_elements.contact.interface import nodal_interface
+    from pw_elements.spaces import Assembled
+    from study.discretisation import spaces
+
+    rim = RIM if row.method == "graded" else 0.0
+    mesh, above = _two_blocks((row.cells, round(FINER * row.cells)), (1, 1), rim)
+    space = spaces(row.element, mesh).trial
+    pair, free = _between(space, above), Reduction.dirichlet(space, [])
+    known = Assembled(states=frozenset({"solid"}))
+    _, seconds = _seconds(lambda: nodal_interface([pair], space, free, known))
+    return {"dofs": space.dofmap.index_map.size_global * 3, "seconds": seconds}
+
+
+def _pieces(row: Row) -> dict[str, float]:
+    """Loose squares or cubes on a rough plane, each pressed and pushed."""
+    from mpi4py import MPI
+
+    import numpy as np
+    from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
+
+    import pw_elements as pw
+    from pw_elements._compat import cell_nodes
+    from pw_elements.contact import ContactPair, Plane, solve_contact
+    from pw_elements.elasticity import StressState
+    from study.discretisation import spaces
+
+    comm, dim = MPI.COMM_WORLD, 3 if row.element.endswith("T10") else 2
+    if dim == 3:
+        corners, n = [(0, 0, 0), (1, 1, 1)], (EACH[3],) * 3
+        one = create_box(MPI.COMM_SELF, corners, n, CellType.tetrahedron)
+    else:
+        one = create_rectangle(MPI.COMM_SELF, [(0, 0), (1, 1)], (EACH[2],) * 2)
+    away = np.column_stack([2.0 * np.arange(row.cells), *np.zeros((dim - 1, row.cells))])
+    x = (one.geometry.x[:, :dim] + away[:, None]).reshape(-1, dim)
+    cells = cell_nodes(one) + len(one.geometry.x) * np.arange(row.cells)[:, None, None]
+    cells = cells.reshape(-1, dim + 1).astype(np.int64)
+    if comm.rank:
+        cells, x = cells[:0], x[:0]
+    mesh = create_mesh(comm, cells=cells, x=x, e=one.ufl_domain().ufl_coordinate_element())
+    state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
+    material = pw.Material(YOUNGS_MODULUS, POISSONS_RATIO)
+    body = pw.Body(spaces(row.element, mesh), material, state)
+    space, solver = body.spaces.trial, pw.Direct() if row.method == "Direct" else pw.Iterative()
+
+    def whole() -> Any:  # noqa: ANN401
+        K = pw.assemble_matrix(body.stiffness(), blocked=row.method == "Iterative")
+        top = pw.boundary_measure(mesh, lambda x: np.isclose(x[dim - 1], 1.0))
+        pressed = (PUSH / 10, *[0.0] * (dim - 2), -PRESSURE / 10)
+        load = pw.assemble_vector(body.surface_load(pressed, top))
+        up = np.eye(dim)[dim - 1]
+        floor = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), Plane(0 * up, up), FRICTION)
+        free = pw.Reduction.dirichlet(space, [])
+        (found,) = solve_contact(K, load, free, floor, space, solver=solver)
+        return found
+
+    found, seconds = _seconds(whole)
+    return {
+        "dofs": found.displacement.getSize(),
+        "seconds": seconds,
+        "iterations": found.iterations,
+        "krylov_iterations": found.report.krylov_iterations,
+        "displacement": found.displacement.norm(),
+    }
+
+
+def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
+    """Its state, with assembly."""
+    import numpy as np
+    from dolfinx.mesh import meshtags
+
+    import pw_elements as pw
+    from pw_elements.contact import solve_contact
+    from pw_elements.elasticity import StressState
+    from study.discretisation import spaces
+
+    sizes = (row.cells, round(FINER * row.cells))
+    mesh, above = _two_blocks(sizes, sizes)
     own = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     tags = meshtags(mesh, 3, own, above(3, own).astype(np.int32))
     materials = {
@@ -494,16 +602,12 @@ def _stacked(row: Row, solver: Any) -> Any:  # noqa: ANN401
         spaces(row.element, mesh), pw.Material.by_tag(mesh, tags, materials), StressState.SOLID
     )
     space = body.spaces.trial
-    between = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1.0))
-    between = np.intersect1d(between, exterior_facet_indices(mesh.topology))
-    of_upper = above(2, between)
-    nodes = fem.locate_dofs_topological(space, 2, between[of_upper])
-    pair = ContactPair(nodes, DeformableSurface(between[~of_upper]), FRICTION_BETWEEN)
     top = pw.boundary_measure(mesh, lambda x: np.isclose(x[2], 2.0))
     load = pw.assemble_vector(body.surface_load((PUSH / 2, PUSH / 4, -PRESSURE), top))
     base = [pw.prescribe(space, i, lambda x: np.isclose(x[2], 0.0)) for i in range(3)]
     K = pw.assemble_matrix(body.stiffness(), blocked=isinstance(solver, pw.Iterative))
     supports = pw.Reduction.dirichlet(space, base)
+    pair = _between(space, above)
     (state,) = solve_contact(K, load, supports, pair, space, solver=solver)
     return state
 

@@ -19,9 +19,9 @@ from pw_elements import Body, Material, Reduction, SurfaceNodes, assemble_matrix
 from pw_elements.contact import STICK, ContactPair, ContactProblem, Motion, Parabola
 from pw_elements.contact.model import Coulomb, Friction, PairState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import on_lines
 from study.discretisation import held_nodes, spaces
 from study.engineering.readings import reading as read_by
+from study.line_mesh import on_lines
 from study.rivals.problem import NU, OUTER, RADIUS, ZONE, E
 from study.verification import mesh_lines
 from study.verification.half_space import Elastic, HertzLine, HertzSphere

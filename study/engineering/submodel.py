@@ -19,10 +19,10 @@ from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements import Reduction, assemble_matrix, assemble_vector, solve
-from pw_elements.meshes import on_lines
 from pw_elements.spaces import Marker
 from study.engineering.indented import Indented
 from study.engineering.readings import reading as read_by
+from study.line_mesh import on_lines
 from study.rivals.problem import Problem, function
 from study.verification.solid_meshes import box
 

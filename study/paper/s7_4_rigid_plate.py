@@ -10,11 +10,12 @@ from dolfinx.mesh import Mesh
 from pw_elements import Material, prescribe
 from pw_elements.contact import ContactPair, FlatPunch, Motion, solve_contact
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import Pattern, on_lines
+from pw_elements.meshes import Pattern
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import discretise
+from study.line_mesh import on_lines
 from study.paper.bands import DATA, DIAGONALS
 from study.units import KN_M
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.meshes import on_lines
+from study.line_mesh import on_lines
 from study.rivals.problem import Answer, Problem, function
 from study.rivals.snes_vi import displacements
 from study.verification.solid_meshes import box

@@ -5,6 +5,7 @@ from docstrings, the gallery by running the examples. Nothing is fetched when it
 """
 
 import io
+import os
 import shutil
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
         shutil.rmtree(folder, ignore_errors=True)
     missing = write_sources(results, source, jobs)
     missing += _sphinx(source, pages)
-    evidence.copy_data(results, pages)
+    missing += evidence.copy_data(results, pages)
     shutil.rmtree(out, ignore_errors=True)
     pages.rename(out)
     shutil.rmtree(source)
@@ -44,9 +45,23 @@ def write_sources(results: Results, source: Path, jobs: int = 1) -> list[str]:
     shutil.copytree(GUIDE, source, ignore=ignored)
     shutil.copytree(STATIC, source / "_static", dirs_exist_ok=True)
     shutil.copy(Path(__file__).with_name("conf.py"), source)
+    _about(source)
     used = gallery.write(results.folder / "gallery", source / "gallery", jobs)
     reference.write(source / "reference", used)
     return evidence.write(results, source)
+
+
+def _about(source: Path) -> None:
+    """Write the page of source, licence and citation."""
+    commit = os.environ.get("PW_ELEMENTS_COMMIT", "")
+    made = f" These pages are made of commit `{commit[:10]}`." if commit else ""
+    parts = {
+        "Source": "Links named [source], in the reference, show the code of all modules." + made,
+        "How to cite": f"```yaml\n{(ROOT / 'CITATION.cff').read_text('utf-8')}```",
+        "Licence": (ROOT / "LICENSE").read_text("utf-8"),
+    }
+    text = "\n\n".join(f"## {head}\n\n{body}" for head, body in parts.items())
+    (source / "about.md").write_text(f"# Source, licence, citation\n\n{text}\n", encoding="utf-8")
 
 
 def _sphinx(source: Path, pages: Path) -> list[str]:

@@ -75,7 +75,7 @@ def _shown(block: list[str]) -> list[str]:
     try:
         ast.parse("\n".join(line.removeprefix("    ") for line in block))
     except SyntaxError:
-        formulas = [_marked(line) for line in block if line]
+        formulas = [_marked(line.replace("|", r"\|")) for line in block if line]
         return [".. rst-class:: formula", "", *(f"| {_apart(line)}" for line in formulas), ""]
     return [".. code-block:: python", "", *block, ""] if block else []
 

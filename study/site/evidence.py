@@ -28,6 +28,7 @@ from study.texts.statements import by_fact, names_section
 from study.vocabulary import ELEMENTS
 
 HERE = Path(__file__).parent
+REPORT = ("report.html", "report.pdf")
 ROOT = HERE.parents[1]
 PARTS = ("geometry", "mesh", "material", "supports", "load", "reference", "uncertainty")
 GROUPS = {
@@ -72,8 +73,18 @@ def write(results: Results, source_folder: Path) -> list[str]:
     return texts.incomplete
 
 
-def copy_data(results: Results, pages: Path) -> None:
-    """Put the files of all results beside the pages, where sheets refer to them."""
+def copy_data(results: Results, pages: Path) -> list[str]:
+    """Put the files of all results and the report beside the pages, which refer to them.
+
+    Returns:
+        What is missing.
+    """
+    missing = []
+    for name in REPORT:
+        if (path := results.folder / name).is_file():
+            shutil.copy(path, pages)
+        else:
+            missing.append(f"there is no {name}: run ./run study")
     for section in SECTIONS:
         folder = pages / "data" / section
         folder.mkdir(parents=True)
@@ -81,6 +92,7 @@ def copy_data(results: Results, pages: Path) -> None:
             for name in (f"{case}.json", f"{case}.npz"):
                 if (path := results.folder / section / name).is_file():
                     shutil.copy(path, folder)
+    return missing
 
 
 class _Sheets(Texts):
@@ -243,7 +255,9 @@ class _Sheets(Texts):
             verdicts[kind].append(row["verdict"])
         counts = {kind: (len(mine), mine.count("holds")) for kind, mine in verdicts.items()}
         drawn = [name for name, entry in self.figures.items() if entry["section"] == section]
-        return {"id": section, "title": title(section), **counts, "figure": drawn[-1:]}
+        alt = self.figures[drawn[-1]]["alt"] if drawn else ""
+        summary = {"id": section, "title": title(section), **counts}
+        return summary | {"figure": drawn[-1:], "alt": alt}
 
     def _item(self, item: Item, sections: list[str]) -> dict[str, Any]:
         name = next((n for n in self.figures if _shows(n, item)), None)

@@ -11,6 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from PIL import Image
+
 from study.core.sources import code_digest, package_sources
 from study.core.store import StudyError, write_whole
 
@@ -95,6 +97,7 @@ def write(store: Path, pages: Path, jobs: int = 1) -> dict[str, list[Example]]:
     pages.mkdir(parents=True)
     for one in every:
         shutil.copy(store / f"{one.name}.png", pages)
+        _thumbnail(store / f"{one.name}.png", pages / f"{one.name}.thumb.png")
         shutil.copy(EXAMPLES / f"{one.name}.py", pages)
         for file in one.files:
             shutil.copy(EXAMPLES / file, pages)
@@ -131,7 +134,7 @@ def _page(one: Example, store: Path) -> str:
 def _index(every: list[Example]) -> str:
     cards = [
         f":::{{grid-item-card}} {short(one)}\n:link: {one.name}\n:link-type: doc\n"
-        f":img-top: {one.name}.png\n\n{one.title}\n:::"
+        f":img-top: {one.name}.thumb.png\n:img-alt: {one.title}\n\n{one.title}\n:::"
         for one in every
     ]
     tree = "\n".join(one.name for one in every)
@@ -141,6 +144,13 @@ def _index(every: list[Example]) -> str:
     )
     grid = "\n".join(["::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::"])
     return f"# Gallery\n\n{text}\n\n{grid}\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+
+
+def _thumbnail(picture: Path, to: Path) -> None:
+    """Make a picture small: the gallery's first page has all of them."""
+    with Image.open(picture) as image:
+        image.thumbnail((560, 560))
+        image.convert("RGB").quantize(96).save(to, optimize=True)
 
 
 def _ensure_run(one: Example, store: Path) -> None:

@@ -114,7 +114,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Meshes": (
         "pw_elements.meshes",
-        ("from_gmsh", "TaggedMesh", "triangles", "quadrilaterals", "on_lines", "mapped", "curved"),
+        ("from_file", "from_gmsh", "TaggedMesh", "triangles", "quadrilaterals", "mapped", "curved"),
     ),
     "Pressures and forces on a surface": (
         "pw_elements",

@@ -17,10 +17,10 @@ from pw_elements import Material, SurfaceNodes, force_transfer, forces_along, pr
 from pw_elements.contact import OPEN, ContactPair, Motion, solve_contact
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import on_lines
 from study.contact_result import CONTACT_UNITS
 from study.core.store import Result
 from study.discretisation import discretise, displacement_space, held_nodes, mesh_curves
+from study.line_mesh import on_lines
 from study.reading import contact_surface
 from study.units import UNSTATED, Units, units_of
 from study.verification.half_space import BondedLine, KnownContact

@@ -19,10 +19,11 @@ from pw_elements.contact import STICK, Motion
 from pw_elements.contact.interface import Trace, gathered_trace, sizes
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import curved, mapped, on_lines
+from pw_elements.meshes import curved, mapped
 from pw_elements.spaces import exterior_facets
 from study.core.cases import Case
 from study.core.store import Result
+from study.line_mesh import on_lines
 from study.peers.calculix import peer_of, tracked_digest
 from study.peers.two_bodies import PAIRS, Blocks
 from study.reading import compared, contact_surface

@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 
 from pw_elements import prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Plane, Sphere
-from pw_elements.meshes import on_lines
 from study.core.store import Result
+from study.line_mesh import on_lines
 from study.units import dimensionless
 from study.verification.mesh_lines import growing
 from study.verification.solid_meshes import box

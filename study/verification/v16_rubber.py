@@ -15,9 +15,9 @@ from dolfinx.mesh import Mesh
 from pw_elements import Spaces, SurfaceNodes, assemble_scalar, assemble_vector
 from pw_elements.contact import ContactPair, ContactProblem, Motion
 from pw_elements.contact.model import ContactState
-from pw_elements.meshes import on_lines
 from pw_elements.spaces import SubSpace, cell_measure
 from study.discretisation import spaces
+from study.line_mesh import on_lines
 from study.peers.cylinder import BULK, block_lines
 from study.verification.mesh_lines import growing
 from study.verification.solid_meshes import box

@@ -14,11 +14,11 @@ from pw_elements import Material, prescribe
 from pw_elements.contact import STICK, ContactPair, FlatPunch, Motion, solve_contact
 from pw_elements.contact.model import ContactState
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import on_lines
 from study.contact_result import contact_result
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise
+from study.line_mesh import on_lines
 from study.units import NONE
 from study.verification.friction import SPENCE
 from study.verification.half_space import Elastic

@@ -15,10 +15,10 @@ from pw_elements import Material, prescribe
 from pw_elements.contact import OPEN, STICK, ContactPair, Motion, Parabola, solve_contact
 from pw_elements.contact.model import ContactState, MatchingNodes
 from pw_elements.elasticity import StressState
-from pw_elements.meshes import on_lines
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import Discretisation, discretise, mesh_curves
+from study.line_mesh import on_lines
 from study.reading import contact_surface
 from study.units import dimensionless
 from study.verification.friction import Cattaneo

@@ -93,7 +93,10 @@ ABOVE = ContactPair(at(1, 2.0), SignedDistance(lambda x: x[:, 1] - 2.0))
 # pairs that state no problem, and what is said
 PAIRS = [
     *((strange(mu), r"nodes at \(2, 0\) have a friction") for mu in (-0.1, np.nan, np.inf)),
-    (under(Plane((0, 0.1), (0, 1)), 0.3), r"\(0, 0\)(, .*){5} and 3 more lie inside the rigid"),
+    (
+        under(Plane((0, 0.1), (0, 1)), 0.3),
+        r"\(0, 0\)(, .*){5} and 3 more lie inside the rigid .* by 0\.1,",
+    ),
     (floor(nodes=at(1, -1.0)), "pair 0 has no nodes"),
     ([floor(), floor()], "belong to two contact pairs"),
     ([], "no contact pair"),
@@ -242,3 +245,13 @@ def test_large_friction_has_several_answers_and_says_so():
 
     assert Greco(16).solve(1.0).unique
     assert not Greco(16).solve(50.0).unique
+
+
+def test_nodes_without_a_facet_are_told_before_anything_is_solved(caplog):
+    """The last of them is in the middle of a facet."""
+    BLOCK.problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.6)))
+    (record,) = caplog.records
+    assert "contact pair 0: its nodes at (1.5, 0) belong to no facet" in record.getMessage()
+    assert "write and plot will refuse the states" in record.getMessage()
+    BLOCK.problem(floor(nodes=lambda x: np.isclose(x[1], 0) & (x[0] < 1.1)))
+    assert len(caplog.records) == 1

@@ -4,9 +4,22 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import compute_midpoints, locate_entities_boundary, meshtags
 
-from pw_elements import Spaces, force_transfer, reactions, split
-from pw_elements.contact import ContactFields, ContactPair, Motion, Parabola, Plane, write
+from pw_elements import Reduction, Spaces, force_transfer, prescribe, reactions, split
+from pw_elements.contact import (
+    ContactFields,
+    ContactPair,
+    ContactProblem,
+    DeformableSurface,
+    Motion,
+    Parabola,
+    Plane,
+    Sphere,
+    write,
+)
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
@@ -89,6 +102,79 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     other.save(other.undeformed, tmp_path / "plain.npz")
     with pytest.raises(ValueError, match="has the state of a body without pressure"):
         problem.load(tmp_path / "plain.npz")
+
+
+@pytest.mark.parametrize("on", ["U", "U.sub(0)"])
+@pytest.mark.parametrize("finite", [False, True])
+def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
+    """What a newcomer tries first; a marker gives the state that it is compared with."""
+    case = Rubber(nu=0.4999)
+    U, mesh = case.space, case.space.mesh
+    facets = {k: locate_entities_boundary(mesh, 1, at(1, y)) for k, y in ((5, 2.0), (6, 0.0))}
+    every = np.concatenate([*facets.values()])
+    order = np.argsort(every)
+    values = np.repeat(np.array([*facets], dtype=np.int32), [len(f) for f in facets.values()])
+    tags = meshtags(mesh, 1, every[order], values[order])
+    nodes = fem.locate_dofs_topological(U if on == "U" else U.sub(0), 1, tags.find(5))
+    held = [prescribe(U, k, tags.find(6)) for k in (0, 1)]
+    states = []
+    for pair, conditions in (
+        (ContactPair(nodes, Parabola((0.0, 2.0), 8.0), 0.3), held),
+        (ContactPair(at(1, 2.0), Parabola((0.0, 2.0), 8.0), 0.3), None),
+    ):
+        if finite:
+            if conditions is None:
+                conditions = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
+            w = fem.Function(U)
+            u, p = ufl.split(w)
+            v, q = ufl.split(ufl.TestFunction(case.body.spaces.test))
+            F = ufl.Identity(2) + ufl.grad(u)
+            inverse, J = ufl.inv(F).T, ufl.det(F)
+            stress = (F - inverse) - p * J * inverse
+            dx = ufl.dx(metadata={"quadrature_degree": 4})
+            residual = ufl.inner(stress, ufl.grad(v)) * dx - q * (J - 1) * dx
+            pair = ContactPair(pair.nodes, Sphere((0.0, 3.0), 1.0), 0.3)
+            problem = ContactProblem.of_residual(residual, w, conditions, pair)
+            states.append(problem.step(problem.undeformed, motions=Motion((0, -0.1))))
+        else:
+            reduction = case.foot if conditions is None else Reduction.dirichlet(U, conditions)
+            problem = case.problem(pair, reduction)
+            states.append(problem.step(problem.undeformed, case.nothing, Motion((0.0, -0.04))))
+    by_tag, by_marker = states
+    assert np.count_nonzero(by_tag.pairs[0].force_normal) > 3
+    assert by_tag.pairs[0].force == pytest.approx(by_marker.pairs[0].force, rel=1e-9)
+    u, p = split(U, by_tag)
+    assert np.array_equal(p.x.array, split(U, by_tag.unknowns)[1].x.array)
+    assert np.array_equal(u.x.array, by_tag.displacement.array_r)
+    with pytest.raises(ValueError, match=r"split\(U, state\) has the pressure"):
+        split(U, by_tag.displacement)
+
+
+def test_numbers_that_are_not_those_of_the_hybrid_space_are_refused():
+    case = Rubber()
+    alone = case.body.spaces.displacements.trial
+    facets = locate_entities_boundary(alone.mesh, 1, at(1, 2.0))
+    nodes = fem.locate_dofs_topological(alone, 1, facets)
+    for wrong in (nodes, facets):
+        with pytest.raises(ValueError, match="not whole nodes of the hybrid space U"):
+            case.problem(ContactPair(wrong, Parabola((0.0, 2.0), 8.0)), case.foot)
+    with pytest.raises(ValueError, match="has facets within the body"):
+        prescribe(case.space, 0, np.arange(9))
+
+
+def test_two_hybrid_bodies_touch_on_tagged_facets():
+    mesh = doubled(triangles(COMM, (0.0, 0.0), (2.0, 1.0), (6, 3)), (0.0, 1.0, 0.0), COMM)
+    body = Elastic(mesh, HYBRID, nu=0.5)
+    middle = locate_entities_boundary(mesh, 1, at(1, 1.0))
+    mesh.topology.create_connectivity(1, 2)
+    of = [mesh.topology.connectivity(1, 2).links(facet)[0] for facet in middle]
+    above = compute_midpoints(mesh, 2, np.array(of, dtype=np.int32))[:, 1] > 1
+    own = fem.locate_dofs_topological(body.space, 1, middle[above])
+    held = body.held((1, at(1, 0.0)), (0, at(0, 0.0)))
+    pair = ContactPair(own, DeformableSurface(middle[~above]), 0.3)
+    (state,) = body.contact(pair, held, body.load((0.0, -3.0), at(1, 2.0)))
+    pressure = ContactFields.of(state, body.body).pressure.x.array[state.pairs[0].node]
+    assert np.allclose(pressure, 3.0, rtol=1e-8)
 
 
 def test_without_active_sets_the_same_state_is_found():

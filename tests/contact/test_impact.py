@@ -242,7 +242,10 @@ REFUSED = {
         lambda: {"pairs": ContactPair(at(1, 0.0), MatchingNodes(at(1, 1.0), FLOOR))},
         "not of two bodies",
     ),
-    "inside": (lambda: {"displacement": BLOCK.even((0.0, -0.1))}, "would be shot out"),
+    "inside": (
+        lambda: {"displacement": BLOCK.even((0.0, -0.1))},
+        "let it come from 0.1 farther away",
+    ),
     "driven in": (lambda: {"paths": lambda _: (0.0, 0.1)}, "would be shot out"),
     "velocity": (lambda: {"velocity": BLOCK.even((np.nan, 0.0))}, "velocity is not finite"),
 }

@@ -97,6 +97,9 @@ if "silent" in sys.argv:
     logging.getLogger("pw_elements").setLevel(logging.ERROR)
 if "null" in sys.argv:
     logging.getLogger("pw_elements").addHandler(logging.NullHandler())
+if "often" in sys.argv:
+    import pw_elements.progress
+    pw_elements.progress._PAUSE = -1.0
 from pw_elements import assemble_matrix, solve, vibration_modes
 from tests.contact.test_progress import BLOCK, solved
 vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.free, 4)
@@ -146,9 +149,16 @@ def test_no_line_where_the_log_speaks_or_is_to_be_silent(word):
     assert ("INFO:pw_elements.contact:increment 2: " in written) == (word == "log")
 
 
-def test_nothing_is_written_where_there_is_no_terminal():
+def test_a_pipe_gets_lines_now_and_then():
     command = [sys.executable, "-c", PROGRAM]
     run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
-    assert (run.stdout, run.stderr) == ("", "")
+    assert (run.stdout, run.stderr) == ("", "")  # within ten seconds
+    command.append("often")
+    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
+    lines = run.stderr.splitlines()
+    assert "|--------------------| 0/3, contact increment 0" in lines
+    assert any(line.startswith("|#############-------| 2/3, contact") for line in lines)
+    assert run.stdout == ""
+    assert "\x1b" not in run.stderr
     assert bar(0, 4) == "|--------------------| 0/4"
     assert bar(4, 4) == "|####################| 4/4"

@@ -1,9 +1,11 @@
 """Refusals against statics done by hand and another linear program."""
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from dolfinx.mesh import CellType, create_box
 from scipy.optimize import linprog
 
@@ -19,6 +21,8 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue.refusals import Points, escape, proof
+from pw_elements.contact.rescue.rigid import null_space
+from pw_elements.contact.rescue.rigid import triangles as triangles_of
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from tests.contact.cases import Elastic, Greco, at
@@ -315,3 +319,43 @@ def test_what_is_not_found_says_where_no_proof_was_looked_for():
     with pytest.raises(NotFound) as flat:
         random_problem(1310).solve(remedies=())
     assert "none was looked for" not in str(flat.value)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_motions_left_free_are_those_of_all_rows_at_once(seed):
+    """Pieces held alone, by a neighbour, or not at all, beside surfaces' motions; few and many."""
+    rng = np.random.default_rng(seed)
+    pieces, each = int(rng.integers(2, 60)), 3
+    group = np.append(np.repeat(np.arange(pieces), each), [pieces, pieces + 1])
+    dense = np.zeros((0, len(group)))
+    for k in range(pieces):
+        others = [k] if rng.random() < 0.5 else [k, rng.integers(0, pieces + 2)]
+        rows = rng.normal(size=(rng.integers(0, 2 * each), len(group)))
+        dense = np.vstack([dense, np.where(np.isin(group, others), rows, 0.0)])
+    blocks = triangles_of(sp.csr_array(dense[rng.permutation(len(dense))]), group, SELF)
+    found = null_space(blocks, group, 1e-8)
+    assert len(found) == len(group) - np.linalg.matrix_rank(dense)
+    assert np.abs(dense @ found.T).max(initial=0.0) < 1e-11
+    assert found @ found.T == pytest.approx(np.eye(len(found)), abs=1e-12)
+
+
+def test_stiffness_between_pieces_holds_them():
+    """A block held by springs to one that is clamped, beside others that only touch the floor."""
+    both = two_apart()
+    both.conditions = [
+        prescribe(both.space, i, lambda x: np.isclose(x[1], 0.0) & (x[0] < 2.5)) for i in (0, 1)
+    ]
+    load, pair = (0.0, 0.0), ContactPair(at(1, 1.0), CEILING, 0.0)
+    with pytest.raises(FreeBody):
+        both.solve(pair, load)
+    free = both.x[:, 0] > 2.5
+    one, other = (np.flatnonzero(part)[[0, -1]] for part in (~free, free))
+    rows = (2 * np.stack([one, other], axis=1)[:, :, None] + [0, 1]).astype(np.int32)
+    K = both.K.copy()
+    K.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    for pair_of_nodes in rows:
+        for dofs in pair_of_nodes.T:
+            K.setValues(dofs, dofs, [100.0, -100.0, -100.0, 100.0], addv=True)
+    K.assemble()
+    both.K = K
+    assert both.solve(pair, load).displacement.norm() == pytest.approx(0.0, abs=1e-12)

@@ -29,7 +29,7 @@ from pw_elements.contact import (
     solve_impact,
 )
 from pw_elements.elasticity import nodal_load
-from pw_elements.meshes import curved, mapped, on_lines, triangles
+from pw_elements.meshes import curved, mapped, triangles
 from tests.contact.cases import Block, at
 from tests.parallel import run_on
 
@@ -217,7 +217,6 @@ SCENARIOS = [
     (f"the image of the mesh {FAILED}", lambda: mapped(square(4), errs)),
     (f"the image of the mesh {FAILED}", lambda: curved(square(4), errs)),
     (f"divisions: {DIFFERS}", lambda: square(4 + BAD)),
-    ("y_lines [0, nan]", lambda: on_lines(COMM, [0, 1], [0, np.nan if BAD else 1.0], "triangle")),
     (f"the marker of contact pair 0 {FAILED}", lambda: contact(ContactPair(errs_below, FLOOR))),
     (f"the nodes of contact pair 0 have the numbers 1000000 to {FAR}",
      lambda: contact(ContactPair([10**6] if BAD else FOOT, FLOOR))),

@@ -32,7 +32,7 @@ from pw_elements import (
     vibration_modes,
 )
 from pw_elements._compat import cell_nodes
-from pw_elements.contact import NoEquilibrium, solve_contact
+from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
 from pw_elements.contact.iteration import krylov
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, auto_solver, iterative, matrices
@@ -320,9 +320,20 @@ GAVE_UP = "auto: Iterative gave up, Direct goes on; factors take some"
 @pytest.fixture
 def small(monkeypatch):
     """Bodies of any size are large."""
-    monkeypatch.setattr(iterative, "_MANY", 1)
-    monkeypatch.setattr(iterative, "_MANY_FOR_MODES", 1)
+    for limit in ("_MANY", "_MANY_LOOSE", "_MANY_FOR_MODES"):
+        monkeypatch.setattr(iterative, limit, 1)
     monkeypatch.setattr(krylov, "_ENOUGH", 0)  # GMRES then fails where no node sticks
+
+
+@pytest.mark.parametrize(("held", "method"), [(False, "LU by mumps"), (True, "GMRES with p-m")])
+def test_what_contact_alone_holds_takes_factors_up_to_a_larger_size(monkeypatch, held, method):
+    monkeypatch.setattr(iterative, "_MANY", 1)
+    solid = Solid(n=2)
+    supports = solid.held(*((i, at(2, 1.0)) for i in range(3))) if held else solid.free
+    pair = ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    load = solid.load((0.0, 0.0, -1.0), at(0, 0.0)) + solid.load((0.0, 0.0, -1.0), at(0, 2.0))
+    (state,) = solve_contact(solid.K, load, supports, pair, solid.space)
+    assert state.report.method.startswith(method)
 
 
 @pytest.mark.usefixtures("small")

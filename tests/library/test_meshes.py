@@ -1,4 +1,7 @@
-"""Rectangles and Gmsh's meshes: bad input is named, and lines are where they were asked for."""
+"""Meshes and sets of Gmsh's and Abaqus' files; what cannot be read is named."""
+
+import re
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -6,19 +9,14 @@ import gmsh
 import numpy as np
 import pytest
 import ufl
+from dolfinx.mesh import compute_midpoints
 
 from pw_elements import assemble_scalar, boundary_measure
-from pw_elements.meshes import from_gmsh, on_lines
+from pw_elements.meshes import from_file, from_gmsh
+from tests.parallel import same_numbers
 
 COMM = MPI.COMM_SELF
-LINES = np.array([0.0, 0.1, 0.5, 2.0])
-
-
-@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
-def test_lines_are_where_they_were_asked_for(cell):
-    x = on_lines(COMM, LINES, LINES - 2.0, cell).geometry.x
-    assert np.unique(x[:, 0].round(12)) == pytest.approx(LINES)
-    assert np.unique(x[:, 1].round(12)) == pytest.approx(LINES - 2.0)
+BALL = Path(__file__).with_name("ball.inp")  # half of one of radius 1 above z = 0, by Gmsh 4.13
 
 
 @pytest.fixture
@@ -41,7 +39,7 @@ def test_a_mesh_from_gmsh_has_its_groups(square, order):
     square.addPhysicalGroup(1, [tag for _, tag in lower], 3)
     square.mesh.generate(2)
     square.mesh.setOrder(order)
-    mesh, cells, facets = from_gmsh(MPI.COMM_SELF, square, dim=2)
+    mesh, cells, facets, _ = from_gmsh(MPI.COMM_SELF, square, dim=2)
     assert mesh.geometry.dim == 2
     assert mesh.ufl_domain().ufl_coordinate_element().degree == order
     for number in (4, 7):
@@ -59,7 +57,7 @@ def test_a_file_gives_the_mesh_it_was_written_from(square, tmp_path):
     with pytest.raises(ValueError, match="Gmsh is at work"):
         from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh", dim=2)
     gmsh.finalize()
-    mesh, _, facets = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh", dim=2)
+    mesh, _, facets, _ = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh", dim=2)
     assert mesh.geometry.index_map().size_global == count
     assert len(facets.find(1)) == 0
     assert not gmsh.isInitialized()
@@ -70,6 +68,9 @@ def test_what_gmsh_does_not_have_is_said(square, tmp_path):
     with pytest.raises(ValueError, match="has no mesh"):
         from_gmsh(MPI.COMM_SELF, square, dim=2)
     square.mesh.generate(2)
+    with pytest.raises(ValueError, match="not lie in one plane"):
+        square.mesh.setNode(1, [0, 0, 0.1], []) or from_gmsh(MPI.COMM_SELF, square, dim=2)
+    square.mesh.setNode(1, [0, 0, 0], [])
     with pytest.raises(ValueError, match="no physical group has the cells"):
         from_gmsh(MPI.COMM_SELF, square, dim=2)
     with pytest.raises(ValueError, match="dim = 4"):
@@ -82,3 +83,196 @@ def test_what_gmsh_does_not_have_is_said(square, tmp_path):
         from_gmsh(MPI.COMM_SELF, tmp_path / "bad.msh")
     assert not gmsh.isInitialized()
     gmsh.initialize(interruptible=False)
+
+
+# Two plane cells of a unit square, whose upper side bulges. Faces, by hand: S1 of the first is the
+# lower side, S2 its right one; S2 of the second is the upper side, S3 its left one.
+#   4 -- 7 -- 3
+#   8    9    6
+#   1 -- 5 -- 2
+SQUARE = """*Heading
+ two cells; 99 is a reference point
+*Node, nset=all
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.,
+4, 0., 1., 0.
+5, .5, 0.
+6, 1., .5
+7, .5, 1.1
+8, 0., .5
+9, .5, .5
+99, 7., 7.
+*Element, type=CPS6, elset=lower
+1, 1, 2, 3, 5, 6, 9
+** a comment
+*Element, type=CPS6,
+ elset=Upper
+4, 1, 3, 4,
+ 9, 7, 8
+*Nset, nset=left, generate
+ 4, 8, 4
+*Nset, nset=LEFT
+1
+*Nset, nset=corner
+3
+*Elset, elset=both
+lower, 4
+*Elset, elset=_TOP_S2, internal
+4,
+*Surface, type=ELEMENT, name=top
+_TOP_S2, S2
+*Surface, name=rim
+both,
+*Surface, type=NODE, name=nodes
+left
+*Surface, name=right
+1, S2
+*Step
+*Node
+nothing of this is read
+"""
+# sqrt(1 + s^2) / 2 + arsinh(s) / (2 s) is the length of the bulge of slope s = 0.4
+LENGTHS = {"TOP": 1.02606, "LEFT": 1.0, "NODES": 1.0, "RIGHT": 1.0, "RIM": 4.02606, "ALL": 4.02606}
+
+
+def read(tmp_path, text, comm=COMM):
+    (tmp_path / "deck.inp").write_text(text)
+    return from_file(tmp_path / "deck.inp", comm)
+
+
+def volume(part):
+    return assemble_scalar(1.0 * ufl.dx(part.mesh, metadata={"quadrature_degree": 6}))
+
+
+def test_a_deck_has_its_sets_cells_and_curved_sides(tmp_path):
+    part = read(tmp_path, SQUARE)
+    assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)  # below a parabola
+    assert {*part.names["facets"]} == {*LENGTHS}
+    for name, length in LENGTHS.items():
+        measure = boundary_measure(part.mesh, part.facets(name.lower()))
+        assert assemble_scalar(1.0 * measure) == pytest.approx(length, abs=1e-4), name
+    middles = mesh_midpoints(part.mesh)
+    assert middles[part.facets("TOP")].tolist() == [[0.5, 1.0]]
+    assert part.names["cells"] == {"LOWER": (1,), "UPPER": (2,), "BOTH": (2, 1)}
+    assert len(part.cells("both")) == 2
+    assert part.cell_tags.find(1).tolist() == part.cells("LOWER").tolist()
+    with pytest.raises(ValueError, match="no set of cells is called TOP, but LOWER, UPPER, BOTH"):
+        part.cells("TOP")
+
+
+def mesh_midpoints(mesh):
+    dim = mesh.topology.dim - 1
+    mesh.topology.create_connectivity(dim, dim + 1)
+    count = mesh.topology.index_map(dim).size_local
+    return compute_midpoints(mesh, dim, np.arange(count, dtype=np.int32))[:, :2].round(1)
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_parts_instances_and_included_files_are_the_same_mesh(tmp_path, moved):
+    nodes, rest = SQUARE[SQUARE.index("*Node") :].split("*Element", 1)
+    cells = rest.partition("*Nset")[0]
+    (tmp_path / "nodes.inp").write_text(nodes.replace("*Node, nset=all\n", ""))
+    text = f"""*Part, name=Plate
+*Node, nset=all
+*Include, input=nodes.inp
+*Element{cells}*End Part
+*Assembly, name=Assembly
+*Instance, name=Plate-1, part=PLATE
+{moved}., 0., 0.
+*End Instance
+*Surface, name=top
+Plate-1.upper, S2
+*Nset, nset=base, instance=Plate-1
+1, 2, 5
+*End Assembly
+"""
+    part = read(tmp_path, text)
+    assert volume(part) == pytest.approx(1 + 2 / 3 * 0.1)
+    assert mesh_midpoints(part.mesh)[part.facets("TOP")].tolist() == [[0.5 + moved, 1]]
+    assert mesh_midpoints(part.mesh)[part.facets("BASE")].tolist() == [[0.5 + moved, 0]]
+    assert len(part.cells("upper")) == 1
+
+
+@pytest.mark.parametrize("kind", ["C3D10", "C3D10M"])
+def test_nodes_in_the_middle_of_edges_are_those_of_the_same_edges(tmp_path, kind):
+    """Abaqus: 5 to 10 are between 1-2, 2-3, 3-1, 1-4, 2-4, 3-4."""
+    rng = np.random.default_rng(29)
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    pairs = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+    middle = x[pairs].mean(axis=1) + 0.05 * rng.standard_normal((6, 3))
+    rows = "\n".join(f"{k}, {a}, {b}, {c}" for k, (a, b, c) in enumerate([*x, *middle], 1))
+    deck = f"*NODE\n{rows}\n*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(1, 11)))}\n"
+    mesh = read(tmp_path, deck).mesh
+    nodes = mesh.geometry.x[mesh.geometry.dofmap[0]]
+    for (a, b), place in zip(pairs, middle, strict=True):
+        at = np.zeros(3)
+        corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+        ends = [int(np.linalg.norm(nodes[:4] - x[k], axis=1).argmin()) for k in (a, b)]
+        at = corners[ends].mean(axis=0)[None]
+        assert mesh.geometry.cmap.push_forward(at, nodes)[0] == pytest.approx(place)
+
+
+def test_gmshs_own_deck_has_the_volume_and_the_faces_of_half_a_ball():
+    part = from_file(BALL, COMM)
+    assert volume(part) == pytest.approx(2 * np.pi / 3, rel=3e-3)
+    flat, curved = (
+        assemble_scalar(1.0 * boundary_measure(part.mesh, part.facets(name)))
+        for name in ("FLAT", "ROUND")
+    )
+    assert flat == pytest.approx(np.pi, rel=1e-3)
+    assert curved == pytest.approx(2 * np.pi, rel=3e-3)
+    # elements of the surface and sets of its nodes name the same facets
+    assert np.array_equal(part.facets("FLAT"), part.facets("SURFACE2"))
+    assert np.array_equal(part.cells("BALL"), np.arange(part.mesh.topology.index_map(3).size_local))
+
+
+def sizes_of_the_ball(comm):
+    part = from_file(BALL, comm)
+    found = {"volume": volume(part)}
+    for name in part.names["facets"]:
+        found[name] = assemble_scalar(1.0 * boundary_measure(part.mesh, part.facets(name)))
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.inp"):
+        from_file(BALL.with_name("none.inp"), comm)
+    return found
+
+
+def test_three_processes_read_the_same_mesh():
+    same_numbers(sizes_of_the_ball)
+
+
+CELLS = SQUARE[: SQUARE.index("*Nset")]
+REFUSED = [
+    ("C3D20 are not read, since DOLFINx has no cells", CELLS.replace("CPS6", "C3D20")),
+    ("CPS8 are not read, since DOLFINx has no cells", CELLS.replace("CPS6", "CPS8")),
+    ("CAX8R are not read.* CPS6", CELLS.replace("CPS6", "CAX8R")),
+    ("C3D15 are not read", CELLS.replace("CPS6", "C3D15")),
+    ("B31 are not read", CELLS.replace("CPS6", "B31")),
+    ("CPE6 has 6 nodes", CELLS.replace("CPS6", "CPE6").replace(", 5, 6, 9", ", 5, 6")),
+    (r"\*NGEN: this is not read", CELLS + "*NGEN\n1, 2\n"),
+    ("node 77, which is not there", CELLS.replace("9, 7, 8", "9, 7, 77")),
+    ("ELSET NOWHERE is not defined", CELLS + "*Surface, name=a\nnowhere, S1\n"),
+    ("not lie in one plane", CELLS.replace("1., 1.,", "1., 1., 1.")),
+    ("no file .*other.inp to include", "*Include, input=other.inp\n"),
+    ("COMBINE is not read", CELLS + "*Surface, name=a, combine=union\n"),
+    ("cells of one kind, here are none", "*Node\n1, 0., 0.\n"),
+    ("quadrilaterals of degree 1 and triangles of degree 2",
+     CELLS + "*Element, type=CPS4\n20, 1, 2, 3, 4\n"),
+    ("element 30 is no facet", CELLS + "*Element, type=T3D2\n30, 4, 99\n"),
+    ("parts that are turned", "*Part, name=a\n*Instance, name=b, part=a\n1,0,0\n0,0,0,0,0,1,90\n"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "text"), REFUSED, ids=[words for words, _ in REFUSED])
+def test_what_is_not_read_is_named(tmp_path, words, text):
+    with pytest.raises((ValueError, FileNotFoundError), match=words):
+        read(tmp_path, text)
+
+
+def test_linear_cells_and_masses_are_read_and_left_out(tmp_path):
+    text = "*Node\n1, 0, 0\n2, 2, 0\n3, 2, 1\n4, 0, 1\n*Element, type=CPE4R\n1, 1, 2, 3, 4\n"
+    part = read(tmp_path, text + "*Element, type=MASS, elset=m\n7, 2\n*Surface, name=up\n1, S3\n")
+    assert volume(part) == pytest.approx(2)
+    assert mesh_midpoints(part.mesh)[part.facets("UP")].tolist() == [[1, 1]]
+    with pytest.raises(ValueError, match=re.escape("end with .msh (Gmsh) or .inp")):
+        from_file(tmp_path / "part.vtk", COMM)

@@ -29,6 +29,7 @@ WINGS = [  # of the library, from the lowest to the highest
     "solvers",
     "algebra",
     "elasticity",
+    "abaqus",
     "meshes",
     "pictures",
     "contact.model",

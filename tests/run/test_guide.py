@@ -25,7 +25,8 @@ def program(page):
 
 @pytest.mark.parametrize("page", PROGRAMS, ids=lambda page: page.stem)
 def test_code_of_the_page_runs(page, tmp_path):
-    shutil.copy(ROOT / "examples" / "gasket.msh", tmp_path)
+    for name in ("gasket.msh", "plate.inp"):
+        shutil.copy(ROOT / "examples" / name, tmp_path)
     file = tmp_path / "program.py"
     file.write_text(program(page))
     try:
@@ -45,6 +46,11 @@ def test_what_has_to_be_told_has_a_page():
         "which-method",
         "results",
         "friction",
+        "foreign-mesh",
+        "two-bodies",
+        "press-fit",
+        "impact",
+        "buckling",
         "large-strains",
         "restart",
         "parallel",

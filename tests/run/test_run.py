@@ -5,6 +5,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -112,7 +113,8 @@ def test_figure_is_written_where_the_caller_is(tmp_path):
 
 
 TOOLS = (
-    "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls"
+    "sh env id dirname readlink sed tr sort tail cut cksum mkdir uname git head awk rm mktemp ls "
+    "cat cp"
 )
 
 
@@ -123,17 +125,16 @@ def bare(tmp_path):
     Programs of the names given do what the texts say.
     """
     programs, packages = tmp_path / "bin", tmp_path / "packages"
-    old = {"__init__": "__version__ = '0.8.0'", "fem/__init__": "", "fem/petsc": ""}
-    for name, text in old.items():
-        path = packages / "dolfinx" / f"{name}.py"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+    (packages / "dolfinx" / "fem").mkdir(parents=True)
+    for name in ("__init__", "petsc"):
+        (packages / "dolfinx" / "fem" / f"{name}.py").write_text("")
     programs.mkdir()
     for tool in TOOLS.split():
         if found := shutil.which(tool):
             (programs / tool).symlink_to(found)
 
-    def start(*args, script=RUN, env=None, **stubs):
+    def start(*args, script=RUN, env=None, has="0.8.0", **stubs):
+        (packages / "dolfinx" / "__init__.py").write_text(f"__version__ = '{has}'")
         for name, text in stubs.items():
             path = programs / name.replace("_", "-")
             path.unlink(missing_ok=True)
@@ -154,22 +155,38 @@ def bare(tmp_path):
 
 FOUND = {
     "apt_get": "echo $* >>apt.log",
-    "apt_cache": "echo Candidate: 1",
+    "apt_cache": "echo Candidate: 1:0.9.0-1",
     "dpkg_deb": "",
     "flock": "",
     "unshare": "",
 }
 
 
+MOUNTS = {"mount": "", "chroot": ""}
 NO_MOUNT = "no mount (apt-get install mount, as root)"
 
 
 @pytest.mark.parametrize(
     ("programs", "words"),
     [
-        ({}, "python3 has DOLFINx 0.8.0, and there is no apt-get to fetch Debian's packages"),
+        ({}, "python3 has DOLFINx 0.8.0 in place of 0.9 or 0.11, and there is no apt-get to fetch"),
+        ({"has": "0.10.0.post2"}, "python3 has DOLFINx 0.10.0.post2 in place of 0.9 or 0.11, and"),
         (FOUND | {"id": "echo 1000"}, f"{NO_MOUNT}: start this as root"),
-        (FOUND | {"id": "echo 0", "dpkg": "exit 1"}, f"{NO_MOUNT}, and apt offers no DOLFINx 0.9"),
+        *(
+            (
+                FOUND | {"id": "echo 0", "apt_cache": f"echo Candidate: {old}"},
+                f"{NO_MOUNT}, and apt offers no DOLFINx 0.9 or 0.11",
+            )
+            for old in ("1:0.8.0-1", "1:0.10.0-2", "(none)")
+        ),
+        (
+            FOUND | MOUNTS | {"id": "echo 1000", "unshare": "exit 1"},
+            "namespaces are not allowed here: start this as root",
+        ),
+        (
+            FOUND | MOUNTS | {"id": "echo 1000", "unshare": "exit 1", "sysctl": "echo 1"},
+            "AppArmor forbids namespaces (sysctl kernel.apparmor_restrict_unprivileged_userns=0, ",
+        ),
     ],
 )
 def test_who_gets_no_dolfinx_is_told_what_to_do(bare, programs, words):
@@ -186,11 +203,37 @@ def test_who_gets_no_dolfinx_is_told_what_to_do(bare, programs, words):
 def test_without_mount_root_goes_on_to_the_systems_own_packages(bare, tmp_path, command, tests):
     process = bare(*command, **FOUND, id="echo 0", dpkg="")
     assert process.stdout == "went\n", process.stderr
-    assert f"{NO_MOUNT}: installing DOLFINx 1" in process.stderr
+    assert f"{NO_MOUNT}: installing DOLFINx 1:0.9" in process.stderr
     installed = (tmp_path / "apt.log").read_text()
     assert "python3-dolfinx" in installed
     assert "weasyprint" not in installed
     assert ("python3-pytest" in installed) == tests
+
+
+LISTED = """case "$*" in
+*--print-uris*) . /etc/os-release && echo "'http://system/dists/$VERSION_CODENAME/InRelease' x" ;;
+*update*) echo unreachable && exit 100 ;; esac"""
+
+
+@pytest.mark.parametrize("given", [None, "http://given/debian"])
+def test_without_a_debian_mirror_one_is_asked_for_and_a_given_one_is_taken(bare, tmp_path, given):
+    env = {"PW_ELEMENTS_MIRROR": given} if given else {}
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": LISTED}
+    process = bare("true", env=env, **programs)
+    assert process.returncode == 1
+    assert "name one by PW_ELEMENTS_MIRROR=ADDRESS" in process.stderr
+    assert f"Tried: {given or 'http://system'}. unreachable" in process.stderr
+    (written,) = tmp_path.glob("pw-elements/*.apt/list")
+    assert written.read_text() == f"deb {given or 'http://system'} trixie main\n"
+
+
+def test_dolfinx_0_10_is_refused_by_the_metadata_and_the_library_too(tmp_path):
+    assert '"fenics-dolfinx >=0.9, !=0.10.*, <0.12"' in (ROOT / "pyproject.toml").read_text()
+    (tmp_path / "dolfinx.py").write_text("__version__ = '0.10.0'")
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}:{ROOT}"}
+    command = [sys.executable, "-c", "import pw_elements"]
+    process = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert "ImportError: pw_elements needs DOLFINx 0.9 or 0.11" in process.stderr
 
 
 def test_nowhere_to_keep_the_packages_is_one_sentence(bare, tmp_path):

@@ -84,11 +84,13 @@ class Anchors(HTMLParser):
 
     def __init__(self, html):
         super().__init__()
-        self.ids, self.targets, self.loads = set(), set(), set()
+        self.ids, self.targets, self.loads, self.silent = set(), set(), set(), set()
         self.feed(html)
 
     def handle_starttag(self, tag, attributes):
         given = dict(attributes)
+        if tag == "img" and not given.get("alt"):
+            self.silent.add(given.get("src"))
         if tag in ("script", "img", "link", "source"):
             self.loads |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
         self.ids |= {given[key] for key in ("id", "name") if given.get(key)}
@@ -96,10 +98,12 @@ class Anchors(HTMLParser):
 
 
 def dead(folder):
-    """Links between the files of a folder that lead nowhere, a line for each."""
+    """Links between a folder's files that lead nowhere, images without words; a line for each."""
     pages = {path: Anchors(path.read_text("utf-8")) for path in sorted(folder.rglob("*.html"))}
     wrong = []
     for page, anchors in pages.items():
+        name = page.relative_to(folder)
+        wrong += [f"{name}: no alternative text: {image}" for image in sorted(anchors.silent)]
         for target in sorted(anchors.targets):
             parts = urlsplit(target)
             if parts.scheme or parts.netloc:

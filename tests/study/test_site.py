@@ -6,7 +6,9 @@ import re
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import pw_elements
 import pw_elements.contact
@@ -17,7 +19,8 @@ from study.site import evidence, gallery, reference
 from study.texts import HEADS
 from tests.study.browser import dead
 
-RESULTS = Path(__file__).parents[2] / "results"
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "results"
 NAMES = [
     f"{module.__name__}.{name}"
     for module in (pw_elements, pw_elements.contact)
@@ -138,15 +141,93 @@ def test_sections_that_a_text_names_are_links():
 
 def test_links_that_lead_nowhere_are_found(tmp_path):
     (tmp_path / "a.html").write_text(
-        '<p id="here"><a href="#here">1</a><a href="b/c.html#x%20y">2</a><img src="d.png">'
+        '<p id="here"><a href="#here">1</a><a href="b/c.html#x%20y">2</a><img src="d.png" alt="">'
         '<a href="https://example.org/none">3</a><a href="b/c.html#nowhere">4</a>'
     )
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "d.html").write_text('<script src="https://example.org/x.js"></script>')
     (tmp_path / "b" / "c.html").write_text('<b id="x y"></b><a href="../a.html#gone">5</a>')
     assert dead(tmp_path) == [
+        "a.html: no alternative text: d.png",
         "a.html: b/c.html#nowhere",
         "a.html: d.png",
         "b/c.html: ../a.html#gone",
         "b/d.html: https://example.org/x.js comes from elsewhere",
     ]
+
+
+def luminance(colour):
+    """Relative luminance, as WCAG 2.1 defines it."""
+    parts = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return linear @ (0.2126, 0.7152, 0.0722)
+
+
+def contrast(one, other):
+    lighter, darker = sorted((luminance(one), luminance(other)), reverse=True)
+    return (lighter + 0.05) / (darker + 0.05)
+
+
+# Backgrounds of the theme (Furo)
+PAPERS = {"light": "#ffffff", "dark": "#131416"}
+
+
+def test_texts_stand_out_from_what_is_behind_them():
+    """At least 4.5, as WCAG asks for; a background of our own needs a colour of our own."""
+    assert contrast("#000000", "#ffffff") == pytest.approx(21)
+    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)
+    found = {}
+    for scheme, paper in PAPERS.items():
+        for name, colour in theme_option(f"{scheme}_css_variables").items():
+            found[scheme, name] = contrast(colour, paper)
+    css = (Path(reference.__file__).parent / "static" / "site.css").read_text()
+    for selector, body in re.findall(r"([^{}]+)\{([^{}]*)\}", css):
+        rules = dict(part.split(":", 1) for part in body.replace(" ", "").split(";") if ":" in part)
+        assert float(rules.get("opacity", 1)) == 1, selector
+        colours = [rules.get(name, "") for name in ("color", "background")]
+        if "img" not in selector and any(colour.startswith("#") for colour in colours):
+            assert all(colour.startswith("#") for colour in colours), selector
+            found[selector.strip()] = contrast(*colours)
+    assert len(found) >= 8
+    assert {name: ratio for name, ratio in found.items() if ratio < 4.5} == {}
+
+
+def theme_option(name):
+    """One of the theme's options in Sphinx' settings, which are read as text."""
+    tree = ast.parse((Path(reference.__file__).parent / "conf.py").read_text())
+    (options,) = (
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "html_theme_options"
+    )
+    return ast.literal_eval(options)[name]
+
+
+def test_pictures_of_pages_that_are_written_have_words():
+    """`dead` counts those of the built pages, too."""
+    pages = [path.read_text() for path in (ROOT / "docs").rglob("*.md")]
+    pages += [gallery._index(gallery.examples())]
+    pages += [path.read_text() for path in (ROOT / "study").rglob("*.html")]
+    cards = sum(page.count(":img-top:") for page in pages)
+    assert cards == sum(len(re.findall(r":img-alt: \S", page)) for page in pages) > 15
+    words = [alt for page in pages for alt in re.findall(r"!\[(.*?)\]\(", page)]
+    for page in pages:
+        tags = re.findall(r"<img [^>]*>", page)
+        words += [re.search('alt="([^"]*)"', tag)[1] for tag in tags]
+    assert all(words)
+    assert len(words) > 5
+
+
+def test_thumbnails_of_the_gallery_are_small(tmp_path):
+    """Sixteen of them are less than 1 MB; noise, the worst picture, is four times that."""
+    rng = np.random.default_rng(3)
+    Image.fromarray(rng.integers(0, 255, (700, 1600, 3), dtype=np.uint8)).save(tmp_path / "a.png")
+    gallery._thumbnail(tmp_path / "a.png", tmp_path / "b.png")
+    assert 0 < (tmp_path / "b.png").stat().st_size < 2**20 / 4
+    with Image.open(tmp_path / "b.png") as small:
+        assert max(small.size) == 560
+    if made := [*(RESULTS / "gallery").glob("*.png")]:
+        for picture in made:
+            gallery._thumbnail(picture, tmp_path / picture.name)
+        sizes = [(tmp_path / picture.name).stat().st_size for picture in made]
+        assert sum(sizes) < 2**20 * len(made) / 16

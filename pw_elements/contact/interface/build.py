@@ -23,7 +23,7 @@ from pw_elements.contact.interface.mortar import Overlap
 from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
-from pw_elements.elasticity import StressState, by_position, facets_between
+from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
 from pw_elements.progress import told
 from pw_elements.spaces import (
     Assembled,
@@ -54,7 +54,8 @@ _COARSE = 3.0
 class BodyNodes:
     """Where the nodes of a body are, and which unknowns and equations they have."""
 
-    field: SubSpace  # the displacements among the unknowns
+    given: fem.FunctionSpace  # of all unknowns
+    field: SubSpace  # the displacements among them
     x: Array  # (nodes, dim), ghosts too
     column: Indices  # (owned nodes, dim), as of `free_columns`
     outward: Array  # (owned nodes, dim), integrated with the shape functions
@@ -64,9 +65,10 @@ class BodyNodes:
     @classmethod
     def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
         """Looks them up in a space with displacements under a reduction."""
-        field = SubSpace.displacements(space)
+        given, field = space, SubSpace.displacements(space)
         space, dim = field.space, space.mesh.geometry.dim
         return cls(
+            given,
             field,
             space.tabulate_dof_coordinates()[:, :dim],
             free_columns(reduction.right)[field.owned],
@@ -82,7 +84,7 @@ class BodyNodes:
 
     def owned(self, whose: str, nodes: Part) -> Local:
         """Local numbers of the nodes that this process owns; refuses what names no nodes."""
-        given = nodes_of(self.space, whose, nodes)
+        given = nodes_of(self.given, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
     def refuse(self, node: Local, what: str) -> None:
@@ -119,6 +121,8 @@ def nodal_interface(
     body = BodyNodes.of(space, reduction)
     names = [f"contact pair {k}" for k in range(len(pairs))]
     found = [body.owned(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)]
+    for name, node in zip(names, found, strict=True):
+        _tell_of_lone(name, node, body)
     with collective(space.mesh.comm):
         comm, cones = space.mesh.comm, []
         for name, pair, node in zip(names, pairs, found, strict=True):
@@ -150,9 +154,26 @@ def nodal_interface(
     return interface
 
 
+def _tell_of_lone(name: str, node: Local, body: BodyNodes) -> None:
+    """Logs nodes that have no pressure, which files and pictures refuse when all is solved."""
+    comm, own = body.space.mesh.comm, body.space.dofmap.index_map
+    every = np.concatenate(comm.allgather(own.local_to_global(node)))
+    on_facets = facet_nodes(body.space, facets_between(body.space, every))
+    on_facets = np.concatenate(comm.allgather(own.local_to_global(np.unique(on_facets))))
+    lone = body.x[node[~np.isin(own.local_to_global(node), on_facets)]]
+    places = np.concatenate(comm.allgather(lone))
+    if len(places):
+        words = (
+            f"{name}: its nodes at {listed(places)} belong to no facet that has all "
+            "of its nodes in the pair: they may bear forces, but have no pressure, and "
+            "ContactFields, write and plot will refuse the states. Let the pair end at vertices"
+        )
+        told(comm, logging.WARNING, words, ".contact")
+
+
 def _check_nodes(body: BodyNodes, node: Local) -> None:
     unique, times = np.unique(node, return_counts=True)
-    body.refuse(unique[times > 1], "belong to two contact pairs")
+    body.refuse(unique[times > 1], "belong to two contact pairs: leave a facet between them")
     mesh = body.space.mesh
     facet = mesh.topology.dim - 1
     mesh.topology.create_connectivity(facet, mesh.topology.dim)

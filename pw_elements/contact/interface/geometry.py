@@ -208,7 +208,7 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     They are projected along unit directions (s, dim) out of the slave's body; `outward` (m, dim)
     are the master's unit normals.
     """
-    one, other = _candidates(slave, master)
+    one, other = _candidates(slave, master, along)
     facing = np.sum(along[one] * outward[other], axis=1) < FACING
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
@@ -269,24 +269,45 @@ def stretches(corners: Array, weight: Array | None = None) -> Array:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def _candidates(slave: Array, master: Array) -> tuple[Indices, Indices]:
-    """Pairs whose bounding balls meet, the slave's widened by its distance from the master.
+def _candidates(slave: Array, master: Array, along: Array) -> tuple[Indices, Indices]:
+    """Pairs that may overlap: the master's box meets the slave's, which is as long as its reach.
 
-    Radii are a coordinate beside the master's middles, and distances sums of components: so each
-    counts with its own, however large another one is.
+    Slaves' boxes are turned along their directions. The master's, along the axes and in the order
+    of a k-d tree, are joined two by two, up to a box of all: from there pairs descend together.
     """
     if not len(slave) or not len(master):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    (own, radius), (middles, radii) = (
-        (middle := corners.mean(axis=1), np.abs(corners - middle[:, None]).sum(axis=2).max(axis=1))
-        for corners in (slave, master)
+    middle, theirs = slave.mean(axis=1), master.mean(axis=1)
+    tree = cKDTree(theirs)
+    away = slave - middle[:, None]
+    sizes, largest = (
+        np.linalg.norm(x, axis=2).max(axis=1) for x in (away, master - theirs[:, None])
     )
-    away, largest = np.sqrt(slave.shape[2]) * cKDTree(middles).query(own)[0], radii.max()
-    tree = cKDTree(np.column_stack([middles, radii]))
-    at = np.column_stack([own, np.full(len(own), largest)])
-    found = tree.query_ball_point(at, radius + away + largest, p=1)
-    one = np.repeat(np.arange(len(slave)), [len(near) for near in found])
-    return one, np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
+    reach = sizes + largest.max() + tree.query(middle)[0]
+    axes = np.linalg.svd(along[:, None])[2]  # of each slave's box, the first one along
+    half = np.abs(away @ np.swapaxes(axes, 1, 2)).max(axis=1)
+    half[:, 0] = reach
+    boxes = [np.stack([end(master[tree.indices], axis=1) for end in (np.min, np.max)])]
+    while (n := boxes[-1].shape[1]) > 1:
+        pairs = np.arange(0, n, 2)
+        low, high = boxes[-1]
+        ends = np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)
+        boxes.append(np.stack(ends))
+    one: Indices = np.arange(len(slave))
+    other: Indices = np.zeros(len(slave), dtype=np.int64)
+    for level, (low, high) in enumerate(reversed(boxes)):
+        if level:
+            one, other = np.repeat(one, 2), (2 * other[:, None] + np.arange(2)).ravel()
+            one, other = one[other < len(low)], other[other < len(low)]
+        centre, extent = (low + high) / 2, (high - low) / 2
+        for k in range(slave.shape[2]):
+            axis = axes[one, k]
+            apart = np.abs(np.sum(axis * (centre[other] - middle[one]), axis=1))
+            meets = apart <= half[one, k] + np.sum(np.abs(axis) * extent[other], axis=1)
+            one, other = one[meets], other[meets]
+    other = tree.indices[other]
+    near = np.linalg.norm(theirs[other] - middle[one], axis=1) <= reach[one]
+    return one[near], other[near]
 
 
 def _of_lines(slave: Array, master: Array) -> tuple[Indices, Array]:  # noqa: ARG001

@@ -139,17 +139,11 @@ class Interface:
         )
         self.check_supports(None)
         cut = ~(self._by_pair("gap", None, ()) >= -_PENETRATION * diagonal) & ~self._interfering
+        deepest = -self.gathered(np.where(cut, self._by_pair("gap", None, ()), 0.0)).min()
+        apart = f"move them apart by {deepest:.3g}, or the pair is to say interference=True"
         rigid = self.faced == RIGID
-        self.refuse(
-            cut & rigid,
-            "lie inside the rigid surface before any motion; a motion has to press it in, or the "
-            "pair is to say interference=True",
-        )
-        self.refuse(
-            cut & ~rigid,
-            "lie inside the body that they face before any motion: move the bodies apart, or the "
-            "pair is to say interference=True",
-        )
+        self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {apart}")
+        self.refuse(cut & ~rigid, f"lie inside the body that they face before any motion: {apart}")
         self._check_sides()
 
     @cached_property

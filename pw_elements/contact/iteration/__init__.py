@@ -17,6 +17,7 @@ from pw_elements.contact.iteration.law import (
     Kinematics,
     LinearisedLaw,
     equations,
+    mixed,
     sticking,
 )
 from pw_elements.contact.iteration.newton import (
@@ -28,10 +29,8 @@ from pw_elements.contact.iteration.newton import (
     newton,
 )
 from pw_elements.contact.iteration.policy import (
-    LeftFree,
     Policy,
     initial_active_set,
-    null_space,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
-from pw_elements.contact.iteration.system import ContactSystem, local_rows
+from pw_elements.contact.iteration.system import ContactSystem

@@ -8,15 +8,12 @@ The active set that an increment starts from is chosen here, too.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from hashlib import blake2b
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from pw_elements.contact.interface import Interface
@@ -28,7 +25,6 @@ from pw_elements.contact.iteration.law import (
     ActiveSet,
     Contact,
     Kinematics,
-    equations,
     mixed,
     sticking,
 )
@@ -57,10 +53,6 @@ _RESCUES = 3
 
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING_GAP = 1e-9
-# Stiffness of a motion, over what it would be for an arbitrary one, that is as good as none
-_FREE_STIFFNESS = 1e-8
-# Rows that are factorised at once, to save memory
-_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
@@ -189,81 +181,6 @@ class Cycles:
         wrong = np.where(self._slow, np.linalg.norm(contact.violation(), axis=1), 0.0)
         worst = self._comm.allreduce(wrong.max(initial=0.0), MPI.MAX)
         return mixed(self._slow & (wrong < worst * (1 - 1e-6)), old, new)
-
-
-@dataclass(frozen=True)
-class LeftFree:
-    """Rigid motions that neither stiffness nor contact hold."""
-
-    relative: Array  # motions (m, dim, modes) of the contact points relative to their surfaces
-    held: Array  # rows (n, modes) of the pieces' modes that supports and stiffness act on
-    comm: MPI.Comm
-    names: Callable[[Array], list[str]]  # words for motions (k, modes)
-
-    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
-        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
-        free = self._free(active, frame)
-        return self.names(free) if len(free) else []
-
-    def slides(self, contact: Contact, lost: float) -> bool:
-        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
-        shear, at_rest = contact.force[:, 1:], contact.active_set()
-        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
-        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
-        used &= size >= limit - lost
-        if not self.comm.allreduce(bool(used.any()), MPI.LOR):
-            return False
-        direction = shear / np.where(used, size, 1.0)[:, None]
-        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
-        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
-        along = np.einsum("nab,na,nbm->nm", contact.frame[:, 1:], direction, self.relative) @ free.T
-        along = along[used & (at_rest.status == STICK)]
-        ends = self.comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
-        # a single motion has to go against all friction of what does not slip yet, or its reverse
-        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
-
-    def _free(self, active: ActiveSet, frame: Array) -> Array:
-        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
-        constraints = equations(active, np.ones(len(frame)))[1] @ frame
-        free = [np.zeros((0, self.relative.shape[2]))]
-        for motions, points, relative, held in self._clusters:
-            rows = np.einsum("nab,nbm->nam", constraints[points], relative)
-            rows = triangle(rows.reshape(-1, len(motions)), self.comm)
-            found = null_space(np.vstack([held, rows]), _FREE_STIFFNESS)
-            free.append(np.zeros((len(found), self.relative.shape[2])))
-            free[-1][:, motions] = found
-        return np.concatenate(free)
-
-    @cached_property
-    def _clusters(self) -> list[tuple[Indices, Indices, Array, Array]]:
-        """Motions that have points or supports in common, their points, and rows of both."""
-        held = np.pad(self.held, ((0, 0), (0, self.relative.shape[2] - self.held.shape[1])))
-        moved = np.any(self.relative != 0, axis=1)
-        rows = sp.csr_array(np.vstack([held != 0, moved]).astype(float))
-        coupled = sum(self.comm.allgather(rows.T @ rows))
-        count, cluster = connected_components(coupled, directed=False)
-        found = []
-        for motions in (np.flatnonzero(cluster == k) for k in range(count)):
-            points = np.flatnonzero(moved[:, motions].any(axis=1))
-            own = held[np.ix_(np.any(held[:, motions] != 0, axis=1), motions)]
-            found.append((motions, points, self.relative[points][..., motions], own))
-        return found
-
-
-def null_space(rows: Array, tolerance: float) -> Array:
-    """Orthonormal vectors (k, n) that rows (m, n) of unit size take to nothing."""
-    n = rows.shape[1]
-    _, values, vectors = np.linalg.svd(np.vstack([rows, np.zeros((n, n))]))
-    return np.asarray(vectors[values < tolerance * np.sqrt(n)])
-
-
-def triangle(rows: Array, comm: MPI.Comm) -> Array:
-    """R of a QR factorisation of all processes' rows (m, n): a Gram matrix loses what is small."""
-    own: Array = np.zeros((0, rows.shape[1]))
-    for first in range(0, len(rows), _AT_ONCE):
-        part = np.vstack([own, rows[first : first + _AT_ONCE]])
-        own = np.asarray(np.linalg.qr(part, mode="r"))
-    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 
 class LastHold:

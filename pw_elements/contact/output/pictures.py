@@ -43,6 +43,7 @@ def plot(
     axes: Axes | None = None,
     along: int | None = None,
     opposite: bool = False,
+    unit: str = "",
 ) -> Axes:
     """Draws pressure and shear of one pair with Matplotlib; every process calls it.
 
@@ -53,7 +54,7 @@ def plot(
 
     Pressures are nodal forces over the integrals of the nodes' own test functions (measure 2 of
     `SurfaceNodes`) on the undeformed surface, in units of the modulus. At large strains these
-    are named nominal, and `ContactFields` has the true ones. Labels have no units; set your own.
+    are named nominal, and `ContactFields` has the true ones.
 
     Args:
         state: what to draw.
@@ -63,6 +64,7 @@ def plot(
         along: coordinate (0 or 1) that the line is drawn along; by default its arc length,
             from the end with the least coordinates. Faces know no such thing.
         opposite: whether to draw them on the deformable surface that the pair faces.
+        unit: of tractions, for the labels, such as "MPa".
 
     Returns:
         The axes. Each process has its own; let one of them save the figure.
@@ -86,11 +88,12 @@ def plot(
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     name = "pressure" if state.smallness else "nominal pressure"
     if dim == 3:
-        _face(axes, side, name)
+        _face(axes, side, name, unit)
     else:
         names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
         _line(axes, side, along, name)
-        axes.set(xlabel="arc length" if along is None else names[along], ylabel="traction")
+        axes.set(xlabel="arc length" if along is None else names[along])
+        axes.set(ylabel=f"traction [{unit}]" if unit else "traction")
     return axes
 
 
@@ -153,7 +156,7 @@ def _line(axes: Axes, side: _Side, along: int | None, name: str) -> None:
     axes.legend(once.values(), once.keys(), frameon=False)
 
 
-def _face(axes: Axes, side: _Side, name: str) -> None:
+def _face(axes: Axes, side: _Side, name: str, unit: str) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
 
@@ -165,7 +168,8 @@ def _face(axes: Axes, side: _Side, name: str) -> None:
     face, weighed = (Triangulation(x, y, triangles) for _ in range(2))
     weighed.set_mask(~known[triangles].all(axis=1))
     shown = axes.tripcolor(weighed, np.where(known, pressure, 0.0), shading="gouraud", cmap="Blues")
-    axes.figure.colorbar(shown, ax=axes, label=name)
+    beside = axes.inset_axes((1.04, 0.0, 0.04, 1.0))  # as tall as the face
+    axes.figure.colorbar(shown, cax=beside, label=name + (f" [{unit}]" if unit else ""))
     legend = []
     edges = (((OPEN,), "edge of contact", "--"), ((STICK, HELD), "edge of stick", "-"))
     for statuses, text, style in edges:
@@ -185,7 +189,7 @@ def _face(axes: Axes, side: _Side, name: str) -> None:
             scale_units="xy",
             scale=size.max() / (1.5 * spacing),
         )
-        text = f"shear, at most {size.max():.3g}"
+        text = f"shear, at most {size.max():.3g} {unit}".rstrip()
         arrow: dict[str, Any] = {"color": _ORANGE, "marker": r"$\rightarrow$", "ms": 12, "ls": ""}
         legend.append(Line2D([], [], label=text, **arrow))
     axes.set(aspect="equal", xlabel="xyz"[seen[0]], ylabel="xyz"[seen[1]])

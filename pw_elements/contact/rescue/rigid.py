@@ -3,6 +3,7 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -11,14 +12,25 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
-from scipy.linalg import block_diag
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
 from pw_elements.contact.interface import free_columns
-from pw_elements.contact.iteration import ContactSystem, LeftFree, local_rows, null_space
+from pw_elements.contact.iteration import (
+    OPEN,
+    SLIP,
+    STICK,
+    ActiveSet,
+    Contact,
+    ContactSystem,
+    equations,
+    mixed,
+)
 from pw_elements.contact.model import Free
 from pw_elements.solvers import Pieces, collect_garbage
+
+# Rows (r, k) on some modes (k,)
+Block = tuple[Indices, Array]
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -27,6 +39,12 @@ NOTHING = 1e-6
 # Stiffness of a motion, over what it would be for an arbitrary one, that is no more than round-off:
 # something is to be proved by it
 _ZERO_STIFFNESS = 1e-11
+# The same, as good as none
+_FREE_STIFFNESS = 1e-8
+# Pieces and surfaces' motions that are looked at together
+_TOGETHER = 20
+# Rows that are factorised at once, to save memory
+_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
@@ -47,9 +65,26 @@ class RigidModes:
     def __init__(self, pieces: Pieces, free: Free, pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
-        self.each = pieces.motion.shape[2]
+        self._pieces, self.each = pieces, pieces.motion.shape[2]
         self.of_pieces = len(pieces.centre) * self.each
         self.number = self.of_pieces + len(free)
+
+    @property
+    def group(self) -> Indices:
+        """The piece (modes,) that moves, or a number of its own for each of the surfaces' modes."""
+        pieces = len(self.centre)
+        of_piece, surfaces = np.repeat(np.arange(pieces), self.each), np.arange(len(self.free))
+        return np.concatenate([of_piece, pieces + surfaces])
+
+    def displacements(self) -> sp.csr_array:
+        """Displacements (owned dofs, modes) of this process' nodes in the modes."""
+        values = self._pieces.motion
+        mode = self._pieces.number[: len(values), None, None] * self.each + np.arange(self.each)
+        mode = np.broadcast_to(mode, values.shape)
+        known = values != 0
+        pointers = np.append(0, np.cumsum(known.sum(axis=2)))
+        shape = (values.shape[0] * values.shape[1], self.number)
+        return sp.csr_array((values[known], mode[known], pointers), shape)
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -174,30 +209,148 @@ def direction(vector: Array) -> str:
     return listed(vector[None])
 
 
+@dataclass(frozen=True)
+class LeftFree:
+    """Rigid motions that neither stiffness nor contact hold."""
+
+    relative: sp.csr_array  # motions (m dim, modes) of the points relative to their surfaces
+    held: list[Block]  # rows on the modes that supports and stiffness act on, of all processes
+    group: Indices  # (modes,)
+    comm: MPI.Comm
+    names: Callable[[Array], list[str]]  # words for motions (k, modes)
+
+    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        free = self._free(active, frame)
+        return self.names(free) if len(free) else []
+
+    def slides(self, contact: Contact, lost: float) -> bool:
+        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
+        shear, at_rest = contact.force[:, 1:], contact.active_set()
+        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
+        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
+        used &= size >= limit - lost
+        if not self.comm.allreduce(bool(used.any()), MPI.LOR):
+            return False
+        direction = shear / np.where(used, size, 1.0)[:, None]
+        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
+        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
+        moved = (self.relative @ free.T).reshape(*contact.frame.shape[:2], len(free))
+        along = np.einsum("nab,na,nbk->nk", contact.frame[:, 1:], direction, moved)
+        along = along[used & (at_rest.status == STICK)]
+        ends = self.comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
+        # a single motion has to go against all friction of what does not slip yet, or its reverse
+        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
+
+    def _free(self, active: ActiveSet, frame: Array) -> Array:
+        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
+        m, dim = frame.shape[:2]
+        constraints = equations(active, np.ones(m))[1] @ frame
+        turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
+        rows = triangles(sp.csr_array(turned @ self.relative), self.group, self.comm)
+        return null_space(self.held + rows, self.group, _FREE_STIFFNESS)
+
+
+def triangles(rows: sp.csr_array, group: Indices, comm: MPI.Comm) -> list[Block]:
+    """R of QR factorisations of all processes' rows (n, modes), one of those on the same groups.
+
+    A Gram matrix would lose what is small.
+    """
+    rows.eliminate_zeros()
+    of = sp.csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
+    touched = sp.csr_array((np.ones(rows.nnz), rows.indices, rows.indptr), rows.shape) @ of
+    touched.sort_indices()
+    touched.data[:] = 1.0
+    which = touched @ np.random.default_rng(0).random(touched.shape[1])
+    order = np.argsort(which, kind="stable")
+    own: list[Block] = []
+    for part in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
+        groups = touched[part[:1]].indices
+        if not len(groups):
+            continue
+        modes = np.flatnonzero(np.isin(group, groups))
+        triangle = np.zeros((0, len(modes)))
+        for first in range(0, len(part), _AT_ONCE):
+            some = rows[part[first : first + _AT_ONCE]][:, modes].toarray()
+            triangle = np.asarray(np.linalg.qr(np.vstack([triangle, some]), mode="r"))
+        own.append((modes, triangle))
+    return [block for blocks in comm.allgather(own) for block in blocks]
+
+
+def null_space(blocks: list[Block], group: Indices, tolerance: float) -> Array:
+    """Orthonormal motions (k, modes) that blocks of rows of unit size take to nothing.
+
+    Groups of modes hang together in parts. In large ones those that are held, alone or by others
+    that are, go first, one by one: what is left is little, or hangs together in smaller parts.
+    """
+    at: list[list[int]] = [[*map(int, np.unique(group[modes]))] for modes, _ in blocks]
+    touching: list[list[int]] = [[] for _ in range(group.max(initial=-1) + 1)]
+    for b, groups in enumerate(at):
+        for k in groups:
+            touching[k].append(b)
+
+    def parts(free: set[int]) -> Iterator[list[int]]:
+        while free:
+            part = [free.pop()]
+            for k in part:  # which grows
+                beside = {j for b in touching[k] for j in at[b]} & free
+                free -= beside
+                part += beside
+            yield part
+
+    def kernel(groups: list[int], chosen: Iterable[int]) -> Array:
+        modes, rows = np.flatnonzero(np.isin(group, groups)), []
+        for b in chosen:
+            rows.append(np.zeros((len(blocks[b][1]), len(group))))
+            rows[-1][:, blocks[b][0]] = blocks[b][1]
+        dense = np.concatenate([np.zeros((len(modes), len(group))), *rows])[:, modes]
+        _, values, vectors = np.linalg.svd(dense, full_matrices=False)
+        none = values < tolerance * np.sqrt(len(group))
+        found = np.zeros((int(none.sum()), len(group)))
+        found[:, modes] = vectors[none]
+        return found
+
+    def held(part: list[int]) -> set[int]:
+        free, waiting = set(part), list(part)
+        while waiting:
+            k = waiting.pop()
+            alone = [b for b in touching[k] if free.isdisjoint({*at[b]} - {k})]
+            if k in free and alone and not len(kernel([k], alone)):
+                free.remove(k)
+                waiting += [j for b in touching[k] for j in at[b] if j in free]
+        return set(part) - free
+
+    whole = list(parts(set(range(len(touching)))))
+    large = [part for part in whole if len(part) > _TOGETHER]
+    small = [part for part in whole if len(part) <= _TOGETHER]
+    small += [rest for part in large for rest in parts(set(part) - held(part))]
+    found = [kernel(part, sorted({b for k in part for b in touching[k]})) for part in small]
+    return np.concatenate([np.zeros((0, len(group))), *found])
+
+
 class RigidMotions:
     """Rigid motions of the pieces of a supported body and of free surfaces."""
 
     def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
-        self._system, self._pieces = system, Pieces.of(space)
-        interface, modes = system.interface, self._pieces.motion
-        self.modes = RigidModes(self._pieces, system.free, interface.pairs)
-        # the unknown of each node's component (owned nodes, dim), and its reduced one here if any
-        own, dofs = interface.field.owned, free_columns(system.reduction.right)
-        self._prescribed, self._kept = dofs[own] == -1, dofs[own] >= 0
-        self._row = dofs[own] - system.stiffness.getOwnershipRange()[0]
-        # displacements (n, pieces' modes)
-        motion, each = interface.motion, self.modes.each
-        columns = self._pieces.number[: len(own), None, None] * each + np.arange(each)
-        columns = np.broadcast_to(columns, modes.shape).ravel()
-        entries = modes.ravel(), (np.repeat(own.ravel(), each), columns)
-        rows = sp.csr_matrix(entries, (motion.getLocalSize()[1], self.modes.of_pieces))
-        csr = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
-        sizes = motion.getSizes()[1], (PETSc.DECIDE, self.modes.of_pieces)
-        self._full = PETSc.Mat().createAIJ(sizes, csr=csr, comm=system.comm)
-        relative = self._at_points(motion.matMult(self._full))
-        held = block_diag(*self._hold_of_supports(transposed=False))
-        self.left_free = LeftFree(relative, held, system.comm, self._names)
-        collect_garbage(motion, system.stiffness)
+        self._system = system
+        self.modes = RigidModes(Pieces.of(space), system.free, system.interface.pairs)
+        field, mesh = system.interface.field, space.mesh
+        moved, at = self.modes.displacements(), field.owned.ravel()
+        rows = np.full(field.rows[0], len(at))
+        rows[at] = np.arange(len(at))
+        empty = sp.csr_array((1, moved.shape[1]))
+        self._full = sp.csr_array(sp.vstack([moved, empty], "csr")[rows])  # (unknowns, modes)
+        column = free_columns(system.reduction.right)
+        self._held = column == -1
+        kept = np.flatnonzero(column >= 0)
+        first, last = system.stiffness.getOwnershipRange()
+        ones = (np.ones(len(kept)), (column[kept] - first, kept))
+        self._reduced = sp.csr_array(ones, (last - first, len(column))) @ self._full
+        held = triangles(self._hold_of_supports(transposed=False), self.modes.group, mesh.comm)
+        self.left_free = LeftFree(
+            self._at_points(works=False), held, self.modes.group, system.comm, self._names
+        )
+        collect_garbage(system.interface.motion, system.stiffness)
 
     def _names(self, motions: Array) -> list[str]:
         return self.modes.names(self.modes.simplest(motions).motions)
@@ -208,50 +361,88 @@ class RigidMotions:
         A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
         relative to surfaces in which forces at the contact points do work.
         """
-        held = self._hold_of_supports(transposed=True)
-        free = [null_space(triangle, _ZERO_STIFFNESS) for triangle in held]
-        surfaces = np.eye(len(self.modes.free))
-        chosen = self.modes.simplest(block_diag(*free, surfaces))
-        works = self._system.interface.force.transposeMatMult(self._full)
-        return chosen, self._at_points(works) @ chosen.motions.T
+        group, comm = self.modes.group, self._system.comm
+        held = triangles(self._hold_of_supports(transposed=True), group, comm)
+        alone = [
+            (modes[group[modes] == k], rows[:, group[modes] == k])
+            for modes, rows in held
+            for k in np.unique(group[modes])
+        ]
+        chosen = self.modes.simplest(null_space(alone, group, _ZERO_STIFFNESS))
+        works = self._at_points(works=True) @ chosen.motions.T
+        return chosen, works.reshape(*self._system.interface.position.shape, -1)
 
     def power(self, load: PETSc.Vec, totals: Array) -> tuple[Array, Array]:
         """Work (modes,) of reduced loads and forces on free surfaces, and its parts' magnitudes."""
-        pieces = self._pieces
-        force, sums = np.zeros(self._kept.shape), np.zeros((2, len(pieces.centre), self.modes.each))
-        force[self._kept] = load.array_r[self._row[self._kept]]
-        parts = force[:, :, None] * pieces.motion
-        for total, part in zip(sums, (parts.sum(axis=1), np.abs(parts).sum(axis=1)), strict=True):
-            np.add.at(total, pieces.number[: len(part)], part)
-        self._system.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
-        work, size = sums.reshape(2, -1)
-        return np.append(work, totals), np.append(size, np.abs(totals))
+        forces = load.array_r
+        parts = np.array([self._reduced.T @ forces, abs(self._reduced).T @ np.abs(forces)])
+        self._system.comm.Allreduce(MPI.IN_PLACE, parts, MPI.SUM)
+        parts[:, self.modes.of_pieces :] = totals, np.abs(totals)
+        return parts[0], parts[1]
 
-    def _at_points(self, motions: PETSc.Mat) -> Array:
-        """Relative motions (m, dim, modes) of the points, from the pieces' (points dim, modes)."""
-        interface, free = self._system.interface, self.modes.free
+    def _at_points(self, works: bool) -> sp.csr_array:
+        """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
+        interface = self._system.interface
         m, dim = interface.position.shape
-        relative = np.zeros((m, dim, self.modes.number))
-        of_pieces = local_rows(motions, 0).toarray()
-        relative[..., : self.modes.of_pieces] = of_pieces.reshape(m, dim, self.modes.of_pieces)
-        for k, (pair, axis) in enumerate(free, start=self.modes.of_pieces):
-            relative[interface.pair == pair, axis, k] = -1.0
-        return relative
+        n, comm = self.modes.number, interface.motion.comm
+        mine = n if comm.rank == 0 else 0
+        places = (x.astype(PETSc.IntType) for x in (self._full.indptr, self._full.indices))
+        csr = (*places, self._full.data)
+        sizes = (interface.motion.getSizes()[1], (mine, n))
+        modes = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+        if works:
+            product = interface.force.transposeMatMult(modes)
+        else:
+            product = interface.motion.matMult(modes)
+        pointers, indices, data = product.getValuesCSR()
+        of_pieces = sp.csr_array((data, indices, pointers), (m * dim, n))
+        modes.destroy()
+        product.destroy()
+        at = [np.flatnonzero(interface.pair == pair) * dim + axis for pair, axis in self.modes.free]
+        modes_at = np.repeat(np.arange(self.modes.of_pieces, n), [len(rows) for rows in at])
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *at])
+        return of_pieces + sp.csr_array((np.full(len(rows), -1.0), (rows, modes_at)), (m * dim, n))
 
-    def _hold_of_supports(self, transposed: bool) -> Array:
-        """Displacements of pieces' modes at supports and the forces they cause, by `triangles`.
+    def _hold_of_supports(self, transposed: bool) -> sp.csr_array:
+        """Displacements (rows, modes) of pieces' modes at supports, and the forces they cause.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of
         strain changes the balance of forces; where it is unsymmetric, they may be fewer.
+
+        All pieces move at once, unless K couples some: then random sizes of motions show in forces.
         """
-        system, kept, modes = self._system, self._kept, self._pieces.motion
+        pieces, each = len(self.modes.centre), self.modes.each
+        own, comm = self._reduced, self._system.comm
+        sizes = np.sort(np.random.default_rng(0).uniform(1.0, 2.0, pieces))
+        together, apart = (
+            self._forces(np.asarray(np.kron(scale[:, None], np.eye(each))), transposed)
+            for scale in (np.ones(pieces), sizes)
+        )
+        some, square = np.diff(own.indptr) > 0, np.sum(together**2, axis=1)
+        share = np.sum(apart * together, axis=1) / np.where(square > 0, square, 1.0)
+        of = np.searchsorted((sizes[1:] + sizes[:-1]) / 2, share)  # where displacements are given
+        of[some] = own.indices[own.indptr[:-1][some]] // each
+        coupled = np.abs(apart - sizes[of, None] * together).max(initial=0.0) > _ZERO_STIFFNESS
+        if comm.allreduce(bool(coupled), MPI.LOR):
+            forces = sp.csr_array(self._forces(np.eye(self.modes.of_pieces), transposed))
+            forces.resize(own.shape)
+        else:
+            columns = (of[:, None] * each + np.arange(each)).ravel()
+            pointers = np.arange(len(of) + 1) * each
+            forces = sp.csr_array((together.ravel(), columns, pointers), own.shape)
+        return sp.csr_array(sp.vstack([self._full[self._held], forces]))
+
+    def _forces(self, motions: Array, transposed: bool) -> Array:
+        """Forces (rows, k) of the pieces' motions (modes of pieces, k), over the stiffness."""
+        stiffness, system = self._system.stiffness, self._system
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        motion, image = system.stiffness.createVecs()
-        multiply = system.stiffness.multTranspose if transposed else system.stiffness.mult
-        rows = np.where(self._prescribed[:, :, None], modes, 0.0)
-        for k in range(self.modes.each):  # of all pieces at once, which K does not couple
-            motion.array[self._row[kept]] = modes[:, :, k][kept]
-            multiply(motion, image)
-            rows[kept, k] = image.array_r[self._row[kept]] / largest
-        return self._pieces.triangles(rows)
+        moved, image = stiffness.createVecs()
+        product = stiffness.multTranspose if transposed else stiffness.mult
+        forces = np.empty((image.getLocalSize(), motions.shape[1]))
+        reduced = self._reduced[:, : len(motions)] @ motions
+        for k in range(motions.shape[1]):
+            moved.setArray(reduced[:, k])
+            product(moved, image)
+            forces[:, k] = image.array_r / largest
+        return forces

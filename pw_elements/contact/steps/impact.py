@@ -345,10 +345,12 @@ class _March:
         self._surfaces = self._seen()
         gap, normal = self._surfaces
         gap = gap + np.sum(normal * u.array_r[self._rows], axis=1)
+        depth = -interface.gathered(gap).min()
         interface.refuse(
             gap < -_ROUND_OFF_DEPTH * np.ptp(interface.gathered(interface.position)),
             "lie inside the rigid surface at the start, and would be shot out: let it come from "
-            "farther away (the sibling's coefficients reach a curved surface a little earlier)",
+            f"{depth:.3g} farther away (the sibling's coefficients reach a curved surface a little "
+            "earlier)",
         )
         self._keep(np.zeros(3))
         self.reach = [np.inf] * len(paths)  # farthest that each surface may move in a step

@@ -356,7 +356,7 @@ class ContactProblem:
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
         self._seen = K.stateGet()
-        self._stepping: Stepping = self._by(auto_solver(solver, self._supports))
+        self._stepping: Stepping = self._by(auto_solver(solver, self._supports, in_contact=K))
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     @classmethod
@@ -443,9 +443,9 @@ class ContactProblem:
 
         Args:
             state: at its start, of this problem or one like it; slip counts from there.
-            load: load vector (n,) at its end, in all. With a residual it is a function of the share
-                (0, 1] of the increment, which sets what changes in it: constants and functions of
-                loads and of conditions; none by default.
+            load: load vector (n,) at its end, in all; by default nothing. With
+                a residual it is a function of the share (0, 1] of the increment, which sets what
+                changes in it: constants and functions of loads and of conditions.
             motions: of each pair's surface from its initial place, None for one that rests
                 there; by default all rest. A single pair's need not be in a list.
             guess: state whose active set is the start, for example on a coarser mesh: each node
@@ -468,6 +468,7 @@ class ContactProblem:
         moved = checked_step(self._space, self.undeformed, state, motions, guess)
         if self._finite is not None:
             return self._finite.step(state, checked_loading(load, guess, self._space), moved)
+        load = self._K.createVecRight() if load is None else load
         check_nodal_load(load, self._K, self._space.mesh.comm)
         if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
             self.release()
