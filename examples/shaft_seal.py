@@ -14,24 +14,24 @@ from dolfinx.mesh import create_submesh, locate_entities, locate_entities_bounda
 
 from pw_elements import Spaces, draw, prescribe
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
-from pw_elements.meshes import mapped, on_lines
+from pw_elements.meshes import mapped, triangles
 
 cells = 10  # over the lip's width
 width, gap, rise, friction = 0.8, 0.01, 0.1, 0.3  # mm
 down, way, steps = 0.12, 1.6, 16  # of the lip's back, at x = -0.8 at first
 
-rows = np.concatenate([np.linspace(-0.4, 0, cells // 2 + 1), np.linspace(gap, 0.8, cells)])
-columns = np.linspace(-2 * width, 2 * width, 4 * cells + 1)
-whole = on_lines(MPI.COMM_WORLD, columns, rows, "triangle")
-shaft = locate_entities(whole, 2, lambda x: x[1] < gap / 2)
-lip = locate_entities(whole, 2, lambda x: (x[1] > gap / 2) & (np.abs(x[0] + 0.8) < 0.401))
+row, rows = 0.8 / cells, cells + cells // 2 + 1  # one of which is no cells, but the gap
+grid = (-2 * width, -0.4), (2 * width, row + 0.8), (4 * cells, rows)
+whole = triangles(MPI.COMM_WORLD, *grid)
+shaft = locate_entities(whole, 2, lambda x: x[1] < row / 2)
+lip = locate_entities(whole, 2, lambda x: (x[1] > row / 2) & (np.abs(x[0] + 0.8) < 0.401))
 
 
 def shaped(p):
-    x, y = p[:, 0], p[:, 1]
+    x, y, up = p[:, 0], p[:, 1], (p[:, 1] - row) / 0.8
     shoulder = rise * (1 + np.tanh(x / 0.15)) / 2
-    below, above = (1 + y / 0.4) * shoulder, 1.2 * (x + 0.8) ** 2 * (0.8 - y) / (0.8 - gap)
-    return np.stack([x, y + np.where(y < gap / 2, below, above)], axis=1)
+    lip = gap + up * (0.8 - gap) + 1.2 * (x + 0.8) ** 2 * (1 - up)
+    return np.stack([x, np.where(y < row / 2, y + (1 + y / 0.4) * shoulder, lip)], axis=1)
 
 
 mesh = mapped(create_submesh(whole, 2, np.union1d(shaft, lip))[0], shaped)
