@@ -1,4 +1,8 @@
-"""What DOLFINx 0.9 and its successors name differently."""
+"""What DOLFINx 0.9 and its successors name differently, and what petsc4py lacks."""
+
+from ctypes import CDLL, byref, c_int64
+
+from petsc4py import PETSc
 
 from dolfinx import fem
 from dolfinx.mesh import Mesh
@@ -10,7 +14,7 @@ try:
 except ImportError:  # before DOLFINx 0.10
     from dolfinx.io.gmshio import model_to_mesh
 
-__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh"]
+__all__ = ["cell_nodes", "interpolation_points", "model_to_mesh", "option_used"]
 
 
 def cell_nodes(mesh: Mesh) -> Local:
@@ -23,3 +27,10 @@ def interpolation_points(space: fem.FunctionSpace) -> Array:
     """Points (n, dim) of the reference cell at which functions of the space are interpolated."""
     points = space.element.interpolation_points
     return points() if callable(points) else points
+
+
+def option_used(name: str) -> bool:
+    """Whether PETSc has asked for an option, by its name with prefix; petsc4py does not tell."""
+    used = c_int64(0)  # a PetscBool is shorter
+    CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), byref(used))
+    return bool(used.value)

@@ -22,7 +22,7 @@ from dolfinx.mesh import (
 )
 
 from pw_elements.abaqus import EDGES, FACES, Model
-from pw_elements.checks import agree, answer, arguments, collective, field, vector
+from pw_elements.checks import answer, arguments, collective, field, same_everywhere, vector
 
 __all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
 
@@ -34,6 +34,7 @@ Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the ta
 Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
 
+@same_everywhere
 def triangles(
     comm: MPI.Comm,
     lower: tuple[float, float],
@@ -53,11 +54,13 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    _check(comm, lower, upper, divisions, pattern)
+    arguments.communicator(comm)
+    _check(lower, upper, divisions, pattern)
     cells = [int(n) for n in divisions]
     return create_rectangle(comm, [lower, upper], cells, diagonal=DiagonalType[pattern])
 
 
+@same_everywhere
 def quadrilaterals(
     comm: MPI.Comm,
     lower: tuple[float, float],
@@ -75,7 +78,8 @@ def quadrilaterals(
     Raises:
         ValueError: for an empty rectangle or no divisions.
     """
-    _check(comm, lower, upper, divisions)
+    arguments.communicator(comm)
+    _check(lower, upper, divisions)
     cells = [int(n) for n in divisions]
     return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
 
@@ -122,6 +126,7 @@ class TaggedMesh(NamedTuple):
         return tags.indices[np.isin(tags.values, own)]
 
 
+@same_everywhere
 def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
     """Mesh and sets from a file of Gmsh (`.msh`) or of Abaqus or CalculiX (`.inp`).
 
@@ -154,10 +159,10 @@ def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
             raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
         if not path.is_file():
             raise FileNotFoundError(f"there is no file {path}")
-    agree(comm, {"path": str(path)})
     return from_gmsh(comm, path) if path.suffix.lower() == ".msh" else _from_abaqus(path, comm)
 
 
+@same_everywhere
 def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh:  # noqa: ANN401
     """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
 
@@ -182,13 +187,16 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh
 
     from pw_elements._compat import model_to_mesh
 
-    with collective(comm):
-        if dim not in (None, 2, 3):
-            raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
+    if dim not in (None, 2, 3):
+        raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
+    with collective(comm) as same:
         from_file = isinstance(source, str | Path)
+        same["source"] = source if from_file else None  # a model is process 0's
+        if comm.rank == 0 and not (from_file or hasattr(source, "getPhysicalGroups")):
+            words = "it has to be a file's name, or gmsh.model"
+            raise TypeError(f"the source is {arguments.described(source)}: {words}")
         if comm.rank == 0 and from_file:
             _open(gmsh, Path(source))
-    agree(comm, {"dim": dim, "from_file": from_file})
     names: Names = {}
     try:
         with collective(comm):
@@ -207,6 +215,7 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh
     return TaggedMesh(mesh, cell_tags, facet_tags, names)
 
 
+@same_everywhere
 def mapped(mesh: Mesh, image: Map) -> Mesh:
     """Moves the mesh's nodes in place; straight sides stay straight.
 
@@ -223,6 +232,7 @@ def mapped(mesh: Mesh, image: Map) -> Mesh:
     return mesh
 
 
+@same_everywhere
 def curved(mesh: Mesh, image: Map) -> Mesh:
     """New mesh of degree-2 geometry whose nodes, including mid-side ones, are mapped.
 
@@ -261,25 +271,18 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
 
 
 def _check(
-    comm: MPI.Comm,
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
     pattern: Pattern = "right",
 ) -> None:
-    arguments.communicator(comm)
-    with collective(comm):
-        if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
-            raise ValueError(f"a rectangle from {lower} to {upper} has no area")
-        numbers = vector("divisions", divisions, 2)
-        if numbers.min() < 1 or np.any(numbers % 1 != 0):
-            raise ValueError(f"divisions {divisions}: at least one in each direction")
-        if pattern not in PATTERNS:
-            raise ValueError(
-                f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}"
-            )
-    same = {"lower": lower, "upper": upper, "divisions": divisions, "pattern": pattern}
-    agree(comm, same)
+    if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
+        raise ValueError(f"a rectangle from {lower} to {upper} has no area")
+    numbers = vector("divisions", divisions, 2)
+    if numbers.min() < 1 or np.any(numbers % 1 != 0):
+        raise ValueError(f"divisions {divisions}: at least one in each direction")
+    if pattern not in PATTERNS:
+        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
 
 
 def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401

@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import agree, arguments, collective, number, vector
+from pw_elements.checks import arguments, collective, number, same_everywhere, vector
 from pw_elements.elasticity import facets_in_cells
 from pw_elements.spaces import exterior_facets
 
@@ -59,6 +59,7 @@ class _Faces(NamedTuple):
     behind: Array  # (f, dim), the middle of the cell that each belongs to
 
 
+@same_everywhere
 def draw(
     mesh: Mesh,
     values: Expr | None = None,
@@ -103,12 +104,17 @@ def draw(
     arguments.mesh(mesh)
     with collective(mesh.comm):
         _check(mesh, values, displacement)
-        number("scale", scale)
-        vector("view", view, 2)
-        if limits is not None:
-            vector("limits", limits, 2)
-    agree(mesh.comm, {"the scale": scale, "the view": view, "the limits": limits})
+        check_axes(axes)
     import matplotlib.pyplot as plt
+
+    number("scale", scale)
+    arguments.of_type("label", label, str, "it has to be a string")
+    arguments.flag("edges", edges)
+    if not (isinstance(colours, str) and colours in plt.colormaps()):
+        raise ValueError(f"colours = {colours!r}: give the name of one of Matplotlib's colour maps")
+    vector("view", view, 2)
+    if limits is not None:
+        vector("limits", limits, 2)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -128,6 +134,14 @@ def draw(
     if label:
         axes.figure.colorbar(shown, ax=axes, label=label, shrink=0.8)
     return axes
+
+
+def check_axes(axes: object) -> None:
+    """Raises TypeError for what is not Matplotlib's; local."""
+    if axes is not None:
+        from matplotlib.axes import Axes
+
+        arguments.of_type("axes", axes, Axes, "give Matplotlib's, figure.subplots()")
 
 
 def _check(mesh: Mesh, values: Expr | None, displacement: fem.Function | None) -> None:

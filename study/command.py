@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from typing import TextIO
 
 from study.core import runner
 from study.core.cases import SECTIONS, Case, Section, load_section
@@ -58,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--force", action="store_true", help="compute also what is stored")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     results = ROOT / "results" if FROM.is_absolute() else Path("results")
-    parser.add_argument("--out", type=FROM.joinpath, default=results, metavar="DIR")
+    parser.add_argument("--out", type=_folder, default=results, metavar="DIR")
     options = parser.parse_intermixed_args(arguments)
     try:
         with handled(stop):
@@ -69,17 +70,38 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"study: {error}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # who reads has seen enough, as in "study list | head"
-        for stream in (sys.stdout, sys.stderr):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        _silence(sys.stdout, sys.stderr)
         return 141  # as a shell has it of programs that end by the signal
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise
-        print(f"study: {error.filename or options.out}: {error.strerror}", file=sys.stderr)
+        where = error.filename or ("what it says" if _unsaid() else options.out)
+        print(f"study: {where}: {error.strerror}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(INTERRUPTED, file=sys.stderr)
         return 130
+
+
+def _unsaid() -> bool:
+    """Tell whether there is no room for what has been printed, and forget it then."""
+    try:
+        print(flush=True)
+    except OSError:
+        _silence(sys.stdout)
+        return True
+    return False
+
+
+def _silence(*streams: TextIO) -> None:
+    for stream in streams:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _folder(name: str) -> Path:
+    if not name:
+        raise argparse.ArgumentTypeError("the name of a folder is empty")
+    return FROM / name
 
 
 def _command(options: argparse.Namespace) -> int:

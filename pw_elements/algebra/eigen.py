@@ -24,7 +24,7 @@ from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction
 from pw_elements.arrays import Array
-from pw_elements.checks import collective, flag, number, processes, whole
+from pw_elements.checks import collective, flag, number, same_everywhere, whole
 from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
@@ -131,6 +131,7 @@ class VibrationModes:
     report: SolverReport
 
 
+@same_everywhere
 def vibration_modes(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -207,6 +208,7 @@ def _vibrations(
     return VibrationModes(values.real, shapes, residuals, imaginary, int(rigid.sum()), report)
 
 
+@same_everywhere
 def buckling(
     K: PETSc.Mat,
     K_sigma: PETSc.Mat,
@@ -272,9 +274,8 @@ class _Asked:
     def check(self, K: PETSc.Mat, name: str, other: PETSc.Mat) -> None:
         reduction = self.reduction
         check_problem({_STIFFNESS: K, name: other}, reductions=(reduction,), solver=self.solver)
-        with collective(processes(reduction)):
-            whole("count", self.count, 1)
-            flag("symmetrised", self.symmetrised)
+        whole("count", self.count, 1)
+        flag("symmetrised", self.symmetrised)
         refuse_negative(_STIFFNESS, K, reduction.space)
 
     def by_solver(self, modes: Callable[[LinearSolver], T]) -> T:
@@ -424,6 +425,7 @@ def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:
     return mode
 
 
+@same_everywhere
 def critical_step(K: PETSc.Mat, M: PETSc.Mat, reduction: Reduction) -> float:
     """Largest stable time step of central differences: 2 over the highest frequency.
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.algebra.reduction import Reduction
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.progress import doing
 from pw_elements.solvers import (
     Direct,
@@ -43,6 +43,7 @@ from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
 _RESIDUAL = 1e-10
 
 
+@same_everywhere
 def solve(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: Solver = None) -> PETSc.Vec:
     """Displacements a (n,) of K a = f under a reduction.
 
@@ -92,6 +93,7 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
     return full
 
 
+@same_everywhere
 def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     """Nodal forces r = K a - f (n,) that supports exert on the body.
 

@@ -28,7 +28,7 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
 from pw_elements.arrays import Array
-from pw_elements.checks import agree, answer, arguments, collective, whole
+from pw_elements.checks import answer, arguments, collective, same_everywhere, whole
 from pw_elements.progress import doing, told
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
@@ -284,6 +284,7 @@ class PetrovGalerkinProblem:
         NumberingError: if trial and test space number their nodes differently.
     """
 
+    @same_everywhere
     def __init__(
         self,
         residual: ufl.Form,
@@ -322,9 +323,10 @@ class PetrovGalerkinProblem:
         self.system = System(
             u, compiled_form(form, 1, "a residual"), compiled_form(tangent, 2, "a tangent")
         )
-        self._solver: LinearSolver = solver or Direct()
+        self._solver: LinearSolver = Direct() if solver is None else solver
         self._held: dict[fem.Constant, Array] = {}
 
+    @same_everywhere
     def solve(self, load: Load | None = None, increments: int = 1) -> fem.Function:
         """Solves for u, starting from its present values.
 
@@ -344,11 +346,8 @@ class PetrovGalerkinProblem:
             TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
-        with collective(self._comm):
-            whole("increments", increments, 1)
-            path = self._path(load)
-        loads = [np.array(constant.value) for constant in _constants(load)]
-        agree(self._comm, {"increments": increments, "the load": loads})
+        whole("increments", increments, 1)
+        path = self._path(load)
         total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
         self.increments = ()
         while done < total:
@@ -377,6 +376,7 @@ class PetrovGalerkinProblem:
         self._keep(load)
         return self.u
 
+    @same_everywhere
     def reactions(self) -> PETSc.Vec:
         """Residual (n,) at all nodes: at prescribed ones what the supports exert on the body.
 
@@ -391,7 +391,7 @@ class PetrovGalerkinProblem:
 
     def _path(self, load: Load | None) -> Callable[[float], None]:
         """The function that sets the load to a share of it; local."""
-        if callable(load) and not isinstance(load, fem.Constant):  # UFL's expressions are, too
+        if arguments.is_function(load):
             return load
         ways = []
         for constant in _constants(load):
@@ -405,8 +405,12 @@ class PetrovGalerkinProblem:
         return to
 
     def _apply(self, path: Callable[[float], None], share: float) -> None:
-        with collective(self._comm):
+        with collective(self._comm) as same:
             answer(self._comm, "the load", path, share)
+            same["what the residual and the conditions hold"] = (
+                self.form.constants(),
+                self._conditions,
+            )
 
     def _keep(self, load: Load | None) -> None:
         self._held |= {constant: np.array(constant.value) for constant in _constants(load)}
@@ -441,10 +445,11 @@ def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:
 def _constants(load: Load | None) -> Sequence[fem.Constant]:
     if isinstance(load, fem.Constant):
         return [load]
-    if load is None or callable(load):
+    if load is None or arguments.is_function(load):
         return ()
     remedy = "give a fem.Constant, a list of these, or a function of the share"
     arguments.of_type("the load", load, Sequence, remedy)
+    assert isinstance(load, Sequence)
     for constant in load:
         arguments.of_type("a load", constant, fem.Constant, remedy)
     return load

@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from pw_elements.algebra.problem_checks import check_problem
 from pw_elements.arrays import Mask
-from pw_elements.checks import arguments, collective, listed
+from pw_elements.checks import arguments, collective, listed, same_everywhere
 from pw_elements.solvers import (
     NO_SUPPORTS,
     Masked,
@@ -173,10 +173,18 @@ class Reduction:
     space: fem.FunctionSpace | None = None
     supports: Supports | None = None
 
+    @same_everywhere
     def __post_init__(self) -> None:
         with collective(arguments.processes(self.offset, self.space)):
             for name, matrix in (("left", self.left), ("right", self.right)):
                 arguments.of_type(f"the {name} matrix", matrix, PETSc.Mat, "give a PETSc matrix")
+            for name, thing, kind in (
+                ("inner matrix", self.inner, PETSc.Mat),
+                ("space", self.space, fem.FunctionSpace),
+                ("supports", self.supports, Supports),
+            ):
+                remedy = "`Reduction.dirichlet` and `condensation` make it"
+                arguments.of_type(f"its {name}", thing, (kind, type(None)), remedy)
             arguments.petsc_vector("the offset", self.offset)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
@@ -185,6 +193,7 @@ class Reduction:
                 )
 
     @classmethod
+    @same_everywhere
     def dirichlet(
         cls,
         space: fem.FunctionSpace | Spaces,
@@ -214,6 +223,7 @@ class Reduction:
         return cls(kept, kept, offset, space=space, supports=Supports(space, free))
 
     @classmethod
+    @same_everywhere
     def condensation(
         cls,
         K: PETSc.Mat,
@@ -238,6 +248,7 @@ class Reduction:
                 not finite.
             SingularSystem: if an inner node has no stiffness.
         """
+        arguments.space(space)
         check_problem({"the stiffness": K}, space=space)
         if is_hybrid(space):
             raise ValueError("nodes of hybrid spaces cannot be condensed: their pressures stay")
@@ -261,6 +272,7 @@ class Reduction:
         left.axpy(-1.0, Q.transposeMatMult(K.transposeMatMult(kept)), different)
         return cls(left, right, offset, Q, space)
 
+    @same_everywhere
     def under(self, K: PETSc.Mat, f: PETSc.Vec) -> "Reduction":
         """Makes the reduction for a load f (n,) that acts on inner nodes, too.
 
@@ -280,18 +292,20 @@ class Reduction:
         self.inner.multAdd(rest, self.offset, offset)
         return replace(self, offset=offset)
 
+    @same_everywhere
     def scaled(self, share: float) -> "Reduction":
         """Makes the reduction with a share of the prescribed values.
 
         Args:
             share: factor of the prescribed values.
         """
-        if share == 1:
+        if arguments.number("share", share) == 1:
             return self
         offset = self.offset.copy()
         offset.scale(share)
         return replace(self, offset=offset)
 
+    @same_everywhere
     def masked(self) -> "Reduction":
         """Makes the reduction that keeps all unknowns and sets prescribed ones to zero.
 
@@ -306,6 +320,7 @@ class Reduction:
         kept = selection(self.supports.free, self.offset, renumbered=False)
         return replace(self, left=kept, right=kept)
 
+    @same_everywhere
     def supported(self, K: PETSc.Mat) -> PETSc.Mat:
         """The matrix of `masked` supports without assembling it: ones where values are prescribed.
 
@@ -317,11 +332,13 @@ class Reduction:
         """
         if self.supports is None:
             raise ValueError(NO_SUPPORTS)
+        self._check_system(K)
         space = self.supports.space
         projection = Projection(self.supports.free, space.dofmap.index_map_bs)
         scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
         return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
 
+    @same_everywhere
     def equilibrated(self, K: PETSc.Mat) -> "Reduction":
         """Makes the reduction with pressures of hybrid spaces scaled to a displacement's size.
 
@@ -331,6 +348,7 @@ class Reduction:
         Args:
             K: stiffness (n, n).
         """
+        self._check_system(K)
         scale = None if self.space is None else equilibration(self.space, K)
         if scale is None:
             return self
@@ -342,6 +360,7 @@ class Reduction:
             left.diagonalScale(scale)
         return replace(self, left=left, right=right)
 
+    @same_everywhere
     def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
         """Makes this condensation one for mass matrices, where two left matrices L are in use.
 
@@ -357,6 +376,7 @@ class Reduction:
             raise ValueError(f'left matrix {left!r}: the names are "transposed" and "same"')
         return self if left == "transposed" else replace(self, left=self.right)
 
+    @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Reduces a matrix to L^T K R.
 
@@ -370,6 +390,7 @@ class Reduction:
         reduced = self.left.transposeMatMult(unblocked(K).matMult(self.right))
         return Assembled.of(K).mark(reduced)
 
+    @same_everywhere
     def load(self, K: PETSc.Mat, f: PETSc.Vec) -> PETSc.Vec:
         """Reduces a load to L^T (f - K a_0).
 
@@ -388,6 +409,7 @@ class Reduction:
         self.left.multTranspose(remainder, reduced)
         return reduced
 
+    @same_everywhere
     def expand(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """R a_r + a_0.
 
@@ -397,7 +419,6 @@ class Reduction:
         Raises:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
-        # local, since it is asked in every iteration: a vector has one size on all processes
         arguments.petsc_vector("the reduced vector", reduced)
         expected = self.right.getSizes()[1]
         arguments.same_sizes(

@@ -5,14 +5,14 @@ from pw_elements.checks.arguments import (
     extents,
     field,
     flag,
+    is_function,
     is_number,
     matrix,
     number,
     of_type,
     positive,
-    processes,
     vector,
     whole,
 )
-from pw_elements.checks.guard import agree, answer, collective
+from pw_elements.checks.guard import answer, collective, processes, same_everywhere
 from pw_elements.checks.meshes import DegenerateMesh, check_mesh, listed, pieces_of

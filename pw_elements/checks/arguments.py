@@ -5,7 +5,7 @@ are real, finite and in range, of whatever type they are.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -17,7 +17,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
-from pw_elements.checks.guard import collective
+from pw_elements.checks.guard import collective, processes
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +30,11 @@ def is_number(value: Any) -> bool:  # noqa: ANN401
         return False
     plain = isinstance(value, int | float | np.number | np.ndarray)
     return plain and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+
+
+def is_function(value: object) -> TypeGuard[Callable[..., Any]]:
+    """Whether a value is a user's function; UFL's expressions and classes can be called, too."""
+    return callable(value) and not isinstance(value, Expr | type)
 
 
 def number(name: str, value: Any) -> float:  # noqa: ANN401
@@ -84,10 +89,15 @@ def communicator(value: object) -> None:
 
 def mesh(value: object) -> None:
     of_type("the mesh", value, Mesh, "it has to be a dolfinx.mesh.Mesh")
+    assert isinstance(value, Mesh)
+    if value.geometry.x.dtype != np.float64:
+        raise ValueError(f"the mesh is one of {value.geometry.x.dtype}: make it with dtype=float64")
 
 
 def space(value: object, name: str = "the space") -> None:
     of_type(name, value, fem.FunctionSpace, "it has to be a fem.FunctionSpace, one of `Spaces`")
+    assert isinstance(value, fem.FunctionSpace)
+    mesh(value.mesh)
 
 
 def flag(name: str, value: object) -> None:
@@ -178,22 +188,6 @@ def same_sizes(
         )
     if sizes[0] != other[0]:
         raise ValueError(f"{name} is distributed over the processes otherwise than {whose}")
-
-
-def processes(*things: object) -> MPI.Comm:
-    """Communicator of the last of some things (spaces, reductions, matrices ...) that has one."""
-    found = MPI.COMM_SELF
-    for thing in things:
-        if isinstance(thing, MPI.Intracomm):
-            found = thing
-        if isinstance(thing, fem.Function):
-            found = thing.function_space.mesh.comm
-        if isinstance(thing, fem.FunctionSpace):
-            found = thing.mesh.comm
-        known = getattr(thing, "offset", thing)
-        if isinstance(known, PETSc.Mat | PETSc.Vec) and known.handle:
-            found = known.comm.tompi4py()
-    return found
 
 
 def described(value: object) -> str:

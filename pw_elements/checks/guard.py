@@ -1,59 +1,175 @@
-"""One guard for checks and users' functions: what fails on one process fails on all at once.
+"""One guard for checks, users' functions and arguments: what is wrong on one process ends all.
 
-Were an error raised on one process only, the others would wait for it for ever in their next
-communication. So local work (checks, markers, surfaces, friction, images) is done under the guard,
+Were an error raised on one process only, or were processes given different problems, they would
+wait for each other for ever in their next communication. So public functions that communicate are
+`same_everywhere`, and local work of users' functions is done under the guard,
 
     with collective(mesh.comm):
         marked = answer(mesh.comm, "the marker", where, x)
 
-and whatever communicates comes before it or after it, never within.
+with whatever communicates before it or after it, never within. Neither knows of errors elsewhere:
+within PETSc, or between two guards, `python -m mpi4py` ends all processes.
 """
 
+import inspect
 import pickle
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import is_dataclass
+from enum import Enum
+from functools import wraps
 from hashlib import blake2b
+from itertools import zip_longest
+from pathlib import Path
 from traceback import format_exception_only
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from ufl.constantvalue import ConstantValue
+from ufl.core.expr import Expr
+from ufl.core.multiindex import FixedIndex, MultiIndex
+from ufl.corealg.traversal import unique_pre_traversal
 
 P = ParamSpec("P")
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+
+# Arguments and attributes that differ by nature: parts of a mesh by numbers or masks, values at
+# nodes, and what only some processes have
+_LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
+# Of each open block, the errors that blocks within it have raised on how many processes
+_open: list[list[tuple[BaseException, int]]] = []
+# Attributes by which things know their processes, directly or by what they belong to
+_OWNERS = (
+    "comm",
+    "mesh",
+    "function_space",
+    "space",
+    "_space",
+    "u",
+    "spaces",
+    "displacement",
+    "offset",
+)
 
 
 @contextmanager
-def collective(comm: MPI.Comm) -> Iterator[None]:
+def collective(comm: MPI.Comm) -> Iterator[dict[str, object]]:
     """Has an exception of a block on one process raised on all of them, with the same words.
 
+    What the block puts into its mapping has to be the same on all processes, to the last bit.
+
     The error of the lowest process that has one is raised; its traceback is there, too. Blocks are
-    local (they do not communicate) and are not nested.
+    local: they do not communicate, but in blocks of their own.
     """
-    own: Exception | None = None
+    same: dict[str, object] = {}
+    own: BaseException | None = None
+    digest = 0
+    known: list[tuple[BaseException, int]] = []
+    _open.append(known)
     try:
-        yield
-    except Exception as raised:
+        yield same
+        if comm.size > 1:
+            digest = int.from_bytes(_digest(same)[:7])
+    except BaseException as raised:
         own = raised
-    failed = comm.allreduce(comm.size if own is None else comm.rank, MPI.MIN)
-    if failed == comm.size:
-        return
-    told = comm.bcast(_sent(own), failed)
-    if own is not None and comm.rank == failed:
+    finally:
+        _open.pop()
+    if own is not None and any(own is error and n == comm.size for error, n in known):
         raise own
-    raise told from own
+    ends = np.array([comm.size if own is None else comm.rank, digest, -digest])
+    comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
+    failed, least, most = map(int, ends)
+    if failed < comm.size:
+        told = comm.bcast(_sent(own), failed)
+        if own is not None and comm.rank == failed:
+            told, own = own, own.__cause__
+        raise _known(told, comm) from own
+    if least != -most:
+        _refuse_differing(comm, same)
 
 
-def _sent(error: Exception | None) -> Exception | None:
+def _known(error: BaseException, comm: MPI.Comm) -> BaseException:
+    if _open:
+        _open[-1].append((error, comm.size))
+    return error
+
+
+def _refuse_differing(comm: MPI.Comm, same: Mapping[str, object]) -> None:
+    told = comm.allgather([(name, _digest(value)) for name, value in same.items()])
+    for each in zip_longest(*told, fillvalue=("what is done", b"")):
+        if len(set(each)) > 1:
+            other = next(k for k, one in enumerate(each) if one != each[0])
+            error = ValueError(
+                f"{each[0][0]}: this differs between processes 0 and {other}, but all of them have "
+                "to state the same problem"
+            )
+            raise _known(error, comm)
+
+
+def same_everywhere(function: F) -> F:
+    """A function that all processes call with the same arguments: they are compared first."""
+    signature = inspect.signature(function)
+
+    @wraps(function)
+    def called(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+        if MPI.COMM_WORLD.size > 1:
+            with collective(processes(*args, *kwargs.values())) as same:
+                given = signature.bind(*args, **kwargs)
+                given.apply_defaults()
+                same["the function that is called"] = function.__qualname__
+                for name, value in given.arguments.items():
+                    parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
+                    same |= {k: part for k, part in parts.items() if k not in _LOCAL}
+        return function(*args, **kwargs)
+
+    called.compares = True  # type: ignore[attr-defined]
+    return cast(F, called)
+
+
+def processes(*things: object) -> MPI.Comm:
+    """The communicator of some things: the largest one; all processes if none has one."""
+    found = [comm for comm in map(_communicator, things) if comm is not None]
+    largest = max(found, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
+    # duplicates of one communicator would not meet each other
+    return MPI.COMM_WORLD if largest.size == MPI.COMM_WORLD.size else largest
+
+
+def _communicator(thing: Any) -> MPI.Comm | None:  # noqa: ANN401
+    if isinstance(thing, MPI.Intracomm):
+        return thing
+    if isinstance(thing, PETSc.Object):
+        return thing.comm.tompi4py() if thing.handle else None
+    if isinstance(thing, ufl.Form):
+        return next(map(_communicator, (d.ufl_cargo() for d in thing.ufl_domains())), None)
+    if isinstance(thing, list | tuple):
+        return next(map(_communicator, thing), None)
+    if isinstance(thing, type):
+        return None
+    for name in _OWNERS:
+        if (owner := getattr(thing, name, None)) is not None:
+            return _communicator(owner)
+    return None
+
+
+def _sent(error: BaseException | None) -> BaseException | None:
     """The error as it can be sent: classes within functions, or of more than words, cannot."""
     if error is None:
         return None
-    try:
-        return pickle.loads(pickle.dumps(type(error)(str(error))))
-    except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
+    for args in (error.args, (str(error),)):
+        try:
+            sent = pickle.loads(pickle.dumps(type(error)(*args)))
+        except Exception:
+            continue
+        if str(sent) == str(error):
+            return sent
+    return RuntimeError(f"{type(error).__name__}: {error}")
 
 
 def answer(
@@ -68,35 +184,77 @@ def answer(
         raise ValueError(f"{whose} failed{where}: {said}") from error
 
 
-def agree(comm: MPI.Comm, arguments: Mapping[str, object]) -> None:
-    """Checks that all processes were given the same arguments, to the last bit; others by type."""
-    if comm.size == 1:
-        return
-    told = comm.allgather([_digest(value) for value in arguments.values()])
-    for name, each in zip(arguments, zip(*told, strict=True), strict=True):
-        if len(set(each)) > 1:
-            other = next(k for k, digest in enumerate(each) if digest != each[0])
-            raise ValueError(
-                f"{name}: this differs between processes 0 and {other}, but all of them have to "
-                "state the same problem"
-            )
-
-
 def _digest(value: object) -> bytes:
-    if type(value).__module__.startswith("pw_elements.") and is_dataclass(value):
-        content = b"".join(map(_digest, [type(value).__qualname__, *vars(value).values()]))
-    elif isinstance(value, str):
-        content = value.encode()
+    """Digest of what has to be the same: of distributed things kind and size, no local part."""
+    digest = blake2b(digest_size=16)
+    for part in _parts(value):
+        digest.update(part if isinstance(part, bytes) else _digest(part))
+    return digest.digest()
+
+
+def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
+    """Bytes, or simpler things, that tell a value."""
+    if isinstance(value, str | Path):
+        yield str(value).encode()
+    elif isinstance(value, bytes):
+        yield value
     elif isinstance(value, np.ndarray | np.number | int | float) and _real(value):
         numbers = np.asarray(value, dtype=float) + 0.0  # zero has one sign
-        content = repr(numbers.shape).encode() + numbers.tobytes()
+        yield from (repr(numbers.shape).encode(), numbers.tobytes())
     elif isinstance(value, np.ndarray):
-        content = b"".join(map(_digest, value.tolist()))
-    elif isinstance(value, Sequence):
-        content = b"".join(map(_digest, value))
+        yield value.tolist()
+    elif isinstance(value, Mapping):
+        yield from sorted(_digest(pair) for pair in value.items())
+    elif isinstance(value, set | frozenset):
+        yield from sorted(map(_digest, value))
+    elif isinstance(value, Collection) and not isinstance(value, type | Expr):
+        yield from map(_digest, value)
     else:
-        content = type(value).__qualname__.encode()
-    return blake2b(content, digest_size=16).digest()
+        yield type(value).__qualname__
+        yield from _told(value)
+
+
+def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
+    if isinstance(value, Enum):
+        yield value.name
+    elif isinstance(value, fem.Constant):
+        yield value.value
+    elif isinstance(value, fem.Function):
+        yield value.function_space
+    elif isinstance(value, fem.FunctionSpace):
+        yield from (value.mesh, repr(value.ufl_element()), value.dofmap.index_map.size_global)
+    elif isinstance(value, Mesh):
+        cells = value.topology.index_map(value.topology.dim)
+        yield from (value.topology.cell_name(), value.geometry.dim, cells.size_global)
+        yield value.geometry.index_map().size_global
+    elif isinstance(value, fem.DirichletBC):
+        yield getattr(value.g, "value", "")
+    elif isinstance(value, PETSc.Mat | PETSc.Vec):
+        if value.handle and value.getType():
+            yield from (np.atleast_2d(value.getSizes())[:, 1], value.getAttr("assembled"))
+    elif isinstance(value, fem.Form):
+        yield value.module.__name__  # which has the digest of what was compiled
+    elif isinstance(value, ufl.Form):
+        for part in value.integrals():
+            yield from (part.integral_type(), repr(part.subdomain_id()), part.integrand())
+            yield {k: repr(v) for k, v in part.metadata().items()}
+    elif isinstance(value, Expr):
+        for node in unique_pre_traversal(value):
+            yield type(node).__name__
+            if isinstance(node, MultiIndex):
+                yield [int(k) for k in node if isinstance(k, FixedIndex)]
+            elif isinstance(node, ConstantValue):
+                yield repr(node)
+            elif isinstance(node, ufl.Argument):
+                yield node.number()
+            elif isinstance(node, fem.Constant | fem.Function):
+                yield node
+    elif not callable(value):  # a statement of the library or the user: its plain attributes
+        own = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
+        for name, part in getattr(value, "__dict__", {}).items():
+            plain = own or isinstance(part, str | int | float | np.number)
+            if plain and name not in _LOCAL and not name.startswith("_"):
+                yield from (name, part)
 
 
 def _real(value: object) -> bool:

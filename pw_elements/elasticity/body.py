@@ -27,12 +27,12 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import check_problem
 from pw_elements.arrays import Array, Local
 from pw_elements.checks import (
-    agree,
     arguments,
     check_mesh,
     collective,
     is_number,
     number,
+    same_everywhere,
     vector,
     whole,
 )
@@ -46,6 +46,7 @@ from pw_elements.spaces import (
     SubSpace,
     by_cell_tag,
     cell_measure,
+    check_parts,
     exterior_facets,
     is_hybrid,
     marked,
@@ -126,6 +127,7 @@ class Material:
         _set(self, "poissons_ratio", nu)
 
     @classmethod
+    @same_everywhere
     def by_tag(
         cls, mesh: Mesh, cell_tags: MeshTags, materials: Mapping[int, "Material"]
     ) -> "Material":
@@ -145,15 +147,14 @@ class Material:
         """
         arguments.mesh(mesh)
         names = [field.name for field in fields(cls)]
-        with collective(mesh.comm):
-            arguments.of_type(
-                "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
-            )
-            constants = {}
-            for tag, one in materials.items():
-                of = f"the material of tag {tag}"
-                arguments.of_type(of, one, Material, "Material(E, nu) makes one")
-                constants[tag] = [number(f"{name} of {of}", getattr(one, name)) for name in names]
+        arguments.of_type(
+            "the mapping of tags", materials, Mapping, "give {tag: Material(E, nu), ...}"
+        )
+        constants = {}
+        for tag, one in materials.items():
+            of = f"the material of tag {tag}"
+            arguments.of_type(of, one, Material, "Material(E, nu) makes one")
+            constants[tag] = [number(f"{name} of {of}", getattr(one, name)) for name in names]
         return cls(*by_cell_tag(mesh, cell_tags, constants, "material"))
 
 
@@ -192,6 +193,7 @@ class Body:
     thickness: Scalar = 1.0
     quadrature_degree: int | None = None
 
+    @same_everywhere
     def __post_init__(self) -> None:
         arguments.of_type("spaces", self.spaces, Spaces, "Spaces.petrov_galerkin(mesh) makes some")
         arguments.of_type("material", self.material, Material, "Material(E, nu) makes one")
@@ -246,12 +248,10 @@ class Body:
                 told(mesh.comm, logging.WARNING, _LOCKS % largest)
         _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
         if self.quadrature_degree is not None:
-            with collective(mesh.comm):
-                whole("quadrature_degree", self.quadrature_degree, 0)
-        plain = {name: value for name, value in vars(self).items() if name != "spaces"}
-        agree(mesh.comm, plain)
+            whole("quadrature_degree", self.quadrature_degree, 0)
 
     @classmethod
+    @same_everywhere
     def on(
         cls,
         mesh: Mesh,
@@ -281,6 +281,7 @@ class Body:
         """
         arguments.mesh(mesh)
         arguments.of_type("material", material, Material, "Material(E, nu) makes one")
+        check_parts(parts)
         largest = _largest(material.poissons_ratio, mesh.comm)
         plane_stress = state in (StressState.PLANE_STRESS, StressState.PLANE_STRESS.value)
         if largest <= _HYBRID_NU or plane_stress:
@@ -337,6 +338,7 @@ class Body:
             trace, squares = trace + third, squares + third**2
         return ufl.sqrt((3 * squares - trace**2) / 2)
 
+    @same_everywhere
     def stiffness(self) -> ufl.Form:
         """The bilinear form of the stiffness, Eq. (10)."""
         u, v = self._arguments()
@@ -349,11 +351,13 @@ class Body:
         volume = ufl.tr(self.strain(u)) + flexibility * p
         return work + self._integral(-q * volume, 2)
 
+    @same_everywhere
     def mass(self) -> ufl.Form:
         """The bilinear form of the consistent mass, Eq. (11)."""
         (u, _), (v, _) = map(self._split, self._arguments())
         return self._bilinear(self._value(self.material.density) * ufl.inner(u, v), 4)
 
+    @same_everywhere
     def surface_load(self, traction: Vector, surface: ufl.Measure) -> ufl.Form:
         """Load of a traction vector (force per area), Eq. (12), over a `boundary_measure`.
 
@@ -382,6 +386,7 @@ class Body:
             ufl.inner(self._vector("traction", traction), v) * self._depth() * self._stated(surface)
         )
 
+    @same_everywhere
     def body_load(self, force: Vector) -> ufl.Form:
         """Load of a body force vector (force per volume), Eq. (12).
 
@@ -391,6 +396,7 @@ class Body:
         v, _ = self._split(ufl.TestFunction(self.spaces.test))
         return self._integral(ufl.inner(self._vector("force", force), v), 2)
 
+    @same_everywhere
     def initial_stress(self, stress: Expr, form: Literal["G", "J"] = "G") -> ufl.Form:
         """Initial stress form, Eq. (25) and Eq. (26), for a prestress tensor.
 
@@ -485,9 +491,7 @@ class Body:
 
     def _vector(self, name: str, value: Vector) -> Expr:
         mesh = self.spaces.mesh
-        with collective(mesh.comm):
-            vector = arguments.components(name, value, mesh.geometry.dim)
-        agree(mesh.comm, {name: value})
+        vector = arguments.components(name, value, mesh.geometry.dim)
         if isinstance(vector, Expr):
             return vector
         return fem.Constant(mesh, vector.astype(default_scalar_type))
@@ -504,6 +508,7 @@ def _parallel(mesh: Mesh) -> bool:
     return bool(mesh.comm.allreduce(parallel, MPI.LAND))
 
 
+@same_everywhere
 def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl.Measure:
     """Surface measure of a part of the boundary, for `Body.surface_load` and other forms.
 
@@ -518,9 +523,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
             values, or a number does not belong to a facet.
     """
     arguments.mesh(mesh)
-    with collective(mesh.comm):
-        whole("quadrature_degree", quadrature_degree, 0)
-    agree(mesh.comm, {"quadrature_degree": quadrature_degree})
+    whole("quadrature_degree", quadrature_degree, 0)
     dimension = mesh.topology.dim - 1
     facets = exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
@@ -535,6 +538,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
     )
 
 
+@same_everywhere
 def prescribe(
     space: fem.FunctionSpace,
     component: int | Literal["pressure"],
@@ -558,16 +562,14 @@ def prescribe(
             return truth values, or the value is not a finite number.
     """
     arguments.space(space)
-    comm, hybrid = space.mesh.comm, is_hybrid(space)
+    hybrid = is_hybrid(space)
     fluid = hybrid and component == "pressure"
     field = SubSpace.pressure(space) if fluid else SubSpace.displacements(space)
     components = field.unknowns.shape[1]
-    with collective(comm):
-        if not (fluid or (is_number(component) and component in range(components))):
-            raise ValueError(f"component {component}: the space has {components}, counted from 0")
-        held = value if isinstance(value, fem.Constant) else None
-        now = number("the prescribed value", value if held is None else held.value)
-    agree(comm, {"the component": component, "the prescribed value": now})
+    if not (fluid or (is_number(component) and component in range(components))):
+        raise ValueError(f"component {component}: the space has {components}, counted from 0")
+    held = value if isinstance(value, fem.Constant) else None
+    now = number("the prescribed value", value if held is None else held.value)
     axis = 0 if fluid else int(component)
     if callable(where):
         nodes = _nodes(field.space, where, "the prescribed nodes")
@@ -581,6 +583,7 @@ def prescribe(
     return fem.dirichletbc(prescribed, np.ascontiguousarray(dofs), part)
 
 
+@same_everywhere
 def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) -> PETSc.Vec:
     """Load vector of a concentrated force at each node that a marker selects.
 
@@ -597,9 +600,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     """
     arguments.space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
-    with collective(comm):
-        vector("nodal force", force, field.unknowns.shape[1])
-    agree(comm, {"the nodal force": force})
+    vector("nodal force", force, field.unknowns.shape[1])
     nodes = _nodes(field.space, where, "the loaded nodes")
     nodes = nodes[nodes < len(field.owned)]
     values = np.zeros(field.owned.shape)
@@ -609,6 +610,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     return load
 
 
+@same_everywhere
 def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     """Diagonal matrix (n, n) of the row sums of a mass matrix.
 

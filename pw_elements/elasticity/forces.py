@@ -41,7 +41,7 @@ from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import agree, arguments, collective, is_number
+from pw_elements.checks import arguments, collective, is_number, same_everywhere
 from pw_elements.elasticity.body import Body, Material, Scalar, boundary_measure
 from pw_elements.spaces import (
     Marker,
@@ -65,6 +65,7 @@ _GOES = 1 / 8
 Area = Literal["geometric", "own"]
 
 
+@same_everywhere
 def force_transfer(space: fem.FunctionSpace) -> PETSc.Mat:
     """T, (n, n): nodal forces of the standard quadratic element, evened out.
 
@@ -144,6 +145,7 @@ class BoundaryForces:
     force: Array
 
 
+@same_everywhere
 def forces_along(
     space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker, axis: int = 0
 ) -> BoundaryForces:
@@ -168,13 +170,12 @@ def forces_along(
     arguments.space(space)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
+    if not (is_number(axis) and axis in range(3)):
+        raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
     with collective(comm):
-        if not (is_number(axis) and axis in range(3)):
-            raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
         arguments.petsc_vector("the vector of forces", forces)
         arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
         nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
-    agree(comm, {"axis": axis})
     nodes = nodes[nodes < index_map.size_local]
     position = comm.allgather(x[nodes])
     force = comm.allgather(forces.array_r.reshape(-1, block)[nodes])
@@ -211,6 +212,7 @@ class SurfaceNodes:
     facets: Indices
 
     @classmethod
+    @same_everywhere
     def of(cls, body: Body, where: Part, stretch: Expr | None = None) -> "SurfaceNodes":
         """Nodes of a part of the boundary.
 
@@ -232,6 +234,8 @@ class SurfaceNodes:
         body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
         pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
         up = np.eye(body.spaces.mesh.geometry.dim)[-1]
+        kinds = (Expr, type(None))
+        arguments.of_type("stretch", stretch, kinds, "SurfaceNodes.stretch(u) makes it")
         load = up if stretch is None else stretch * ufl.as_vector(up.tolist())
 
         def weights(of: Body) -> Weights:
@@ -240,6 +244,7 @@ class SurfaceNodes:
         return cls._of(body.spaces.trial, weights(body), pw.spaces.trial, weights(pw), where)
 
     @classmethod
+    @same_everywhere
     def scalar(cls, spaces: Spaces, where: Part, depth: Scalar = 1.0) -> "SurfaceNodes":
         """Nodes of a part of the boundary of a scalar problem.
 
@@ -501,6 +506,7 @@ class NodalFlux:
     flux: Array
 
 
+@same_everywhere
 def nodal_flux(
     spaces: Spaces,
     reactions: PETSc.Vec,
@@ -534,21 +540,19 @@ def nodal_flux(
             another element or own areas, a depth that is not positive, or a part of the
             boundary that is none.
     """
-    with collective(arguments.processes(spaces.trial if isinstance(spaces, Spaces) else None)):
-        arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
-        arguments.petsc_vector("the vector of reactions", reactions)
-        sizes = reactions.getSizes()
-        arguments.same_sizes("the vector of reactions", sizes, "the space", spaces.trial)
-        if area not in get_args(Area):
-            raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
-        arguments.flag("evened", evened)
-        if evened and (area == "own" or not _standard(spaces)):
-            raise ValueError(
-                "T evens out reactions of the standard quadratic element, for geometric areas: "
-                "other elements and own areas do without"
-            )
+    arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
-    agree(space.mesh.comm, {"area": area, "evened": bool(evened)})
+    with collective(space.mesh.comm):
+        arguments.petsc_vector("the vector of reactions", reactions)
+        arguments.same_sizes("the vector of reactions", reactions.getSizes(), "the space", space)
+    if area not in get_args(Area):
+        raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
+    arguments.flag("evened", evened)
+    if evened and (area == "own" or not _standard(spaces)):
+        raise ValueError(
+            "T evens out reactions of the standard quadratic element, for geometric areas: other "
+            "elements and own areas do without"
+        )
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
     if evened:

@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
-from pw_elements.checks import arguments, collective, listed
+from pw_elements.checks import arguments, collective, listed, same_everywhere
 from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import unblocked
 from pw_elements.spaces import Assembled
@@ -55,6 +55,7 @@ class Sibling:
     inverse: PETSc.Mat
 
     @classmethod
+    @same_everywhere
     def of(cls, space: fem.FunctionSpace) -> "Sibling":
         """The sibling of a quadratic Lagrange space.
 
@@ -66,6 +67,7 @@ class Sibling:
         """
         return cls(space, transposed_transfer(space), transposed_transfer(space, inverse=True))
 
+    @same_everywhere
     def matrix(self, standard: PETSc.Mat) -> PETSc.Mat:
         """T A T^T of the standard element's stiffness or mass A (n, n).
 
@@ -81,6 +83,7 @@ class Sibling:
         known = replace(Assembled.of(standard), sibling=self)
         return known.mark(unblocked(standard).ptap(self.basis))
 
+    @same_everywhere
     def load(self, standard: PETSc.Vec) -> PETSc.Vec:
         """T f of the standard element's load, or of any nodal forces, f (n,).
 
@@ -95,6 +98,7 @@ class Sibling:
         self.basis.multTranspose(standard, load)
         return replace(Assembled.of(standard), sibling=self).mark(load)
 
+    @same_everywhere
     def displacement(self, coefficients: PETSc.Vec) -> PETSc.Vec:
         """Displacements u = T^T a, (n,).
 
@@ -107,6 +111,7 @@ class Sibling:
         self._check_vector("the coefficients", coefficients)
         return self.basis * coefficients
 
+    @same_everywhere
     def coefficients(self, displacement: PETSc.Vec) -> PETSc.Vec:
         """Coefficients a = T^-T u, (n,), of displacements or velocities.
 
@@ -119,6 +124,7 @@ class Sibling:
         self._check_vector("the displacement", displacement)
         return self.inverse * displacement
 
+    @same_everywhere
     def dirichlet(self, conditions: fem.DirichletBC | Sequence[fem.DirichletBC]) -> Reduction:
         """Supports that prescribe coefficients in place of displacements.
 

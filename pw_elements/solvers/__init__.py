@@ -20,6 +20,7 @@ from pw_elements.solvers.iterative import (
     Solver,
     auto_solver,
     free_motion,
+    solve_by,
     with_fallback,
     with_levels,
 )

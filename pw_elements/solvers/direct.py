@@ -5,19 +5,23 @@ to one matrix. Any object with these methods is one: nothing asks for its class.
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from time import perf_counter
-from typing import Any, ClassVar, Protocol, TypeGuard
+from typing import Any, ClassVar, Protocol, TypeAlias, TypeGuard
 
 from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements.checks import collective, of_type, processes
+from pw_elements._compat import option_used
+from pw_elements.checks import collective, flag, of_type, processes, same_everywhere
 from pw_elements.checks import matrix as check_matrix
 from pw_elements.progress import told
+
+Options: TypeAlias = Mapping[str, str | int | float | bool]
 
 # A known solution comes back with a relative error of condition number x round-off: above
 # this, fewer than four digits of any answer would be meant.
@@ -188,25 +192,20 @@ class Direct:
 
     Args:
         options: PETSc options of the solver without prefix and hyphen, such as
-            `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`. PETSc
-            reports unknown ones at the end of the program. Other packages than MUMPS tell neither
-            zero pivots (a singular matrix is recognised all the same) nor the determinant, so that
-            contact does not check uniqueness.
+            `{"mat_mumps_icntl_14": 50}` or `{"pc_factor_mat_solver_type": "superlu_dist"}`. Other
+            packages than MUMPS tell neither zero pivots (a singular matrix is recognised all the
+            same) nor the determinant, so that contact does not check uniqueness.
 
     Raises:
-        TypeError, ValueError: for invalid options.
+        TypeError, ValueError: for invalid options; once it solves, for those that are not used.
     """
 
-    options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        of_type("options", self.options, Mapping, "give PETSc options such as {'ksp_view': ''}")
-        for name, value in self.options.items():
-            if not isinstance(name, str) or not name.strip("- "):
-                raise ValueError(f"option {name!r}: its name has to be a string")
-            kinds = (str, int, float, np.number)
-            of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+        check_options(self.options)
 
+    @same_everywhere
     def prepare(self, matrix: PETSc.Mat, symmetric: bool = False) -> "Factors":
         """Binds the solver to a square matrix (n, n).
 
@@ -217,12 +216,11 @@ class Direct:
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
+        flag("symmetric", symmetric)
         with collective(processes(matrix)):
             check_matrix("the matrix", matrix)
-        try:
+        with said_clearly(self.options):
             return Factors(matrix, symmetric, self.options)
-        except PETSc.Error as error:
-            raise _refused(self.options, error) from error
 
 
 class Factors:
@@ -232,7 +230,7 @@ class Factors:
         self,
         matrix: PETSc.Mat,
         symmetric: bool = False,
-        options: Mapping[str, str | int | float | bool] | None = None,
+        options: Options | None = None,
     ) -> None:
         self._options = options or {}
         self._orientations: list[int] = []
@@ -288,12 +286,11 @@ class Factors:
         self._worthwhile = -1.0
         begun, comm = perf_counter(), self._matrix.comm.tompi4py()
         what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
-        try:
+        with said_clearly(self._options):
             self.ksp.setUp()
-        except PETSc.Error as error:
-            raise _refused(self._options, error) from error
         self._factorisations += 1
         self._check()
+        refuse_unused(self.ksp, self._options)
         words = f"{what}: {perf_counter() - begun:.2f} s"
         told(comm, logging.DEBUG, words, ".linear_solver")
         if self._mumps:
@@ -347,12 +344,37 @@ class Factors:
             )
 
 
-def _refused(options: Mapping[str, str | int | float | bool], error: PETSc.Error) -> ValueError:
-    said = str(error).strip().splitlines()[-1]
-    return ValueError(f"PETSc cannot factorise with the options {dict(options)}: {said}")
+def check_options(options: object) -> None:
+    of_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+    assert isinstance(options, Mapping)
+    for name, value in options.items():
+        if not isinstance(name, str) or not name.strip("- "):
+            raise ValueError(f"option {name!r}: its name has to be a string")
+        kinds = (str, int, float, np.number)
+        of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
 
 
-def set_options(ksp: PETSc.KSP, options: Mapping[str, str | int | float | bool]) -> None:
+@contextmanager
+def said_clearly(options: Options) -> Iterator[None]:
+    """Makes of PETSc's error in a block, which options have caused, one that names them."""
+    try:
+        yield
+    except PETSc.Error as error:
+        if not options:
+            raise
+        said = str(error).strip().splitlines()[-1]
+        raise ValueError(f"PETSc cannot solve with the options {dict(options)}: {said}") from error
+
+
+def refuse_unused(ksp: PETSc.KSP, options: Options) -> None:
+    """Raises ValueError for options that a method has not asked for in a solution."""
+    prefix = ksp.getOptionsPrefix()
+    unused = [name for name in options if not option_used(f"{prefix}{name.lstrip('-')}")]
+    if unused:
+        raise ValueError(f"PETSc has no use for the options {unused} here: look at their names")
+
+
+def set_options(ksp: PETSc.KSP, options: Options) -> None:
     """Gives options to a solver under a prefix that is the same for the same options."""
     words = sorted(f"{name} {value}" for name, value in options.items())
     prefix = f"pw_{blake2b(' '.join(words).encode(), digest_size=6).hexdigest()}_"

@@ -17,7 +17,8 @@ hardly hold the body. Then factors go on, if they fit.
 
 import logging
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -32,15 +33,20 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.arrays import Array, Indices
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
     Direct,
     FreePressure,
     LinearSolver,
     NotConverged,
+    Options,
     PreparedSolver,
     SingularSystem,
     SolverReport,
+    check_options,
+    refuse_unused,
+    said_clearly,
     set_options,
 )
 from pw_elements.solvers.matrices import (
@@ -74,11 +80,13 @@ NO_SUPPORTS = (
     "other reductions, and a pressure that is split, need Direct()"
 )
 
+# Options that would take the levels from their places
+_LEVELS = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type))")
 # Iterations allowed, and vectors kept to be orthogonal to
 _MOST_ITERATIONS = 1000
 _KEPT_VECTORS = 100
 # Stiffnesses that differ by more than 1e5 make vectors lose their orthogonality
-_GMRES: Mapping[str, str | int | float | bool] = {
+_GMRES: Options = {
     "ksp_converged_maxits": True,
     "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
 }
@@ -245,20 +253,29 @@ class Iterative:
             relative to the largest nodal contact force.
         options: PETSc options without prefix and hyphen, such as
             `{"mg_levels_1_ksp_max_it": 4, "mg_coarse_pc_gamg_threshold": 0.02}`; `ksp_type` sets
-            the method and `ksp_max_it` its iterations.
+            the method and `ksp_max_it` its iterations. The two levels cannot be exchanged.
 
     Raises:
-        ValueError: for a tolerance that is not between 0 and 1.
+        TypeError, ValueError: for a tolerance that is not between 0 and 1, or invalid options; once
+            it solves, for those that are not used.
     """
 
     matrix_free: ClassVar[bool] = True
     tolerance: float = 1e-11
-    options: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not 0 < self.tolerance < 1:
+        if not 0 < arguments.number("tolerance", self.tolerance) < 1:
             raise ValueError(f"tolerance = {self.tolerance}: has to lie between 0 and 1")
+        check_options(self.options)
+        for name, value in self.options.items():
+            if _LEVELS.fullmatch(name) or (value in ("preonly", "none") and "ksp_type" in name):
+                raise ValueError(
+                    f"option {name} = {value}: what Iterative() is made of cannot be exchanged; "
+                    "Direct() has factors, mg_coarse_ the coarse level's own options"
+                )
 
+    @same_everywhere
     def prepare(
         self, matrix: PETSc.Mat, symmetric: bool = False, supports: Supports | None = None
     ) -> "Krylov":
@@ -274,12 +291,17 @@ class Iterative:
         """
         if supports is None:
             raise ValueError(NO_SUPPORTS)
+        arguments.of_type("supports", supports, Supports, "a reduction's `supports` are some")
+        arguments.flag("symmetric", symmetric)
+        with collective(supports.space.mesh.comm):
+            arguments.matrix("the matrix", matrix)
         if symmetric:
             raise ValueError(
                 "Iterative() does not count negative pivots, without which a symmetrised pair is "
                 "not known to be positive definite: use Direct()"
             )
-        return Krylov(matrix, supports, self)
+        with said_clearly(self.options):
+            return Krylov(matrix, supports, self)
 
 
 class Krylov:
@@ -299,6 +321,7 @@ class Krylov:
         foreign: _Iterate | None = None,
     ) -> None:
         self._how, self._matrix, self._foreign = how, matrix, foreign
+        self.options, self.foreign = how.options, foreign is not None
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
         self.multigrid: Multigrid | SaddlePoint
         if hybrid := is_hybrid(supports.space):
@@ -361,7 +384,7 @@ class Krylov:
         rest, size = right.copy(), right.norm()
         # Rounding makes the residual that GMRES updates drift from the true one
         for _ in range(2):
-            self.ksp.solve(rest, step)
+            solve_by(self.ksp, rest, step, self._how.options)
             solution.axpy(1.0, step)
             self.operator.mult(solution, rest)
             rest.aypx(-1.0, right)
@@ -396,13 +419,18 @@ class _Foreign:
 
     def __init__(self, iterate: _Iterate) -> None:
         self._iterate = iterate
+        self.failed: BaseException | None = None  # PETSc would make an error of its own of it
 
     def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        comm = right.comm.tompi4py()
+
         def of(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> Callable[[Array], Array]:
             x, y = right.duplicate(), right.duplicate()
 
             def image(values: Array) -> Array:
-                x.setArray(values)
+                with collective(comm) as same:  # all still iterate, and ask for the same
+                    same["the next step of iterate"] = apply.__name__
+                    x.setArray(_own(values, x))
                 apply(x, y)
                 return np.array(y.array_r)
 
@@ -410,8 +438,29 @@ class _Foreign:
 
         product, precondition = of(ksp.getOperators()[0].mult), of(ksp.getPC().apply)
         size = ksp.getTolerances()[1]
-        solution.setArray(self._iterate(product, precondition, np.array(right.array_r), size))
+        try:
+            with collective(comm):
+                found = self._iterate(product, precondition, np.array(right.array_r), size)
+                solution.setArray(_own(found, right))
+        except BaseException as error:
+            self.failed = error
         ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
+
+
+def solve_by(
+    ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec, options: Options | None = None
+) -> None:
+    """Solves by a method, PETSc's or another's, whose own errors are raised."""
+    with said_clearly(options or {}):
+        ksp.solve(right, solution)
+    refuse_unused(ksp, options or {})
+    if ksp.getType() == "python" and (failed := ksp.getPythonContext().failed):
+        raise failed
+
+
+def _own(values: Array, like: PETSc.Vec) -> Array:
+    layout = "it takes and gives this process' part of vectors (n,)"
+    return arguments.field("iterate", np.ravel(values), like.array_r.shape, layout)
 
 
 def with_levels(solver: PreparedSolver, matrix: PETSc.Mat, supports: Supports) -> Krylov:

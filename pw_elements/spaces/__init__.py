@@ -39,6 +39,7 @@ from pw_elements.spaces.spaces import (
     NumberingError,
     Spaces,
     as_function,
+    check_parts,
     scalar_space,
     split,
     test_space,

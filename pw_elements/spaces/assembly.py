@@ -12,7 +12,7 @@ from dolfinx.fem.petsc import assemble_matrix as _assemble_matrix
 from dolfinx.fem.petsc import assemble_vector as _assemble_vector
 from dolfinx.fem.petsc import create_matrix
 
-from pw_elements.checks import arguments
+from pw_elements.checks import arguments, same_everywhere
 from pw_elements.progress import doing
 from pw_elements.spaces.quadrature import STATE, with_cell_rules, without_states
 
@@ -54,6 +54,7 @@ class Assembled:
         return None if self.form is None or self.lumped else self.form.function_spaces[0]
 
 
+@same_everywhere
 def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     """Matrix of a bilinear form, all rows and columns free.
 
@@ -71,6 +72,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
         ValueError: if it is not bilinear, cannot be compiled, or has a measure that names a rule
             that is wrong for it.
     """
+    arguments.flag("blocked", blocked)
     compiled = compiled_form(form, 2, "a matrix")
     nodal = all(space.dofmap.index_map_bs > 1 for space in compiled.function_spaces)
     matrix = create_matrix(compiled, "baij" if blocked and nodal else None)
@@ -79,6 +81,7 @@ def assemble_matrix(form: ufl.Form, blocked: bool = False) -> PETSc.Mat:
     return Assembled.made_of(compiled, form).mark(matrix)
 
 
+@same_everywhere
 def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     """Vector (n,) of a linear form, contributions of all processes added.
 
@@ -98,6 +101,7 @@ def assemble_vector(form: ufl.Form) -> PETSc.Vec:
     return Assembled.made_of(compiled, form).mark(vector)
 
 
+@same_everywhere
 def assemble_scalar(form: ufl.Form) -> float:
     """Value of a functional (an energy, an error's square), summed over all processes.
 

@@ -11,7 +11,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import agree, answer, arguments, collective
+from pw_elements.checks import answer, arguments, collective
 from pw_elements.spaces.hybrid import SubSpace
 
 # of points as columns (3, n): True or False for each, (n,)
@@ -124,7 +124,6 @@ def by_cell_tag(
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
-    agree(comm, {f"the {what} of each tag": sorted(values.items())})
     with collective(comm):
         arguments.of_type(
             "the cells' tags", cell_tags, MeshTags, "dolfinx.mesh.meshtags makes them"

@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
-from pw_elements.checks import arguments, collective, whole
+from pw_elements.checks import arguments, collective, same_everywhere, whole
 from pw_elements.spaces.elements import (
     composite_element,
     macro_element,
@@ -57,12 +57,15 @@ class Spaces:
     test: fem.FunctionSpace
     parts: MeshTags | None = None
 
+    @same_everywhere
     def __post_init__(self) -> None:
         arguments.space(self.trial, "the trial space")
         arguments.space(self.test, "the test space")
+        check_parts(self.parts)
         _assert_one_numbering(self.trial, self.test)
 
     @classmethod
+    @same_everywhere
     def petrov_galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic trial, piecewise-linear test functions: the paper's element.
 
@@ -74,6 +77,7 @@ class Spaces:
         return cls(trial, test_space(trial))
 
     @classmethod
+    @same_everywhere
     def galerkin(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Quadratic Lagrange functions for both: the standard element (CPS6 on triangles).
 
@@ -85,6 +89,7 @@ class Spaces:
         return cls(trial, trial)
 
     @classmethod
+    @same_everywhere
     def hybrid(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """Displacements and a continuous pressure of degree 1, for nearly incompressible bodies.
 
@@ -98,11 +103,13 @@ class Spaces:
                 `Reduction.dirichlet(spaces, conditions)` makes it continuous within each. Without
                 them the pressure is off by ten per cent and more where materials meet.
         """
-        weights = macro_element(mesh.topology.cell_name(), _shape(mesh, None))
+        shape = _shape(mesh, None)
+        weights = macro_element(mesh.topology.cell_name(), shape)
         trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
         return cls(trial, test, parts)
 
     @classmethod
+    @same_everywhere
     def taylor_hood(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
         """The standard hybrid element, quadratic displacements and linear pressure for both.
 
@@ -114,6 +121,7 @@ class Spaces:
         return cls(trial, trial, parts)
 
     @classmethod
+    @same_everywhere
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Nodal 8-node quadrilaterals for both: the standard element CPS8.
 
@@ -127,6 +135,7 @@ class Spaces:
         return cls(trial, trial)
 
     @classmethod
+    @same_everywhere
     def composite(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Composite triangles, piecewise linear with assumed gradients, for both.
 
@@ -168,6 +177,7 @@ class Spaces:
         return is_hybrid(self.trial)
 
 
+@same_everywhere
 def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
     """Piecewise-linear test functions for your own quadratic Lagrange space.
 
@@ -206,6 +216,7 @@ def test_space(trial: fem.FunctionSpace) -> fem.FunctionSpace:
 test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever pytest thinks
 
 
+@same_everywhere
 def as_function(
     space: fem.FunctionSpace,
     values: PETSc.Vec,
@@ -242,6 +253,7 @@ def as_function(
     return function
 
 
+@same_everywhere
 def split(
     space: fem.FunctionSpace, values: PETSc.Vec | HasUnknowns
 ) -> tuple[fem.Function, fem.Function]:
@@ -285,12 +297,17 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     return scalars
 
 
+def check_parts(parts: object) -> None:
+    kinds = (MeshTags, type(None))
+    arguments.of_type("parts", parts, kinds, "dolfinx.mesh.meshtags makes them")
+
+
 def _mixed(
     mesh: Mesh, displacement: basix.ufl._ElementBase, parts: MeshTags | None
 ) -> fem.FunctionSpace:
     if parts is not None:
         with collective(mesh.comm):
-            arguments.of_type("parts", parts, MeshTags, "dolfinx.mesh.meshtags makes them")
+            check_parts(parts)
             if parts.topology != mesh.topology._cpp_object:
                 raise ValueError("parts: the tags are those of another mesh")
     return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))

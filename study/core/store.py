@@ -5,12 +5,17 @@ import io
 import json
 import math
 import os
+import re
+import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# How the names of files end that are being written
+_UNFINISHED = ".pw-elements-unfinished"
 
 
 class StudyError(Exception):
@@ -79,9 +84,11 @@ class Stored:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file wholly or not at all, making its folder if need be."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    # a name that nobody else knows, of a file that nobody else has made
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.{os.getpid()}{_UNFINISHED}")
+    unfinished = temporary.open("xb")
     try:
-        with temporary.open("wb") as stream:
+        with unfinished as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
@@ -92,13 +99,16 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def sweep(out: Path) -> None:
-    """Remove the temporary files of processes that were killed while they wrote."""
-    for path in Path(out).rglob(".*.*.[0-9]*"):
-        process = path.suffix.removeprefix(".")
-        if not process.isdigit():
+    """Remove what `write_whole` left unfinished where its process was killed, and nothing else.
+
+    It writes into the folder itself, and into folders in it.
+    """
+    for path in [*Path(out).glob(f".*{_UNFINISHED}"), *Path(out).glob(f"*/.*{_UNFINISHED}")]:
+        written = re.fullmatch(rf"\..+\.[0-9a-f]{{16}}\.([0-9]+){_UNFINISHED}", path.name)
+        if not written or path.is_symlink() or not path.is_file():
             continue
         try:
-            os.kill(int(process), 0)
+            os.kill(int(written[1]), 0)
         except ProcessLookupError:
             path.unlink(missing_ok=True)
         except PermissionError:  # it lives, and is another user's

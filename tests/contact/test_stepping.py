@@ -1,7 +1,11 @@
 """Histories that stop and go on: `ContactProblem.step`, and states in files."""
 
 import io
-from dataclasses import FrozenInstanceError
+import os
+import resource
+import signal
+from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
 
 from petsc4py import PETSc
 
@@ -10,7 +14,7 @@ import pytest
 
 from pw_elements import Direct
 from pw_elements.contact import OPEN, ContactPair, FreeBody, Motion, Plane
-from tests.contact.cases import Block, Punch, at
+from tests.contact.cases import GALERKIN, Block, Elastic, Punch, at
 from tests.contact.histories import RESUMED, fields, histories, resumed, scale_of, whole
 from tests.contact.test_matching import Blocks
 
@@ -19,6 +23,7 @@ from tests.contact.test_matching import Blocks
 SAME = 1e-11
 BLOCK = Block(4)
 PROBLEM = BLOCK.problem(BLOCK.pair(0.3))
+LOWER = Plane((0, -0.01), (0, 1))
 
 
 def distance(states, others, scaled_by=()):
@@ -122,7 +127,11 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
     half = ContactPair(lambda x: at(1, 0.0)(x) & (x[0] < 2.1), Plane((0, 0), (0, 1)), 0.3)
     for case, pair, message in (
         (Block(6), BLOCK.pair(0.3), "the state of another mesh"),
-        (BLOCK, half, "belongs to other contact nodes"),
+        (BLOCK, half, "of a problem with another surface"),
+        (BLOCK, replace(BLOCK.pair(0.3), friction=0.3), "of a problem with another friction"),
+        (BLOCK, BLOCK.pair(0.4), "of a problem with another friction"),
+        (BLOCK, replace(BLOCK.pair(0.3), surface=LOWER), "of a problem with another surface"),
+        (Elastic(BLOCK.mesh, GALERKIN, "plane stress"), BLOCK.pair(0.3), "with another stiffness"),
     ):
         other = case.problem(pair)
         other.save(other.undeformed, path)
@@ -130,6 +139,83 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
     with pytest.raises(OSError, match="missing"):
         PROBLEM.save(PROBLEM.undeformed, tmp_path / "missing" / "state.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["state.npz"]  # no remains
+
+
+def test_any_change_of_a_file_is_seen(tmp_path):
+    """Of each array, and of the bytes; those that do not matter leave the state as it is."""
+    path, random = tmp_path / "state.npz", np.random.default_rng(5)
+    state = PROBLEM.step(PROBLEM.undeformed, BLOCK.pressure)
+    PROBLEM.save(state, path)
+    content = path.read_bytes()
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    for name, values in arrays.items():
+        other = values.copy()
+        if other.dtype.kind == "U":
+            other = np.array(str(other).replace("true", "false", 1).replace("0", "1", 1))
+        elif other.size:
+            other.flat[-1] += 1
+        for changed in ({**arrays, name: other}, {k: v for k, v in arrays.items() if k != name}):
+            if changed.keys() == arrays.keys() and not other.size:
+                continue
+            np.savez(path, **changed)
+            with pytest.raises(ValueError, match=r"state\.npz holds no contact state"):
+                PROBLEM.load(path)
+    for place in random.integers(len(content), size=60):
+        spoilt = bytearray(content)
+        spoilt[place] ^= 1 << random.integers(8)
+        for data in (bytes(spoilt), content[:place]):
+            path.write_bytes(data)
+            try:
+                read = PROBLEM.load(path)
+            except ValueError as error:
+                assert "holds no contact state" in str(error)  # noqa: PT017
+            else:
+                assert np.array_equal(read.displacement.array_r, state.displacement.array_r)
+                assert np.array_equal(read.pairs[0].force_normal, state.pairs[0].force_normal)
+
+
+def test_nothing_but_regular_files_is_written_and_read(tmp_path):
+    start = PROBLEM.undeformed
+    fifo, folder, link, real = (tmp_path / name for name in ("fifo", "folder", "link", "real"))
+    os.mkfifo(fifo)
+    folder.mkdir()
+    for path in (fifo, folder, Path("/dev/null")):
+        with pytest.raises(FileExistsError, match="no regular file"):
+            PROBLEM.save(start, path)
+        with pytest.raises(FileExistsError, match="no regular file"):
+            PROBLEM.load(path)
+    link.symlink_to(real)
+    PROBLEM.save(start, link)
+    assert link.is_symlink()
+    assert PROBLEM.load(real).increment == 0
+
+
+def test_full_disk_and_another_writer_leave_the_file_whole(tmp_path, monkeypatch):
+    path = tmp_path / "state.npz"
+    PROBLEM.save(PROBLEM.undeformed, path)
+    before = path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        with pytest.raises(OSError, match="cannot be written to"):
+            PROBLEM.save(PROBLEM.undeformed, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert path.read_bytes() == before
+    put = os.replace
+
+    def meanwhile(source, target):
+        monkeypatch.setattr("os.replace", put)
+        PROBLEM.save(PROBLEM.undeformed, path)
+        put(source, target)
+
+    monkeypatch.setattr("os.replace", meanwhile)
+    PROBLEM.save(PROBLEM.undeformed, path)
+    assert PROBLEM.load(path).increment == 0
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_nodes_that_coincide_keep_their_displacements(tmp_path):

@@ -8,6 +8,8 @@ the library to a refusal has one row; what counts as a number and the like is in
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
+from traceback import extract_tb
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -66,6 +68,7 @@ from pw_elements.spaces import (
     serendipity_element,
 )
 from tests.contact.cases import at
+from tests.library.faces import calls
 
 COMM = MPI.COMM_SELF
 PLANE, STRAIN = "plane stress", "plane strain"
@@ -404,7 +407,7 @@ REFUSED = [
      lambda w: w.conditions(*(prescribe(w.U, i, everywhere) for i in (0, 1)))),
     ("a prescribed value is not a finite number",
      lambda w: w.conditions(fem.dirichletbc(w.function(NAN, w.U), np.arange(9)))),
-    ("TypeError: the stiffness is of the type FunctionSpace", lambda w: w.condensed(K=w.U, U=w.K)),
+    ("TypeError: the space is of the type Mat", lambda w: w.condensed(K=w.U, U=w.K)),
     ("the nodes to be condensed have the numbers -1 to -1", lambda w: w.condensed(NODE - 1)),
     ("the nodes to be condensed are object of the shape ()", lambda w: w.condensed(None)),
     ("the stiffness couples nodes that are to be condensed", lambda w: w.condensed(np.arange(6))),
@@ -447,7 +450,7 @@ REFUSED = [
     ("TypeError: options is 3: give PETSc options such as {'ksp_view'", lambda w: Direct(3)),
     ("option 1: its name has to be a string", lambda w: Direct({1: 2})),
     ("TypeError: option 'ksp_view' is None", lambda w: Direct({"ksp_view": None})),
-    ("PETSc cannot factorise with", lambda w: solve(w.K, w.f, w.held, Direct({"pc_type": "no"}))),
+    ("PETSc cannot solve with", lambda w: solve(w.K, w.f, w.held, Direct({"pc_type": "no"}))),
     ("TypeError: the matrix is None", lambda w: Direct().prepare(None)),
     ("the matrix has the shape (4, 5)", lambda w: Direct().prepare(empty(4, 5))),
     ("TypeError: the mass is None", lambda w: w.modes(M=None)),
@@ -661,3 +664,30 @@ def test_values_of_a_wrong_kind_or_size_are_named(words, w):
     call, values = VALUES[words]
     for value in values:
         assert said(call, w, value).startswith(words), value
+
+
+# What is no right argument of most functions
+ODD = [None, object(), "x", -1, np.nan, np.array([])]
+ODDER = [0, np.inf, [], {}, True, 1e308, 1j, int, [np.nan] * 2, [[1.0]], 10**400, b"x", {1}, [None]]
+PLAIN = (TypeError, ValueError, OSError, RuntimeError)
+
+
+def test_any_value_in_place_of_any_argument_is_refused_by_the_library_itself(
+    request, tmp_path, monkeypatch
+):
+    """Or taken, where it is right; nothing else of Python, PETSc or UFL is ever raised."""
+    monkeypatch.chdir(tmp_path)
+    values = ODD + ODDER if request.config.getoption("--nightly") else ODD
+    raw, taken = [], []
+    for name, (function, right) in calls(MPI.COMM_SELF).items():
+        for argument, value in product(right, values):
+            try:
+                function(**right | {argument: value})
+            except Exception as error:
+                last = extract_tb(error.__traceback__)[-1].filename
+                if "pw_elements" not in last or not isinstance(error, PLAIN):
+                    raw.append((name, argument, value, repr(error)))
+            else:
+                taken.append((name, argument, value))
+    assert raw == []
+    assert not [one for one in taken if type(one[2]) is object or one[2] is int]

@@ -1,11 +1,15 @@
-"""What fails on one process fails on all of them, at once and with the same words."""
+"""What fails or differs on one process ends all of them, at once and with the same words."""
 
+import re
 from dataclasses import replace
+from itertools import islice
+from time import perf_counter
 from unittest.mock import patch
 
 from mpi4py import MPI
 
 import numpy as np
+import pytest
 import ufl
 from dolfinx import fem
 
@@ -20,18 +24,26 @@ from pw_elements import (
     solve,
 )
 from pw_elements.algebra import symmetric_part
+from pw_elements.checks import guard
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
     Motion,
     Plane,
+    SignedDistance,
     solve_contact,
     solve_impact,
 )
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.solvers import SolverReport
 from tests.contact.cases import Block, at
+from tests.contact.iterative import Solid
+from tests.library.faces import ROOT, calls, otherwise, public
 from tests.parallel import run_on
+
+# Seconds that a file of scenarios may take, within which a process that waits is found
+WAITING = 60
 
 COMM = MPI.COMM_WORLD
 BLOCK = Block(8, comm=COMM)
@@ -49,10 +61,13 @@ HERE = f"of which process {WRONG} has "
 FAR = f"1000000: local numbers are counted from 0, {HERE}"
 
 
+RAISED = KeyError("x")
+
+
 def errs(value):
     """What a user's function gives that fails on one process."""
     if BAD:
-        raise KeyError("x")
+        raise RAISED
     return value
 
 
@@ -79,13 +94,55 @@ class Unreached(Plane):
         return errs(super().closest(x))
 
 
-def slid():
+class Law:
+    """Friction that fails on one process, when it is first or last asked."""
+
+    def __init__(self, first="limit", last=0):
+        self._first, self._left = first, last
+
+    def at(self, _):
+        return errs(0.0) if self._first == "at" else 0.3
+
+    def limit(self, mu, force):
+        self._left -= 1
+        return (errs(mu * force) if self._left < 0 else mu * force), mu + 0 * force
+
+
+class Foreign:
+    """A Krylov method that fails on one process, after some products."""
+
+    matrix_free, orientations, report = True, (), SolverReport("steepest descent", 0)
+
+    def __init__(self, products, steps=3):
+        self._products, self._steps = products, steps
+
+    def prepare(self, *_, **__):
+        return self
+
+    def iterate(self, product, precondition, right, _):
+        for k in range(self._steps):
+            if k == self._products:
+                errs(0)
+            product(precondition(right))
+        return 0 * right
+
+    def release(self):
+        pass
+
+
+def by(solver):
+    solid = Solid(n=2, comm=COMM)
+    plate = solid.arguments("plate by forces")
+    return solve_contact(*plate, solver=solver)
+
+
+def slid(surface=FLOOR, load=None, conditions=(), **options):
     u, v = fem.Function(U), ufl.TestFunction(BLOCK.body.spaces.test)
     top = [prescribe(U, i, at(1, 2.0)) for i in (0, 1)]
-    pair = ContactPair(FOOT, Unreached((0, 0), (0, 1)))
     stretched = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx
-    problem = ContactProblem.of_residual(stretched, u, top, pair)
-    return problem.step(problem.undeformed, motions=Motion((0, 0.01)))
+    held = [*top, *conditions]
+    problem = ContactProblem.of_residual(stretched, u, held, ContactPair(FOOT, surface), **options)
+    return problem.step(problem.undeformed, load, motions=Motion((0, 0.01)))
 
 
 def floor(mu=0.3, surface=FLOOR, motions=()):
@@ -173,6 +230,12 @@ def step_from(**values):
     return problem().step(replace(start, pairs=(replace(pair, **wrong),)), LOAD)
 
 
+def solved_impact(duration, law):
+    unit, still = diagonal(ones()), K.createVecRight()
+    pair = ContactPair(FOOT, FLOOR, law)
+    return solve_impact(symmetric_part(K), unit, BLOCK.free, pair, U, duration, still, LOAD)
+
+
 def impact(duration=1.0, **stated):
     unit, pair = diagonal(ones()), BLOCK.pair(0.3)
     return solve_impact(symmetric_part(K), unit, BLOCK.free, pair, U, duration, ones(), **stated)
@@ -192,9 +255,9 @@ def stated(load, **options):
 SCENARIOS = [
     (f"the marker of the prescribed nodes {FAILED}", lambda: prescribe(U, 0, errs_below)),
     ("the marker of the prescribed nodes gave bool of", lambda: prescribe(U, 0, one_value)),
-    ("component 2", lambda: prescribe(U, 2 if BAD else 0, FOOT)),
-    (f"the component: {DIFFERS}", lambda: prescribe(U, int(BAD), FOOT)),
-    ("the prescribed value = '0'", lambda: prescribe(U, 0, FOOT, "0" if BAD else 0.0)),
+    (f"component: {DIFFERS}", lambda: prescribe(U, 2 if BAD else 0, FOOT)),
+    (f"component: {DIFFERS}", lambda: prescribe(U, int(BAD), FOOT)),
+    (f"value: {DIFFERS}", lambda: prescribe(U, 0, FOOT, "0" if BAD else 0.0)),
     (f"the marker of the boundary {FAILED}", lambda: boundary_measure(MESH, errs_below)),
     ("the marker of the boundary gave bool of the shape ()",
      lambda: boundary_measure(MESH, one_value)),
@@ -204,13 +267,13 @@ SCENARIOS = [
     (f"facets are a mask of 3: it is one of all, {HERE}",
      lambda: boundary_measure(MESH, np.ones(3, dtype=bool) if BAD else errs_below)),
     (f"the marker of the loaded nodes {FAILED}", lambda: nodal_load(U, errs_below, (1.0, 0.0))),
-    ("nodal force (nan, 0.0)", lambda: nodal_load(U, FOOT, (np.nan if BAD else 1.0, 0.0))),
-    (f"the nodal force: {DIFFERS}", lambda: nodal_load(U, FOOT, (1.0 + BAD, 0.0))),
+    (f"force: {DIFFERS}", lambda: nodal_load(U, FOOT, (np.nan if BAD else 1.0, 0.0))),
+    (f"force: {DIFFERS}", lambda: nodal_load(U, FOOT, (1.0 + BAD, 0.0))),
     ("the mass matrix has entries that are not",
      lambda: lumped_mass(diagonal(nan_on_one(ones())), U)),
     (f"the marker of the line {FAILED}", lambda: forces_along(U, LOAD, errs_below)),
     (f"the marker of the boundary {FAILED}", lambda: SurfaceNodes.of(BLOCK.body, errs_below)),
-    ("TypeError: a condition is None", lambda: Reduction.dirichlet(U, [None] if BAD else [])),
+    (f"conditions: {DIFFERS}", lambda: Reduction.dirichlet(U, [None] if BAD else [])),
     (f"the nodes to be condensed have the numbers 1000000 to {FAR}",
      lambda: Reduction.condensation(K, U, NODES)),
     ("the load is not finite", lambda: solve(K, nan_on_one(LOAD), held())),
@@ -220,63 +283,191 @@ SCENARIOS = [
     (f"the marker of contact pair 0 {FAILED}", lambda: contact(ContactPair(errs_below, FLOOR))),
     (f"the nodes of contact pair 0 have the numbers 1000000 to {FAR}",
      lambda: contact(ContactPair([10**6] if BAD else FOOT, FLOOR))),
-    ("TypeError: a contact pair is of the type Plane", lambda: contact([FLOOR] if BAD else None)),
-    (f"the number of contact pairs: {DIFFERS}", lambda: contact([BLOCK.pair(0.3)] * (1 + BAD))),
+    (f"pairs: {DIFFERS}", lambda: contact([FLOOR] if BAD else None)),
+    (f"pairs: {DIFFERS}", lambda: contact([BLOCK.pair(0.3)] * (1 + BAD))),
     (f"the friction of contact pair 0 {FAILED}", lambda: contact(floor(lambda x: errs(0 * x[0])))),
     ("the friction of contact pair 0 gave float64 of the shape",
      lambda: contact(floor(lambda x: x[0] if not BAD else x[0, :-1]))),
-    (f"the friction of contact pair 0: {DIFFERS}", lambda: contact(floor(0.3 + BAD))),
+    (f"pairs: {DIFFERS}", lambda: contact(floor(0.3 + BAD))),
     (f"the gap of the surface of contact pair 0 {FAILED}",
      lambda: contact(floor(surface=Gap(fails="gap")))),
-    (f"the closest points of the surface of contact pair 0 {FAILED}", slid),
+    (f"the closest points of the surface of contact pair 0 {FAILED}",
+     lambda: slid(Unreached((0, 0), (0, 1)))),
     ("the normal of the surface of contact pair 0 gave float64 of the shape (1, 2)",
      lambda: contact(floor(surface=Gap(wrong="normal")))),
-    (f"the motions of contact pair 0: {DIFFERS}",
+    (f"pairs: {DIFFERS}",
      lambda: contact(floor(motions=[STILL] * (1 + BAD)))),
     ("the load of increment 0 is not finite", lambda: contact(loads=nan_on_one(LOAD))),
-    ("TypeError: a load is 0.0", lambda: contact(loads=[0.0] if BAD else LOAD)),
-    (f"the number of loads: {DIFFERS}", lambda: contact(loads=[LOAD] * (1 + BAD))),
-    ("TypeError: the reduction is Dirichlet conditions",
+    (f"loads: {DIFFERS}", lambda: contact(loads=[0.0] if BAD else LOAD)),
+    (f"loads: {DIFFERS}", lambda: contact(loads=[LOAD] * (1 + BAD))),
+    (f"reduction: {DIFFERS}",
      lambda: contact(reduction=[] if BAD else BLOCK.free)),
-    ("max_iterations = 0", lambda: contact(max_iterations=0 if BAD else 50)),
+    (f"max_iterations: {DIFFERS}", lambda: contact(max_iterations=0 if BAD else 50)),
     (f"max_iterations: {DIFFERS}", lambda: contact(max_iterations=49 if BAD else 50)),
     ("the stiffness has entries that are not", lambda: contact(K=nan_in_matrix())),
-    ("TypeError: a state to start from is 0", lambda: contact(start=[0] if BAD else ())),
-    ("2 motions for 1 contact pairs", lambda: step([STILL] * (1 + BAD))),
-    (f"the motions: {DIFFERS}", lambda: step([Motion((0, 0.1 if BAD else 0.2))])),
-    ("the state belongs to other contact nodes than this problem's", other_state),
-    (f"the state: {DIFFERS}", lambda: step_from(slip=1e-15)),
-    ("the state has forces or displacements that are not", lambda: step_from(displacement=np.nan)),
+    (f"start: {DIFFERS}", lambda: contact(start=[0] if BAD else ())),
+    (f"motions: {DIFFERS}", lambda: step([STILL] * (1 + BAD))),
+    (f"motions: {DIFFERS}", lambda: step([Motion((0, 0.1 if BAD else 0.2))])),
+    (f"state: {DIFFERS}", other_state),
+    (f"state: {DIFFERS}", lambda: step_from(slip=1e-15)),
+    (f"state: {DIFFERS}", lambda: step_from(displacement=np.nan)),
     ("LinAlgError: singular", lambda: dragged_off(proved=singular)),
     ("LinAlgError: singular", dragged_off),
     ("FileNotFoundError: the state cannot be written to /nowhere/",
      lambda: problem().save(problem().undeformed, "/nowhere/state.npz")),
     (f"the load {FAILED}", lambda: stated(lambda _: errs(0))),
-    (f"the load: {DIFFERS}", lambda: stated(fem.Constant(MESH, 1.0 + BAD))),
-    ("TypeError: the solver is 3", lambda: stated(None, solver=3 if BAD else None)),
+    (f"load: {DIFFERS}", lambda: stated(fem.Constant(MESH, 1.0 + BAD))),
+    (f"solver: {DIFFERS}", lambda: stated(None, solver=3 if BAD else None)),
     (f"the path of contact pair 0 {FAILED}", lambda: impact(paths=[lambda _: errs((0, 0))])),
     (f"the paths: {DIFFERS}", lambda: impact(paths=[lambda time: (0, time + BAD)])),
     ("the load at the time 0 is not finite", lambda: impact(load=lambda _: nan_on_one(LOAD))),
-    (f"the duration: {DIFFERS}", lambda: impact(duration=1.0 + BAD)),
+    (f"duration: {DIFFERS}", lambda: impact(duration=1.0 + BAD)),
 ]
 # fmt: on
 
 
-def said(comm):
+# fmt: off
+# Every way in which a user's function is called; on one process it fails
+USERS = {
+    "marker of nodes": lambda: prescribe(U, 0, errs_below),
+    "marker of facets": lambda: boundary_measure(MESH, errs_below),
+    "marker of a line": lambda: forces_along(U, LOAD, errs_below),
+    "marker of a surface": lambda: SurfaceNodes.of(BLOCK.body, errs_below),
+    "marker of a pair": lambda: contact(ContactPair(errs_below, FLOOR)),
+    "image": lambda: mapped(square(4), errs),
+    "image of a curved mesh": lambda: curved(square(4), errs),
+    "friction": lambda: contact(floor(lambda x: errs(0 * x[0]))),
+    "law, of a node": lambda: contact(floor(Law("at"))),
+    "law, at once": lambda: contact(floor(Law())),
+    "law, later": lambda: contact(floor(Law(last=30))),
+    "law, in an impact": lambda: solved_impact(0.1, Law(last=28)),
+    "gap": lambda: contact(floor(surface=Gap(fails="gap"))),
+    "normal": lambda: contact(floor(surface=Gap(fails="normal"))),
+    "closest points": lambda: slid(Unreached((0, 0), (0, 1))),
+    "signed distance": lambda: slid(SignedDistance(lambda x: errs(x[:, 1]))),
+    "its gradient": lambda: slid(SignedDistance(lambda x: x[:, 1], lambda x: errs(0 * x + [0, 1]))),
+    "callback": lambda: contact(callback=errs),
+    "callback of one process": lambda: contact(callback=errs if BAD else None),
+    "load of a residual": lambda: stated(errs),
+    "load of a step": lambda: slid(load=errs),
+    "update": lambda: slid(update=lambda: errs(0)),
+    "callback at large strains": lambda: slid(callback=errs),
+    "load of an impact": lambda: impact(load=lambda _: errs(LOAD)),
+    "path": lambda: impact(paths=[lambda _: errs((0, 0))]),
+    "iterate, at once": lambda: by(Foreign(0)),
+    "iterate, between products": lambda: by(Foreign(2)),
+    "iterate, at the end": lambda: by(Foreign(3, 4)),
+}
+# fmt: on
+ERRORS = [KeyboardInterrupt(), KeyError("x"), SystemExit(3), GeneratorExit()]
+
+
+def said(comm, errors):
     """What all processes say in each scenario that ends otherwise than it should."""
-    wrong = []
-    for words, scenario in SCENARIOS:
-        try:
-            scenario()
-            found = "nothing"
-        except Exception as error:
-            kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
-            found = f"{kind}{error}"
-        each = comm.allgather(found)
-        if len(set(each)) > 1 or not found.startswith(words):
-            wrong.append((words, each))
+    wrong = [
+        (words, each)
+        for words, scenario in SCENARIOS
+        if len(set(each := ends(comm, scenario))) > 1 or not each[0].startswith(words)
+    ]
+    global RAISED
+    for RAISED in errors:
+        for name, call in USERS.items():
+            each = ends(comm, call)
+            words = "KeyError: 'x'" if isinstance(RAISED, Exception) else repr(RAISED)
+            if len(set(each)) > 1 or words not in each[0]:
+                wrong.append((name, repr(RAISED), each))
     return wrong
 
 
-def test_an_error_on_one_process_ends_all_with_the_same_words():
-    assert run_on(3, said) == [[]] * 3
+def ends(comm, call):
+    """What a call says on each process."""
+    try:
+        call()
+        found = "nothing"
+    except Exception as error:
+        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        found = f"{kind}{error}"
+    except BaseException as error:
+        found = repr(error)
+    return comm.allgather(found)
+
+
+def test_an_error_on_one_process_ends_all_with_the_same_words(request):
+    errors = ERRORS if request.config.getoption("--nightly") else ERRORS[:1]
+    assert run_on(3, said, errors, limit=WAITING) == [[]] * 3
+
+
+def differing(comm, most):
+    """Calls of public functions that do not end alike if one argument of a process differs."""
+    wrong, count = [], 0
+    for name, (function, right) in calls(comm).items():
+        for argument, value in right.items():
+            for other in islice(otherwise(value), most):
+                changed = right | ({argument: other} if comm.rank == comm.size - 1 else {})
+                each = ends(comm, lambda f=function, given=changed: f(**given))
+                count += 1
+                if len(set(each)) > 1 or each[0] == "nothing":
+                    wrong.append((name, argument, repr(other), each))
+    return wrong, count
+
+
+@pytest.mark.parametrize("processes", [2, 3])
+def test_processes_that_are_given_different_arguments_are_told(processes, request):
+    nightly = request.config.getoption("--nightly")
+    if processes > 2 and not nightly:
+        pytest.skip("with --nightly")
+    for wrong, count in run_on(processes, differing, 10 if nightly else 1, limit=WAITING):
+        assert wrong == []
+        assert count > 200
+
+
+def test_each_public_function_compares_its_arguments_or_is_listed_as_local():
+    """Dataclasses do it where they are made, in their `__post_init__`."""
+    text = (ROOT / "docs/how-to/parallel.md").read_text()
+    local = set(re.findall(r"`([\w.]+)`", text.partition("stay local:")[2].partition("\n\n")[0]))
+    known = set(calls(MPI.COMM_SELF))
+    assert local | known == set(public())
+    assert not local & known
+    for name, thing in public().items():
+        parts = (
+            [thing]
+            if not isinstance(thing, type)
+            else [thing.__init__, getattr(thing, "__post_init__", None)]
+        )
+        assert any(hasattr(p, "compares") for p in parts) == (name in known), name
+
+
+def test_nobody_calls_abort():
+    assert not [p for p in (ROOT / "pw_elements").rglob("*.py") if "Abort(" in p.read_text()]
+
+
+def shares(comm):
+    """Time of digests and of comparing them, over that of a contact solution."""
+    body = Block(80, comm=comm)
+    assert body.K.getSize()[0] > 25_600
+    spent, within, compare = [], [], guard._digest
+
+    def timed(value):
+        if within:
+            return compare(value)
+        within.append(value)
+        begun = perf_counter()
+        found = compare(value)
+        spent.append(perf_counter() - begun)
+        within.pop()
+        return found
+
+    with patch.object(guard, "_digest", timed):
+        begun = perf_counter()
+        body.solve(0.3, 60.0, increments=2)
+        whole = perf_counter() - begun
+    begun = perf_counter()
+    for _ in range(100):
+        comm.Allreduce(np.zeros(3, dtype=int), np.empty(3, dtype=int))
+    return (sum(spent) + len(spent) * (perf_counter() - begun) / 100) / whole
+
+
+def test_comparing_arguments_takes_a_hundredth_at_most(request):
+    if not request.config.getoption("--nightly"):
+        pytest.skip("with --nightly")
+    assert max(run_on(2, shares, limit=600)) < 0.01

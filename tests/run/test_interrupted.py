@@ -15,7 +15,7 @@ import pytest
 
 from study.command import main
 from study.core.jit import unblocked
-from study.core.store import Results, sweep
+from study.core.store import Results, sweep, write_whole
 from tests.run.full_disk import REFUSED
 from tests.study.toystudy import install
 
@@ -168,14 +168,49 @@ def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(tmp_path):
 
 
 def test_what_killed_writers_leave_is_swept_and_what_live_ones_write_is_not(tmp_path):
+    """Hidden files of the user's stay, whatever they are called."""
     with subprocess.Popen(["true"]) as gone:
         pass
-    names = [f".a.json.{gone.pid}", f".b.npz.{os.getpid()}", ".c.json.old", "d.json"]
+    token = "0123456789abcdef"
+    left = f".a.json.{token}.{gone.pid}.pw-elements-unfinished"
+    kept = [
+        f".a.json.{token}.{os.getpid()}.pw-elements-unfinished",
+        f".a.json.{gone.pid}.pw-elements-unfinished",
+        f".a.json.{token}.{gone.pid}",
+        f".notes.{gone.pid}",
+        f".a.b.{gone.pid}",
+        "d.json",
+    ]
+    deep = tmp_path / "mine" / "deeper"
+    deep.mkdir(parents=True)
     (tmp_path / "7.1").mkdir()
-    for name in names:
+    for name in (left, *kept):
         (tmp_path / "7.1" / name).write_text("")
+        (tmp_path / name).write_text("")
+        (deep / name).write_text("")
+    (tmp_path / "7.1" / f".link.{token}.{gone.pid}.pw-elements-unfinished").symlink_to(deep)
     sweep(tmp_path)
-    assert sorted(path.name for path in tmp_path.rglob("*.*") if path.is_file()) == names[1:]
+    for folder in (tmp_path, tmp_path / "7.1"):
+        found = {path.name for path in folder.iterdir() if path.is_file()}
+        assert found == set(kept)
+    assert left in {path.name for path in deep.iterdir()}
+    assert len(list((tmp_path / "7.1").iterdir())) == len(kept) + 1
+
+
+def test_names_of_unfinished_files_cannot_be_told_beforehand(tmp_path, monkeypatch):
+    """And a file that is there under such a name is nobody's to write into."""
+    seen = []
+    monkeypatch.setattr("os.replace", lambda source, _: seen.append(source))
+    for _ in range(2):
+        write_whole(tmp_path / "a.json", b"text")
+    assert len(set(seen)) == 2
+    monkeypatch.setattr("secrets.token_hex", lambda _: "0" * 16)
+    target = tmp_path / "foreign"
+    name = f".a.json.{'0' * 16}.{os.getpid()}.pw-elements-unfinished"
+    (tmp_path / name).symlink_to(target)
+    with pytest.raises(FileExistsError):
+        write_whole(tmp_path / "a.json", b"text")
+    assert not target.exists()
 
 
 def waiting_for(source):

@@ -105,7 +105,7 @@ class Interface:
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
         self.position = np.concatenate([part.position for part in points])
         cones = [part.cone for part in points]
-        self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones])
+        self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones], [])
         self.equation = np.concatenate([part.equation for part in points])
         self.node = np.concatenate([part.node for part in points])
         self.faced = np.concatenate([part.faced for part in points])
@@ -130,10 +130,12 @@ class Interface:
                 raise ValueError(f"contact pair {k} has no nodes: its marker holds nowhere")
         with np.errstate(invalid="ignore"):  # of an infinite coefficient
             nothing, slope = self.cone.limit(np.zeros(len(self.pair)))
+        rises = self.cone.rises()
+        self.check_laws()
         wrong = ~(np.isfinite(slope) & (slope >= 0) & (nothing == 0))
         self.refuse(wrong, "have a friction coefficient that is negative or not finite")
         self.refuse(
-            self.cone.rises(),
+            rises,
             "have a law of friction whose coefficient, the limit over the normal force, rises with "
             "the force: it may stay or fall, so that its slope at zero bounds it",
         )
@@ -145,6 +147,11 @@ class Interface:
         self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {apart}")
         self.refuse(cut & ~rigid, f"lie inside the body that they face before any motion: {apart}")
         self._check_sides()
+
+    def check_laws(self) -> None:
+        """Raises, on all processes, what a law of friction has raised on one."""
+        with collective(self.comm):
+            answer(self.comm, "a law of friction", self.cone.tell)
 
     @cached_property
     def interference(self) -> Array:

@@ -45,6 +45,7 @@ from pw_elements.solvers import (
     destroy,
     free_motion,
     python_matrix,
+    solve_by,
     with_levels,
 )
 from pw_elements.spaces import SubSpace
@@ -437,7 +438,10 @@ class KrylovTangent:
         stalled, lost = False, 0.0
         while left > (target := self._target(left, reduced, forcing)) and not stalled:
             self._ksp.setTolerances(rtol=0.0, atol=target)
-            self._ksp.solve(rest, step)
+            if self._size and not self._krylov.foreign:  # its options have been looked at
+                self._ksp.solve(rest, step)
+            else:
+                solve_by(self._ksp, rest, step, self._krylov.options)
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
             self._size = max(self._size, x.norm())

@@ -281,6 +281,8 @@ class Increment:
         are not pressed by more: slips have no coordinates, but friction's limit has the gap.
         """
         comm, contact = self.system.comm, now.contact
+        if not self.interface.cone.cannot_fail:
+            self.interface.check_laws()
         moved, placed = self._lost(now)
         allowed = TOLERANCE * self._largest(now) + moved
         gap = np.where(np.isfinite(contact.gap), np.abs(contact.gap), 0.0)

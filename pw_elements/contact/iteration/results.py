@@ -29,6 +29,8 @@ def contact_state(
     if before.free == system.free:
         orientations |= before.orientations
     scale, residuals = _measured(increment, now, before.scale)
+    if not increment.interface.cone.cannot_fail:
+        increment.interface.check_laws()
     return ContactState(
         increment.interface.field.part(now.full),
         _pairs(increment, now),

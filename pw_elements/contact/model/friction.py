@@ -18,6 +18,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
+from pw_elements.checks import field
 
 # Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
 _FORCES = 10.0 ** np.arange(-12, 13)
@@ -97,12 +98,41 @@ class Cone:
 
     laws: Sequence[Friction]  # one per pair
     at: Sequence[Array]  # what each of them says of the pair's points
+    failed: list[BaseException] | None = None  # what they raised, to be told under a guard
 
     def limit(self, force: Array) -> tuple[Array, Array]:
-        """Largest tangential forces (m,) beside normal forces (m,), and their slopes (m,)."""
-        pairs = zip(self.laws, self.at, self._parts, strict=True)
-        limits, slopes = zip(*(law.limit(at, force[part]) for law, at, part in pairs), strict=True)
+        """Largest tangential forces (m,) beside normal forces (m,), and their slopes (m,).
+
+        Where a law fails, and this is kept, limits are NaN.
+        """
+        try:
+            pairs = zip(self.laws, self.at, self._parts, strict=True)
+            each = [self._of(law, at, force[part]) for law, at, part in pairs]
+        except BaseException as error:
+            if self.failed is None:
+                raise
+            self.failed.append(error)
+            return np.full(len(force), np.nan), np.zeros(len(force))
+        limits, slopes = zip(*each, strict=True)
         return np.concatenate(limits), np.concatenate(slopes)
+
+    @staticmethod
+    def _of(law: Friction, at: Array, force: Array) -> tuple[Array, Array]:
+        limit, slope = law.limit(at, force)
+        if isinstance(law, Coulomb):
+            return limit, slope
+        words = "it gives the limits and their slopes, (n,) each"
+        names = ("the limit of friction", limit), ("its slope", slope)
+        return tuple(field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]
+
+    @property
+    def cannot_fail(self) -> bool:
+        return all(isinstance(law, Coulomb) for law in self.laws)
+
+    def tell(self) -> None:
+        """Raises what a law has raised."""
+        if self.failed:
+            raise self.failed.pop()
 
     @cached_property
     def _parts(self) -> list[slice]:

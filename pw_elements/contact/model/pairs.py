@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array
-from pw_elements.checks import described, flag, is_number, number, of_type, vector
+from pw_elements.checks import described, flag, is_function, is_number, number, of_type, vector
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface
 from pw_elements.spaces import Part
@@ -191,7 +191,7 @@ class ContactPair:
                 "the interference is a depth where sides are coincident, whose own gaps do not "
                 "count, and True or False elsewhere"
             )
-        if not (callable(self.interference) or isinstance(self.interference, bool)):
+        if not (is_function(self.interference) or isinstance(self.interference, bool)):
             number("the interference", self.interference)
         motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
         for motion in motions:

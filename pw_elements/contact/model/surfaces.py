@@ -17,7 +17,7 @@ from ufl.core.expr import Expr
 from ufl.utils.stacks import StackDict
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import field, number, positive, vector
+from pw_elements.checks import field, is_function, number, positive, vector
 
 Points = Array
 
@@ -249,7 +249,7 @@ class SignedDistance:
             object.__setattr__(self, "gradient", _at_points(self.gradient))
         for name in ("function", "gradient"):
             given = getattr(self, name)
-            if not (callable(given) or (name == "gradient" and given is None)):
+            if not (is_function(given) or (name == "gradient" and given is None)):
                 raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
         positive("step", self.step)
 

@@ -4,7 +4,7 @@ fields = ContactFields.of(states[-1], body)  # fields.pressure, fields.gap, fiel
 write("punch.bp", states, body)
 """
 
-import os
+import secrets
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ import ufl
 from dolfinx import fem, io
 
 from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import arguments, collective
+from pw_elements.checks import arguments, collective, same_everywhere, vector
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
@@ -99,6 +99,7 @@ class ContactFields:
     body: Body | None = None
 
     @classmethod
+    @same_everywhere
     def of(cls, state: ContactState, body: Body | fem.FunctionSpace) -> "ContactFields":
         """Functions with the values of a state; every process calls it.
 
@@ -139,6 +140,7 @@ class ContactFields:
         fields.fill(state)
         return fields
 
+    @same_everywhere
     def fill(self, state: ContactState) -> None:
         """Gives the functions the values of another state.
 
@@ -275,6 +277,7 @@ def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
             raise ValueError("the state belongs to another space, or other processes, than this")
 
 
+@same_everywhere
 def write(
     path: str | Path,
     states: ContactState | Sequence[ContactState],
@@ -303,16 +306,19 @@ def write(
         RuntimeError: if DOLFINx has been built without ADIOS2.
         OSError: if something else is there, or the folder cannot be written in.
     """
+    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     path, space = Path(path), _trial(body)
     states = [states] if isinstance(states, ContactState) else list(states)
     comm = space.mesh.comm
     with collective(comm):
         for state in states:
             arguments.of_type("a state", state, ContactState, _STATE)
-        given = [float(s.increment) for s in states] if times is None else list(times)
+        increments = [float(s.increment) for s in states]
+        given = increments if times is None else list(vector("times", times))
         _check_series(path, states, given, space)
     fields = ContactFields.of(states[0], body)
-    unfinished, old = (path.with_name(f".{comm.bcast(os.getpid())}-{k}-{path.name}") for k in "ab")
+    token = comm.bcast(secrets.token_hex(8))
+    unfinished, old = (path.with_name(f".{token}-{k}-{path.name}") for k in "ab")
     with collective(comm):
         if comm.rank == 0:
             unfinished.mkdir()

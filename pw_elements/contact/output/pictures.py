@@ -18,13 +18,13 @@ import scipy.sparse as sp
 from scipy.sparse import csgraph
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.fields import check_state
 from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
-from pw_elements.pictures import SUB_TRIANGLES
+from pw_elements.pictures import SUB_TRIANGLES, check_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +36,7 @@ _ORANGE = "#D55E00"
 _INVISIBLE = 1e-3
 
 
+@same_everywhere
 def plot(
     state: ContactState,
     body: Body,
@@ -78,6 +79,8 @@ def plot(
 
     arguments.of_type("body", body, Body, "pressures need the body's surface measure")
     arguments.flag("opposite", opposite)
+    with collective(body.spaces.mesh.comm):
+        check_axes(axes)
     check_state(state, body.spaces.displacements.trial)
     dim = body.spaces.mesh.geometry.dim
     if not 0 <= pair < len(state.pairs):

@@ -3,9 +3,10 @@
 import io
 import json
 import os
-from collections.abc import Sequence
+import secrets
+from collections.abc import Mapping, Sequence
+from hashlib import blake2b
 from pathlib import Path
-from zipfile import BadZipFile
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -33,7 +34,10 @@ _OF_NUMBERS = {
     "scale": Scale,
     "smallness": Smallness,
 }
-_FORMAT = "pw_elements contact state 3"
+_FORMAT = "pw_elements contact state 4"
+# Before the names of what tells a problem from others, and how far that may be off, by round-off
+_PROBLEM = "problem "
+_SAME = 1e-9
 # Largest distance of a node from its place in the file, over the body's extent
 _NEAR = 1e-8
 
@@ -43,8 +47,9 @@ def write_state(
     state: ContactState,
     space: fem.FunctionSpace,
     history: Sequence[fem.FunctionSpace] = (),
+    problem: Mapping[str, Array] | None = None,
 ) -> None:
-    """Writes a state whole or not at all, on one process, if it is a solution."""
+    """Writes a state whole or not at all, on one process, if it is a solution of a `problem`."""
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
@@ -71,7 +76,9 @@ def write_state(
         numbers |= {name: None if part is None else vars(part) for name, part in parts.items()}
         numbers |= {"orientations": sorted(state.orientations)}
         numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
+        arrays |= {f"{_PROBLEM}{name}": values for name, values in (problem or {}).items()}
         arrays["state"] = np.array(json.dumps(numbers))
+        arrays["digest"] = _digest(arrays)
     with collective(comm):
         if arrays:
             try:
@@ -81,36 +88,51 @@ def write_state(
 
 
 def read_state(
-    path: Path, space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace] = ()
+    path: Path,
+    space: fem.FunctionSpace,
+    history: Sequence[fem.FunctionSpace] = (),
+    problem: Mapping[str, Array] | None = None,
 ) -> ContactState:
-    """Reads a state, each process the values of its own nodes."""
+    """Reads a state of a `problem`, each process the values of its own nodes."""
     comm = space.mesh.comm
     with collective(comm):
         try:
-            data = path.read_bytes() if comm.rank == 0 else b""
+            data = b""
+            if comm.rank == 0:
+                _refuse_irregular(path, "it is not read")
+                data = path.read_bytes()
         except OSError as failed:
             raise type(failed)(f"the state cannot be read from {path}: {failed}") from failed
     data = comm.bcast(data)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)
+        digest = arrays.pop("digest", None)
         numbers = json.loads(str(arrays["state"]))
         if numbers["format"] != _FORMAT:
             raise ValueError(
                 f"its format is {numbers['format']!r}, not {_FORMAT!r}: compute it once more"
             )
+        if digest is None or digest.tobytes() != _digest(arrays).tobytes():
+            raise ValueError("it has been changed since it was written")
         pairs = [
             {name: arrays[f"{name}_{k}"] for name in PairState.__dataclass_fields__}
             for k in range(numbers["pairs"])
         ]
-    except (ValueError, KeyError, OSError, BadZipFile) as failed:
-        raise ValueError(f"{path} holds no contact state: {failed}") from None
+    except Exception as failed:  # of whatever kind: any bytes may be in a file
+        said = str(failed) or type(failed).__name__
+        raise ValueError(f"{path} holds no contact state: {said}") from None
     fields = dict(zip(_NODES, fields_of(space), strict=False))
     if missing := fields.keys() - arrays.keys():
         raise ValueError(f"{path} has the state of a body without {missing.pop()}")
     if any(_names(k)[0] not in arrays for k in range(len(history))):
         raise ValueError(f"{path} has the state of a problem with less history")
     row = {name: _rows(path, arrays[_NODES[name]], field.space) for name, field in fields.items()}
+    for name, own in (problem or {}).items():
+        stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
+        size = np.abs(own[np.isfinite(own)]).max(initial=0.0)
+        if stored.shape != own.shape or not np.allclose(stored, own, rtol=0, atol=_SAME * size):
+            raise ValueError(f"{path} has the state of a problem with another {name}")
     moved = fields["displacement"]
     for pair in pairs:
         pair |= {
@@ -182,10 +204,26 @@ def _places(space: fem.FunctionSpace) -> Array:
     return np.concatenate([x, midpoints_around(space)[:owned]], axis=1)
 
 
+def _refuse_irregular(path: Path, otherwise: str) -> None:
+    if path.exists() and not path.is_file():
+        raise FileExistsError(f"{path} is no regular file: {otherwise}")
+
+
+def _digest(arrays: Mapping[str, npt.NDArray]) -> npt.NDArray[np.uint8]:
+    digest = blake2b(digest_size=16)
+    for name, values in sorted(arrays.items()):
+        digest.update(f"{name} {values.dtype} {values.shape} ".encode())
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return np.frombuffer(digest.digest(), dtype=np.uint8)
+
+
 def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    path = path.resolve()  # of a link, what it leads to
+    _refuse_irregular(path, "it is not replaced")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    unfinished = temporary.open("xb")
     try:
-        with temporary.open("wb") as stream:
+        with unfinished as stream:
             np.savez_compressed(stream, allow_pickle=False, **arrays)
             stream.flush()
             os.fsync(stream.fileno())

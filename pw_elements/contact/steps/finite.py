@@ -62,6 +62,7 @@ class FiniteStepping:
     ) -> None:
         self.solver, self._conditions, self._most = solver, conditions, max_iterations
         self._body, self._callback = problem.system, callback
+        self._constants = problem.form.constants()
         self._reduction = reduction.equilibrated(problem.system.matrix)
         self._whole = problem.u.function_space
         self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
@@ -173,9 +174,10 @@ class FiniteStepping:
             function.x.array[:] = values
 
     def _apply(self, load: Loading | None, share: float) -> None:
-        if load is not None:
-            with collective(self.interface.comm):
+        with collective(self.interface.comm) as same:
+            if load is not None:
                 answer(self.interface.comm, "the load", load, share)
+            same["the constants and conditions"] = self._constants, self._conditions
 
     def _updated(self) -> tuple[Array, ...]:
         """The history at the end of an increment, brought up to date."""

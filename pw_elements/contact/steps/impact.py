@@ -31,13 +31,20 @@ from pw_elements.algebra import (
     is_finite,
 )
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import agree, answer, check_mesh, collective, positive, vector, whole
+from pw_elements.checks import (
+    answer,
+    check_mesh,
+    collective,
+    positive,
+    same_everywhere,
+    vector,
+    whole,
+)
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import SmallnessCheck
-from pw_elements.elasticity import Sibling
 from pw_elements.progress import doing
 from pw_elements.spaces import Assembled
 
@@ -189,6 +196,7 @@ class ImpactHistory:
     frame_times: tuple[float, ...]
 
 
+@same_everywhere
 def solve_impact(
     K: PETSc.Mat,
     M: PETSc.Mat,
@@ -250,27 +258,24 @@ def solve_impact(
     constant = {} if load is None or callable(load) else {"the load": load}
     check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
     comm = space.mesh.comm
-    with collective(comm):
-        positive("duration", duration)
-        if step is not None:
-            positive("step", step)
-        whole("frames", frames, 0)
-        whole("max_steps", max_steps, 1)
-    numbers = {"the duration": duration, "the step": step, "the frames": frames}
-    agree(comm, numbers | {"max_steps": max_steps})
+    positive("duration", duration)
+    if step is not None:
+        positive("step", step)
+    whole("frames", frames, 0)
+    whole("max_steps", max_steps, 1)
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
     if step is None:
         step = _COURANT * critical
     if step > critical:
         raise ValueError(f"step = {step:.6g}: central differences are stable up to {critical:.6g}")
-    steps = int(np.ceil(duration / step * (1 - _EQUAL)))
+    steps = np.ceil(duration / step * (1 - _EQUAL))
     if steps > max_steps:
         raise ValueError(
             f"duration = {duration:.6g} takes {steps:.3g} steps of {step:.3g}, more than max_steps "
             f"= {max_steps}: some {steps * _SECONDS * K.getInfo()['nz_used'] / 3600:.2g} hours"
         )
-    sibling: Sibling | None = Assembled.of(K).sibling
+    steps, sibling = int(steps), Assembled.of(K).sibling
     interface = nodal_interface(stated, space, reduction, Assembled.of(K))
     free = _free(reduction)
     u, v = reduction.offset.copy(), velocity.copy()
@@ -384,6 +389,8 @@ class _March:
             interface.cone,
             dt,
         )
+        if not interface.cone.cannot_fail:
+            interface.check_laws()
         velocity[self._rows] += dt * self._inverse[self._rows] * contact.force
         self._v.setArray(velocity)
         self._u.axpy(dt, self._v)
@@ -456,12 +463,12 @@ class _March:
         each = np.zeros((len(self._paths), dim))
         if not any(self._paths):
             return each
-        with collective(comm):
+        with collective(comm) as same:
             for k, path in enumerate(self._paths):
                 if path is not None:
                     whose = f"the path of contact pair {k}"
                     each[k] = vector(whose, answer(comm, whose, path, time), dim)
-        agree(comm, {"the paths": each})
+            same["the paths"] = each
         return each
 
 

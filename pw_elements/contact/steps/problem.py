@@ -21,7 +21,7 @@ from pw_elements.algebra import (
     check_problem,
     is_finite,
 )
-from pw_elements.checks import agree, arguments, check_mesh, collective, positive, whole
+from pw_elements.checks import arguments, check_mesh, collective, positive, same_everywhere, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
 from pw_elements.contact.model import (
@@ -67,22 +67,13 @@ def checked_problem(
 ) -> tuple[ContactPair, ...]:
     """The pairs of a problem, one or several, that make one with all else."""
     arguments.space(space)
-    comm = space.mesh.comm
-    with collective(comm):
-        whole("max_iterations", max_iterations, 1)
+    whole("max_iterations", max_iterations, 1)
+    with collective(space.mesh.comm):  # only some processes may have one
         _check_function("callback", callback, "it has to be a function")
-        stated = _each(pairs, ContactPair, "a contact pair")
+    stated = _each(pairs, ContactPair, "a contact pair")
     check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
-    agree(comm, {"max_iterations": max_iterations, "the number of contact pairs": len(stated)})
-    for k, pair in enumerate(stated):
-        surface = pair.surface
-        told = {"surface": surface, "friction": pair.friction, "motions": pair.motions}
-        if isinstance(surface, MatchingNodes):  # whose nodes have local numbers
-            told |= {"surface": surface.shape, "offset": surface.offset}
-        if isinstance(surface, DeformableSurface):  # whose facets have
-            check_weights(K, space)
-            told["surface"] = surface.revolved, surface.coincident
-        agree(comm, {f"the {what} of contact pair {k}": value for what, value in told.items()})
+    if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
+        check_weights(K, space)
     return tuple(stated)
 
 
@@ -92,33 +83,26 @@ def checked_paths(
     space: fem.FunctionSpace,
 ) -> list[PathInTime | None]:
     """The path of each pair's surface in explicit dynamics; one of a single pair needs no list."""
-    with collective(space.mesh.comm):
-        if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
-            raise ValueError("impact is one against rigid surfaces, not of two bodies")
-        if is_hybrid(space):
-            raise ValueError(
-                "a pressure has no mass: impact is one of displacements alone, as of "
-                "Spaces.petrov_galerkin(mesh)"
-            )
-        each = _of_pairs("paths", [paths] if callable(paths) else paths, len(pairs))
-        for k, path in enumerate(each):
-            remedy = "it has to be a function of time"
-            _check_function(f"the path of contact pair {k}", path, remedy)
+    if any(isinstance(pair.surface, (MatchingNodes, DeformableSurface)) for pair in pairs):
+        raise ValueError("impact is one against rigid surfaces, not of two bodies")
+    if is_hybrid(space):
+        raise ValueError(
+            "a pressure has no mass: impact is one of displacements alone, as of "
+            "Spaces.petrov_galerkin(mesh)"
+        )
+    each = _of_pairs("paths", paths if isinstance(paths, Iterable) else [paths], len(pairs))
+    for k, path in enumerate(each):
+        _check_function(f"the path of contact pair {k}", path, "it has to be a function of time")
     return each
 
 
-def checked_remedies(remedies: Remedies, space: fem.FunctionSpace) -> dict[Remedy, float]:
+def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
     """The remedies of a problem, and what each may take, over the first attempt."""
-    with collective(space.mesh.comm):
-        named = isinstance(remedies, Collection) and not isinstance(remedies, str)
-        if not named or any(one not in REMEDIES for one in remedies):
-            raise ValueError(
-                f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}"
-            )
-        some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
-        each = {k: positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
-    agree(space.mesh.comm, {"the remedies": list(each.items())})
-    return each
+    named = isinstance(remedies, Collection) and not isinstance(remedies, str)
+    if not named or any(one not in REMEDIES for one in remedies):
+        raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
+    some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
+    return {k: positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
 
 
 def checked_step(
@@ -129,20 +113,17 @@ def checked_step(
     guess: ContactState | None,
 ) -> list[Motion | None]:
     """The motion of each pair in an increment of a problem, of which `own` is a state."""
-    comm, pairs = space.mesh.comm, len(own.pairs)
-    with collective(comm):
-        check_belongs(state, own, "the state")
-        if not state.converged:
-            raise ValueError("the state at the start is no solution: it can be a guess only")
-        if guess is not None:
-            _check_guess(guess, pairs)
-        given: Any = () if motions is None else motions
-        moved = _of_pairs("motions", given if isinstance(given, Iterable) else [given], pairs)
-        for k, motion in enumerate(moved):
-            if motion is not None:
-                _check_motions([motion], space, k)
-    start = None if guess is None else [pair.status for pair in guess.pairs]
-    agree(comm, {"the state": state.pairs, "the motions": moved, "the state to start from": start})
+    check_belongs(state, own, "the state")
+    if not state.converged:
+        raise ValueError("the state at the start is no solution: it can be a guess only")
+    if guess is not None:
+        _check_guess(guess, len(own.pairs))
+    given: Any = () if motions is None else motions
+    each = given if isinstance(given, Iterable) else [given]
+    moved = _of_pairs("motions", each, len(own.pairs))
+    for k, motion in enumerate(moved):
+        if motion is not None:
+            _check_motions([motion], space, k)
     return moved
 
 
@@ -157,53 +138,50 @@ def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
 def checked_loading(
     load: Any,  # noqa: ANN401
     guess: ContactState | None,
-    space: fem.FunctionSpace,
 ) -> Loading | None:
     """What changes in an increment of a residual."""
-    with collective(space.mesh.comm):
-        remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
-        _check_function("the load of a residual", load, remedy)
-        if guess is not None:
-            raise ValueError("a problem of a residual starts from its state: it takes no guess")
+    remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
+    _check_function("the load of a residual", load, remedy)
+    if guess is not None:
+        raise ValueError("a problem of a residual starts from its state: it takes no guess")
     return load
 
 
 def checked_history(
-    history: Sequence[fem.Function], update: Callable[[], None] | None, space: fem.FunctionSpace
+    history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
 ) -> list[fem.Function]:
     """Functions that belong to the state."""
-    with collective(space.mesh.comm):
-        _check_function("update", update, "it has to be a function")
+    _check_function("update", update, "it has to be a function")
+    with collective(comm) as same:
+        same["the history"] = [getattr(one, "function_space", None) for one in history]
         return _each(history, fem.Function, "a function of the history")
 
 
 def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
     """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
-    comm = space.mesh.comm
-    with collective(comm):
-        for k, pair in enumerate(pairs):
-            if pair.interference:
+    comm, dim = space.mesh.comm, space.mesh.geometry.dim
+    for k, pair in enumerate(pairs):
+        if pair.interference:
+            raise ValueError(
+                f"contact pair {k} has interference, which small displacements only can have: "
+                "start with the surface outside of the body, and move it in"
+            )
+        if getattr(pair.surface, "gradient", True) is None:
+            words = f"contact pair {k}: differences stand in for a gradient function"
+            told(comm, logging.WARNING, words, ".contact")
+        if isinstance(pair.surface, DeformableSurface):
+            if dim == 3 or pair.surface.coincident:
                 raise ValueError(
-                    f"contact pair {k} has interference, which small displacements only can have: "
-                    "start with the surface outside of the body, and move it in"
+                    f"contact pair {k}: two deformed bodies slide on each other in the plane and "
+                    "in axisymmetry only, and from where they are: sides cannot count as coincident"
                 )
-            if getattr(pair.surface, "gradient", True) is None:
-                words = f"contact pair {k}: differences stand in for a gradient function"
-                told(comm, logging.WARNING, words, ".contact")
-            if isinstance(pair.surface, DeformableSurface):
-                if space.mesh.geometry.dim == 3 or pair.surface.coincident:
-                    raise ValueError(
-                        f"contact pair {k}: two deformed bodies slide on each other in the plane "
-                        "and in axisymmetry only, and from where they are: sides cannot count as "
-                        "coincident"
-                    )
-            elif not isinstance(pair.surface, RigidBody):
-                raise ValueError(
-                    f"contact pair {k}: deformed bodies cannot touch a "
-                    f"{type(pair.surface).__name__}, which knows no closest points; use Sphere "
-                    "(a circle in the plane), Plane or SignedDistance, such as one of a punch with "
-                    "rounded edges"
-                )
+        elif not isinstance(pair.surface, RigidBody):
+            raise ValueError(
+                f"contact pair {k}: deformed bodies cannot touch a "
+                f"{type(pair.surface).__name__}, which knows no closest points; use Sphere (a "
+                "circle in the plane), Plane or SignedDistance, such as one of a punch with "
+                "rounded edges"
+            )
 
 
 def checked_increments(
@@ -235,7 +213,6 @@ def checked_increments(
             raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
         for state in guesses:
             _check_guess(state, len(pairs))
-    agree(comm, {"the number of loads": len(given), "the number of states": len(guesses)})
     for k, load in enumerate(given):
         if not is_finite(load):
             raise ValueError(f"the load of increment {k} is not finite")
@@ -243,9 +220,8 @@ def checked_increments(
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 
 
-def checked_path(path: str | Path, space: fem.FunctionSpace) -> Path:
-    with collective(space.mesh.comm):
-        arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+def checked_path(path: str | Path) -> Path:
+    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     return Path(path)
 
 
@@ -279,7 +255,7 @@ def _of_pairs(what: str, given: Iterable, pairs: int) -> list:
 
 
 def _check_function(name: str, given: object, remedy: str) -> None:
-    if not (given is None or callable(given)):
+    if not (given is None or arguments.is_function(given)):
         raise TypeError(f"{name} is {arguments.described(given)}: {remedy}")
 
 
@@ -337,6 +313,7 @@ class ContactProblem:
 
     _finite: FiniteStepping | None = None
 
+    @same_everywhere
     def __init__(
         self,
         K: PETSc.Mat,
@@ -351,7 +328,7 @@ class ContactProblem:
         self.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_mesh(space.mesh)
         self._K, self._space, self._asked, self._supports = K, space, solver, reduction.supports
-        each = checked_remedies(remedies, space)
+        each = checked_remedies(remedies)
         self._by = partial(
             Stepping, K, reduction, self.pairs, space, max_iterations, callback, each
         )
@@ -360,6 +337,7 @@ class ContactProblem:
         self.undeformed: ContactState = undeformed(self._stepping.interface, K.createVecRight())
 
     @classmethod
+    @same_everywhere
     def of_residual(
         cls,
         residual: ufl.Form,
@@ -404,11 +382,11 @@ class ContactProblem:
             TypeError, ValueError: for arguments that do not make a contact problem.
             DegenerateMesh: for cells that are flat or inverted.
         """
-        solver = solver or Direct()
+        solver = Direct() if solver is None else solver
         problem = PetrovGalerkinProblem(residual, u, conditions, solver)
         space, K = u.function_space, problem.system.matrix
         own = cls.__new__(cls)
-        functions = checked_history(history, update, space)
+        functions = checked_history(history, update, space.mesh.comm)
         u.x.array[:] = 0.0
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
@@ -432,6 +410,7 @@ class ContactProblem:
         own.undeformed = replace(start, history=values, smallness=None)
         return own
 
+    @same_everywhere
     def step(
         self,
         state: ContactState,
@@ -467,7 +446,7 @@ class ContactProblem:
         """
         moved = checked_step(self._space, self.undeformed, state, motions, guess)
         if self._finite is not None:
-            return self._finite.step(state, checked_loading(load, guess, self._space), moved)
+            return self._finite.step(state, checked_loading(load, guess), moved)
         load = self._K.createVecRight() if load is None else load
         check_nodal_load(load, self._K, self._space.mesh.comm)
         if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
@@ -482,6 +461,7 @@ class ContactProblem:
 
         return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
 
+    @same_everywhere
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         (self._finite or self._stepping).release()
@@ -491,6 +471,18 @@ class ContactProblem:
         """Spaces of the functions that belong to the state."""
         return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
+    def _fingerprint(self) -> dict[str, np.ndarray]:
+        """What tells the problem from others, on any number of processes."""
+        pairs = self.undeformed.pairs
+        size = max(np.abs(pair.position).max() for pair in pairs)
+        surfaces = [part for pair in pairs for part in (pair.gap / size, pair.normal.ravel())]
+        friction = [pair.friction for pair in pairs]
+        known = {"surface": np.concatenate(surfaces), "friction": np.concatenate(friction)}
+        if self._finite is None:
+            known["stiffness"] = np.array([self._K.norm(PETSc.NormType.FROBENIUS)])
+        return known
+
+    @same_everywhere
     def save(self, state: ContactState, path: str | Path) -> None:
         """Writes a state to a file, completely or not at all: a NumPy archive without pickles.
 
@@ -505,8 +497,10 @@ class ContactProblem:
         """
         with collective(self._space.mesh.comm):
             check_belongs(state, self.undeformed, "the state")
-        write_state(checked_path(path, self._space), state, self._space, self._histories)
+        path = checked_path(path)
+        write_state(path, state, self._space, self._histories, self._fingerprint())
 
+    @same_everywhere
     def load(self, path: str | Path) -> ContactState:
         """Reads a state that `save` wrote for the same problem, on any number of processes.
 
@@ -515,14 +509,17 @@ class ContactProblem:
 
         Raises:
             TypeError: for anything but a path.
-            ValueError: if the file holds no state, or one of another mesh or other pairs.
+            ValueError: if the file holds no state, one that has been changed since, or one of
+                another mesh, stiffness, friction or surface.
             OSError: if the file cannot be read.
         """
-        state = read_state(checked_path(path, self._space), self._space, self._histories)
+        path = checked_path(path)
+        state = read_state(path, self._space, self._histories, self._fingerprint())
         check_belongs(state, self.undeformed, "the file's state")
         return state
 
 
+@same_everywhere
 def solve_contact(
     K: PETSc.Mat,
     loads: PETSc.Vec | Sequence[PETSc.Vec],
