@@ -89,7 +89,7 @@ class System:
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual, self._tangent = u, residual, tangent
-        self.matrix = petsc.create_matrix(tangent)
+        self.matrix = Assembled(tangent).mark(petsc.create_matrix(tangent))
         self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._forces = petsc.assemble_vector(residual)
 

@@ -96,7 +96,8 @@ class PreparedSolver(Protocol):
     """A solver of systems with one matrix, whose entries may change between solutions.
 
     `solve` and contact need `solve`, `solve_changed`, `report`, `orientations` and `release` of
-    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides.
+    it; eigenvalue problems and Newton's method `ksp` and `set_up` besides. For contact of two
+    bodies at large sliding it also has `take`, as `Factors` do.
     """
 
     ksp: PETSc.KSP
@@ -231,7 +232,7 @@ class Factors:
         symmetric: bool = False,
         options: Options | None = None,
     ) -> None:
-        self._matrix, self._options = matrix, options or {}
+        self._options = options or {}
         self._orientations: list[int] = []
         self._factorisations = self._iterations = 0
         self._worthwhile = -1.0
@@ -246,10 +247,17 @@ class Factors:
         if options:
             set_options(self.ksp, options)
         self._kind = self.ksp.getType()
-        self._preconditioner.setFactorSetUpSolverType()
         package = self._preconditioner.getFactorSolverType()
         self._method = f"{'LDL^T' if symmetric else 'LU'} by {package}"
         self._mumps = package == "mumps"
+        self.take(matrix)
+
+    def take(self, matrix: PETSc.Mat) -> None:
+        """Goes on with another matrix of the same size, whose pattern may be another one."""
+        self._matrix = matrix
+        self._preconditioner.reset()
+        self.ksp.setOperators(matrix)
+        self._preconditioner.setFactorSetUpSolverType()
         if self._mumps:
             factor = self._preconditioner.getFactorMatrix()
             factor.setMumpsIcntl(24, 1)  # null pivots are counted, not divided by

@@ -44,6 +44,7 @@ SECTIONS = {
     "V14": "study.verification.v14_rubber",
     "V15": "study.verification.v15_rubber",
     "V16": "study.verification.v16_sliding",
+    "V17": "study.verification.v17_bodies",
     "Q": "study.rivals.q_compare",
     "W": "study.engineering.w_engineering",
     "P": "study.peers.p_compare",

@@ -166,6 +166,7 @@ _TESTED = {
     "V14": ("study/test_verification_residual",),
     "V15": ("study/test_verification_rubber", "library/test_hybrid"),
     "V16": ("contact/test_large",),
+    "V17": ("contact/test_sliding", "oracle/test_sliding"),
     "Q": ("study/test_rivals",),
     "W": ("study/test_engineering",),
     "P": ("study/test_peers",),

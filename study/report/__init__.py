@@ -36,6 +36,7 @@ PARTS = (
     ("V14", "section", "Large strains"),
     ("V15", "section", "Nearly incompressible bodies: the hybrid element"),
     ("V16", "section", "Large sliding"),
+    ("V17", "section", "Two bodies at large sliding"),
     ("W", "section", "Laws of nodal forces: does an engineer's answer change?"),
     ("C", "chapter", "Accuracy, and where the new element is worse"),
     ("K", "chapter", "What it costs"),

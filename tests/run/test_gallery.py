@@ -30,6 +30,7 @@ COARSE = {
     "rubber_punch": "cells = 4",
     "rubber_roller": "cells = 3",
     "seal": "cells = 8",
+    "shaft_seal": "cells = 6",
     "seepage": "size, permeability, head = 3.0, 1e-5, 6.0",
     "sphere_on_block": "size, side = 0.3, 4.0",
     "tuning_fork": "size = 8.0",
@@ -128,6 +129,16 @@ def test_rubber_roller(example):
     assert 0 < force[0] < found["friction"] * force[1]
     assert np.ptp(found["x"]) == pytest.approx(2 * np.sqrt(2 * depth - depth**2), rel=0.4)
     assert found["pressure"][found["closed"]].min() > 0
+
+
+def test_shaft_seal(example):
+    """The lip slides on the shaft by Coulomb's law, and climbs its shoulder against more."""
+    forces = example("shaft_seal")["forces"]
+    across, normal = -forces[:, 0] / forces[:, 1], forces[:, 1]
+    assert across[3] == pytest.approx(0.3, rel=0.03)  # not yet at the shoulder
+    assert across.max() > 0.4
+    assert across[-1] == pytest.approx(0.3, rel=0.03)
+    assert normal[-1] > 1.5 * normal[0]
 
 
 def test_seal(example):

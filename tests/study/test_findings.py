@@ -37,6 +37,7 @@ V12: step-weights unstable release-plane plane
 V13: square square-max trefftz-.*
 V14: sawtooth-.* moment-linear moment-far force
 V15: cook hertz hertz-even order-.* square-H1 cube infsup-T6-standard identity-.* presses
+V17: objective-90 fit
 """
 PATTERNS = [f"{section}-{name}" for section, name in listed(QUICK)]
 CLAIMS = load_claims()

@@ -60,6 +60,7 @@ V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
 V16: shear-pw-T10 steps-pw-T6-1-1 compression-pw-T6 cylinder-pw-T6-8 energy-pw-T6-4 hertz-pw-T6-4
 V16: calculix-pw-T6-cylinder-8-0.0
+V17: turned-pw-T6-90 fit-pw-hybrid-T6 rings-pw-T6 die-pw-T6-coarser
 Q: pw-T6-4-0.375 offsets-pw-T6 calculix-4-0.375 seconds-pw-T6-16
 W: wear-pw-T6-4-own friction-pw-T6-4-own conductance-pw-T6-4-own impact-sibling-T6-4-none
 W: submodel-pw-T6-4-own wear-pw-T10-8-own
@@ -82,6 +83,7 @@ SYSTEMS = {
     "V6": SI,
     "V7": SI,
     "V8": NONE,
+    "V17": NONE,
     "Q": NONE,
     "W": NONE,
 }

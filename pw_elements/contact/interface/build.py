@@ -18,9 +18,10 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import answer, collective, field, is_number, listed
-from pw_elements.contact.interface.geometry import gathered_trace
+from pw_elements.contact.interface.geometry import Trace, gathered_trace
 from pw_elements.contact.interface.mortar import Overlap
 from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
+from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
 from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
 from pw_elements.progress import told
@@ -98,9 +99,11 @@ def nodal_interface(
     space: fem.FunctionSpace,
     reduction: Reduction,
     known: Assembled | None = None,
+    deformed: bool = False,
 ) -> Interface:
     """Contact points of pairs, and checks of what can be checked before any computation.
 
+    Bodies that are `deformed` find each other anew where they are.
     What is `known` of the stiffness tells whether areas are those of a circumference, and whether
     the unknowns are a sibling's coefficients; gaps are theirs then.
     """
@@ -126,10 +129,15 @@ def nodal_interface(
             at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
             cones.append(Cone([pair.law], [at]))
     points, faced = [], []
+    mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
         opposite = None
         if isinstance(pair.surface, DeformableSurface):
             revolved = _revolved(k, pair.surface, known or Assembled(), dim)
+            if deformed:
+                of_pair, shapes[k], mortars[k] = sliding_points(k, pair, node, cone, body, revolved)
+                points.append(of_pair)
+                continue
             depth = _depth(space.mesh.comm, k, pair, body.x[node])
             of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
             points.append(of_pair)
@@ -140,7 +148,7 @@ def nodal_interface(
         points.append(_points(body, node, cone, opposite))
     interfering = [pair.interference is not False for pair in pairs]
     inverse = None if known is None or known.sibling is None else known.sibling.inverse
-    interface = Interface(points, shapes, body.field, interfering, inverse)
+    interface = Interface(points, shapes, body.field, interfering, inverse, mortars)
     _check_nodes(body, np.concatenate([*found, *faced]))
     interface.check(body.diagonal)
     return interface
@@ -364,6 +372,63 @@ def check_weights(K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         )
 
 
+def _sides(
+    number: int, pair: ContactPair, node: Local, body: BodyNodes
+) -> tuple[Indices, Trace, Trace]:
+    """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
+    space, master = body.space, pair.surface
+    assert isinstance(master, DeformableSurface)
+    own = node + np.int64(space.dofmap.index_map.local_range[0])
+    every = np.concatenate(space.mesh.comm.allgather(own))
+    one = gathered_trace(space, facets_between(space, every))
+    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
+    if not len(other.node):
+        raise ValueError(
+            f"contact pair {number} has no opposite facets: their marker holds nowhere"
+        )
+    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
+    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
+    if len(places := one.edges()):
+        raise ValueError(
+            f"contact pair {number} has an edge at {listed(places)}, where its normal would belong "
+            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
+        )
+    return own, one, other
+
+
+def sliding_points(
+    number: int,
+    pair: ContactPair,
+    node: Local,
+    cone: Cone,
+    body: BodyNodes,
+    revolved: bool,
+) -> tuple[Points, InitialGap, SlidingMortar]:
+    """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
+    own, one, other = _sides(number, pair, node, body)
+    mortar = SlidingMortar(one, other, revolved)
+    met = mortar.meet(mortar.x, slopes=False)
+    if not met.faced.any():
+        raise ValueError(
+            f"contact pair {number}: no part of its facets faces the opposite part: one of them is "
+            "on the far side of its body, or nothing of it lies across"
+        )
+    into = np.stack(met.normal, axis=1)
+    free = ~_prescribed(one.nodes, body)
+    near = np.linalg.norm(into * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
+    mortar.kept[near] = free[near]
+    met = mortar.meet(mortar.x, slopes=False)
+    among = np.searchsorted(one.nodes, own)
+    into = np.stack(met.normal, axis=1)[among]
+    gap = np.where(met.faced, met.normal[0] * met.place[0] + met.normal[1] * met.place[1], np.inf)
+    points = replace(
+        _points(body, node, cone, None),
+        faced=np.full_like(own, DEFORMABLE),
+        opposite=other.nodes[by_position(other.positions_of_nodes())],
+    )
+    return points, InitialGap(body.x[node], gap[among], into), mortar
+
+
 def mortar_points(
     number: int,
     pair: ContactPair,
@@ -378,23 +443,8 @@ def mortar_points(
     Points that face nothing have an infinite gap. `depth` (m,) is the nominal interference of sides
     that coincide, None of others; `revolved` tells whether areas are those of a circumference.
     """
-    space, comm, master = body.space, body.space.mesh.comm, pair.surface
-    assert isinstance(master, DeformableSurface)
-    own = node + np.int64(space.dofmap.index_map.local_range[0])
-    every = np.concatenate(comm.allgather(own))
-    one = gathered_trace(space, facets_between(space, every))
-    other = gathered_trace(space, exterior_facets(space.mesh, master.where))
-    if not len(other.node):
-        raise ValueError(
-            f"contact pair {number} has no opposite facets: their marker holds nowhere"
-        )
-    body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
-    body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
-    if len(places := one.edges()):
-        raise ValueError(
-            f"contact pair {number} has an edge at {listed(places)}, where its normal would belong "
-            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
-        )
+    comm = body.space.mesh.comm
+    own, one, other = _sides(number, pair, node, body)
     overlap = Overlap.of(one, other, own, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
         behind = Overlap.of(one, replace(other, outward=-other.outward), own, revolved)

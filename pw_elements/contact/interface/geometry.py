@@ -39,7 +39,7 @@ _EDGE = float(np.cos(np.pi / 4)) - 1e-9
 # Overlaps of less than this part of the slave's sub-facet are none
 _NO_OVERLAP = 1e-12
 # Sub-facets whose normals have a larger cosine stand across each other, or look the same way
-_FACING = -1e-2
+FACING = -1e-2
 # Corners of a sub-facet of a surface, by their number, one after the other along its rim
 _RIM = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 # Steps of Newton's method, which ends earlier where they change no place in a cell by more
@@ -209,7 +209,7 @@ def segments(slave: Array, master: Array, along: Array, outward: Array) -> Segme
     are the master's unit normals.
     """
     one, other = _candidates(slave, master, along)
-    facing = np.sum(along[one] * outward[other], axis=1) < _FACING
+    facing = np.sum(along[one] * outward[other], axis=1) < FACING
     one, other = one[facing], other[facing]
     edges = slave[:, 1 : slave.shape[2]] - slave[:, :1]
     basis = np.concatenate([edges, along[:, None]], axis=1)[one]

@@ -16,9 +16,10 @@ on is that the force can be read from `Points.equation`, and that G's unit times
 over K's, by which the law's scale is found. Law, kinematics and loop see points only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal
 
 from mpi4py import MPI
@@ -31,6 +32,7 @@ import scipy.sparse as sp
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, collective, listed
 from pw_elements.checks import field as checked_field
+from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, NotFound, Surface
 from pw_elements.elasticity import by_position
 from pw_elements.spaces import SubSpace
@@ -87,12 +89,15 @@ class Interface:
         field: SubSpace,
         interfering: Sequence[bool] = (),
         inverse: PETSc.Mat | None = None,
+        mortars: Mapping[int, SlidingMortar] = MappingProxyType({}),
     ) -> None:
         """Puts pairs together, whose points move with displacements among the unknowns (n,).
 
         Surfaces, at their initial places, may cut the body in pairs that are `interfering`.
-        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these.
+        Unknowns are displacements, or coefficients which `inverse`, (n, n), makes of these. Pairs
+        of bodies at large sliding have `mortars`, which tell `force` and the rest anew.
         """
+        self.mortars = mortars
         self.field = field
         self.comm: MPI.Comm = field.space.mesh.comm
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
@@ -108,9 +113,10 @@ class Interface:
         self.noise = np.concatenate([part.noise for part in points])
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
-        self.motion = _matrix(sp.vstack([part.motion for part in points], "csr"), field)
-        transposed = _matrix(sp.vstack([part.force for part in points], "csr"), field)
-        self.force = transposed.transpose(PETSc.Mat())
+        self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))
+        self.force = self.rows(sp.vstack([part.force for part in points], "csr")).transpose(
+            PETSc.Mat()
+        )
         self._inverse = inverse
         self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
 
@@ -206,6 +212,18 @@ class Interface:
             rows.append(of_pair[place[first : first + counts[self.comm.rank]]])
         return np.concatenate(rows)
 
+    def rows(self, rows: sp.csr_matrix) -> PETSc.Mat:
+        """A matrix with these rows on this process, of displacements, for all unknowns."""
+        csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+        sizes = ((rows.shape[0], PETSc.DETERMINE), self.field.sizes)
+        matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
+        return matrix if self.field.is_all else matrix.matMult(self.field.selection())
+
+    def of_unknowns(self, rows: sp.csr_matrix) -> PETSc.Mat:
+        """A matrix (n, n) with these rows of this process' displacements by displacements."""
+        matrix = self.rows(rows)
+        return matrix if self.field.is_all else self.field.selection().transposeMatMult(matrix)
+
     @cached_property
     def _order(self) -> list[npt.NDArray[np.intp]]:
         """Order by position of each pair's points as they are gathered."""
@@ -274,7 +292,10 @@ class Interface:
         return self._by_pair("normal", translations, (dim,))
 
     def closest(self, moved: Array) -> tuple[Array, Array, Array]:
-        """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved."""
+        """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved.
+
+        They are zero in pairs of bodies.
+        """
         dim = moved.shape[1]
         layout = "it takes points as rows (n, dim), gives (n,), (n, dim) and (n, dim, dim)"
         found = [np.zeros((len(moved), *shape)) for shape in ((), (dim,), (dim, dim))]
@@ -301,21 +322,13 @@ class Interface:
         with collective(self.comm):
             for k, surface in enumerate(self.surfaces):
                 mine = self.pair == k
-                if mine.any():
+                if mine.any() and not (what == "closest" and k in self.mortars):
                     whose = f"the {name} of the surface of contact pair {k}"
                     given = answer(self.comm, whose, getattr(surface, what), x[mine])
                     each = given if len(answers) > 1 else (given,)
                     for values, known in zip(answers, each, strict=True):
                         shape = (int(mine.sum()), *values.shape[1:])
                         values[mine] = checked_field(whose, known, shape, layout)
-
-
-def _matrix(rows: sp.csr_matrix, field: SubSpace) -> PETSc.Mat:
-    """A matrix with these rows on this process, of displacements, for all unknowns."""
-    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
-    sizes = ((rows.shape[0], PETSc.DETERMINE), field.sizes)
-    matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=field.space.mesh.comm)
-    return matrix if field.is_all else matrix.matMult(field.selection())
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

@@ -5,6 +5,7 @@ from pw_elements.contact.iteration.finite import (
     DeformedKinematics,
     DeformedPlace,
     FiniteEquilibrium,
+    Sliding,
 )
 from pw_elements.contact.iteration.law import (
     HELD,

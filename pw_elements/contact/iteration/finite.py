@@ -15,15 +15,20 @@ Residuals need no areas: the force of a node is the residual's entry, r = L F(u)
     K a = f + H r,    K = F'(u_k),    f = K u_k - F(u_k)
 
 is a linear equilibrium for the next u. Newton's step to it is halved as long as it turns a cell.
+
+Of two bodies H(u) and the places of both sides are those of `SlidingMortar`. Then K has -dH r
+besides, and the law is one of three motions of a node, whose rows G are made anew in each
+iteration: the changes of its gap and slip, and the angle by which its normal turns.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import basix
 import numpy as np
+import scipy.sparse as sp
 import ufl
 from basix import PolysetType
 from dolfinx import fem
@@ -31,13 +36,15 @@ from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import ROUND_OFF, Interface
+from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface, Varying
 from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import NotFound
 from pw_elements.spaces import SubSpace, is_hybrid
 
+# Of a node that another body faces: gap, slip and angle
+_MOTIONS = 3
 # A step is halved so often at most
 _HALVINGS = 10
 # Below this s the series of the arc's factor are as exact
@@ -50,25 +57,28 @@ _WAY = np.linspace(0.05, 0.95, 19)
 
 @dataclass(frozen=True)
 class DeformedPlace:
-    """Gap, slip and force components about deformed nodes, linear in y = X + a - U and r."""
+    """Gap, slip and force components where deformed nodes are, and their derivatives.
+
+    Nodes have p motions each, which are y = X + a - U for those that rigid surfaces face.
+    """
 
     interface: Interface  # contact points (m)
     translations: Array  # U there, (pairs, dim)
-    at: Array  # a - U there, (m, dim)
+    at: Array  # the motions without X, (m, p)
     frame: Array  # normals and tangents, (m, dim, dim)
-    gap: Array  # (m,)
+    gap: Array  # (m,), infinite where nothing faces a node
     slip: Array  # (m, dim - 1)
-    moved: Array  # derivatives of gap and slip by y, (m, dim, dim)
-    turned: Array  # of the force components, by the turning of the frame, (m, dim, dim)
+    moved: Array  # derivatives of gap and slip by the motions, (m, dim, p)
+    turned: Array  # of the force components, by the turning of the frame, (m, dim, p)
     jumped: Mask  # (m,), whether the normal has turned by a right angle since the start
 
-    def gaps(self, displacement: Array, translations: Array) -> Array:
-        """Gaps (m,) at displacements (m, dim) and translations (pairs, dim)."""
-        return self.gap + self._changes(displacement, translations, self.moved[:, :1])[:, 0]
+    def gaps(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
+        """Gaps (m,) there: a place is never seen from another one."""
+        return self.gap
 
-    def slips(self, displacement: Array, translations: Array) -> Array:
+    def slips(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
         """Slip components (m, dim - 1) likewise."""
-        return self.slip + self._changes(displacement, translations, self.moved[:, 1:])
+        return self.slip
 
     def forces(self, force: Array, translations: Array) -> Array:  # noqa: ARG002
         """Components (m, dim) along the frame of forces (m, dim)."""
@@ -78,22 +88,138 @@ class DeformedPlace:
         """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
         A, B, b = equations(active, scale)
         E, C = A @ self.frame, A @ self.turned + B @ self.moved
-        known = np.concatenate([self.gap[:, None], self.slip], axis=1)
+        gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
+        known = np.concatenate([gap[:, None], self.slip], axis=1)
         c = b - np.einsum("nab,nb->na", B, known) + np.einsum("nab,nb->na", C, self.at)
         to_nodes = np.swapaxes(self.frame, 1, 2)
         E, C, c = to_nodes @ E, to_nodes @ C, np.einsum("nab,nb->na", to_nodes, c)
-        return LinearisedLaw(E, C, C, c)
+        rigid = self.interface.faced == RIGID
+        D = np.where(rigid[:, None, None], C[:, :, : self.frame.shape[1]], 0.0)
+        return LinearisedLaw(E, C, D, c)
 
-    def _changes(self, displacement: Array, translations: Array, rows: Array) -> Array:
-        away = displacement - translations[self.interface.pair] - self.at
-        return np.asarray(np.einsum("nab,nb->na", rows, away))
+
+class Sliding:
+    """Both sides of all pairs of bodies in one increment.
+
+    Args:
+        interface: the contact points (m).
+        start: all unknowns (n,) where it starts.
+        before, after: translations (pairs, dim) of the opposite bodies there, and at its end.
+
+    Attributes:
+        motion: G of the law, (m p, n), where its motions have been looked for last.
+    """
+
+    def __init__(self, interface: Interface, start: PETSc.Vec, before: Array, after: Array) -> None:
+        self._interface, self._translations = interface, after
+        self._start = {
+            k: mortar.start(self._place(k, start, before))
+            for k, mortar in interface.mortars.items()
+        }
+        # points of this process, and their places among the slave's nodes
+        self._own = {k: np.flatnonzero(interface.pair == k) for k in self._start}
+        self._among = {
+            k: np.searchsorted(interface.mortars[k].nodes[: interface.mortars[k].slaves], node)
+            for k, node in ((k, interface.node[own]) for k, own in self._own.items())
+        }
+        self.motion: PETSc.Mat = interface.motion
+
+    def meet(self, unknowns: PETSc.Vec) -> PETSc.Mat:
+        """Goes to all unknowns (n,); H, (n, m dim)."""
+        interface = self._interface
+        self._x = {k: self._place(k, unknowns, self._translations) for k in self._start}
+        self._met = {k: interface.mortars[k].meet(x) for k, x in self._x.items()}
+        m, (_, dofs), dim = len(interface.node), interface.field.sizes, interface.position.shape[1]
+        entries = [(np.arange(m), interface.node, np.ones(m))]
+        for k, met in self._met.items():
+            mortar, parts = interface.mortars[k], sp.coo_array(met.parts()[self._among[k]])
+            node = mortar.nodes[mortar.slaves :][parts.col]
+            entries.append((self._own[k][parts.row], node, -parts.data))
+        row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
+        nodal = sp.csr_matrix((value, (row, column)), (m, dofs // dim))
+        rows = sp.csr_matrix(sp.kron(nodal, sp.eye_array(dim)))
+        return interface.rows(rows).transpose(PETSc.Mat())
+
+    def stiffness(self, force: Array) -> PETSc.Mat:
+        """Derivative (n, n) of -H r for forces r (m, dim) that are fixed."""
+        interface, dim = self._interface, force.shape[1]
+        first, rows = interface.field.space.dofmap.index_map.local_range[0], interface.field.sizes
+        total = sp.csr_matrix(rows)
+        for k, met in self._met.items():
+            mortar = interface.mortars[k]
+            every = np.zeros((mortar.slaves, dim))
+            every[self._among[k]] = force[self._own[k]]
+            interface.comm.Allreduce(MPI.IN_PLACE, every, MPI.SUM)
+            part = sp.coo_array(met.turned(every))
+            dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
+            row = dofs[mortar.slaves * dim :][part.row] - first * dim
+            mine = (row >= 0) & (row < rows[0])
+            place = row[mine], dofs[part.col[mine]]
+            total += sp.csr_matrix((part.data[mine], place), rows)
+        return interface.of_unknowns(total)
+
+    def into(self, place: DeformedPlace, force: Array) -> DeformedPlace:
+        """A place (m) with the points of these pairs in it, under forces (m, dim)."""
+        interface, (m, dim) = self._interface, force.shape
+        gap, slip, frame = place.gap.copy(), place.slip.copy(), place.frame.copy()
+        at, moved, turned = (
+            np.pad(v, [(0, 0)] * (v.ndim - 1) + [(0, _MOTIONS - dim)])
+            for v in (place.at, place.moved, place.turned)
+        )
+        node = interface.node * dim
+        rigid = np.flatnonzero(interface.faced == RIGID)
+        rows = [(rigid * _MOTIONS + a, node[rigid] + a, np.ones(len(rigid))) for a in range(dim)]
+        for k, met in self._met.items():
+            mortar, own, among = interface.mortars[k], self._own[k], self._among[k]
+            x, one = self._x[k], sp.eye_array(2 * len(mortar.nodes), format="csr")
+            z = [Varying(x[:, axis], one[axis::2]) for axis in range(dim)]
+            n, known = met.normal, np.stack([part.value for part in met.normal], axis=1)[among]
+            across = -n[1], n[0]
+            apart = [self._start[k] @ z[axis] - met.place[axis] for axis in range(dim)]
+            gaps = n[0] * met.place[0] + n[1] * met.place[1]
+            slips = across[0] * apart[0] + across[1] * apart[1]
+            angle = across[0].value * n[0] + across[1].value * n[1]
+            faced = met.faced[among]
+            frame[own] = frames(known, interface.equation[own] >= 0)
+            tangent = np.stack([-known[:, 1], known[:, 0]], axis=1)
+            side = np.sum(frame[own, 1] * tangent, axis=1)
+            gap[own] = np.where(faced, gaps.value[among], np.inf)
+            slip[own, 0] = np.where(faced, side * slips.value[among], 0.0)
+            pressed, sheared = (np.sum(part * force[own], axis=1) for part in (known, tangent))
+            moved[own], turned[own] = 0.0, 0.0
+            moved[own, 0, 0], moved[own, 1, 1] = faced, faced * side
+            turned[own, 0, 2], turned[own, 1, 2] = sheared, -side * pressed
+            shift = x - mortar.x
+            shift[mortar.slaves :] -= self._translations[k]
+            dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
+            for number, change in enumerate((gaps, slips, angle)):
+                part = sp.coo_array(change.slope[among])
+                rows.append((own[part.row] * _MOTIONS + number, dofs[part.col], part.data))
+                at[own, number] = change.slope[among] @ shift.ravel()
+        row, column, value = (np.concatenate(each) for each in zip(*rows, strict=True))
+        shape = (m * _MOTIONS, interface.field.sizes[1])
+        self.motion = interface.rows(sp.csr_matrix((value, (row, column)), shape))
+        return replace(place, frame=frame, gap=gap, slip=slip, at=at, moved=moved, turned=turned)
+
+    def _place(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
+        """Positions (nodes, dim) of both sides of a pair, of all processes."""
+        mortar, field = self._interface.mortars[pair], self._interface.field
+        own = mortar.nodes - field.space.dofmap.index_map.local_range[0]
+        values = field.part(unknowns).array_r.reshape(-1, mortar.x.shape[1])
+        mine, moved = (own >= 0) & (own < len(values)), np.zeros_like(mortar.x)
+        moved[mine] = values[own[mine]]
+        self._interface.comm.Allreduce(MPI.IN_PLACE, moved, MPI.SUM)
+        moved[mortar.slaves :] += translations[pair]
+        return np.asarray(mortar.x + moved)
 
 
 class DeformedKinematics:
-    """Gaps, frames and slips of deformed points at rigid surfaces since an increment's start."""
+    """Gaps, frames and slips of deformed points since an increment's start."""
 
-    def __init__(self, interface: Interface, past: Reference) -> None:
-        self._interface = interface
+    def __init__(
+        self, interface: Interface, past: Reference, sliding: Sliding | None = None
+    ) -> None:
+        self._interface, self._sliding = interface, sliding
         self._start = past.displacement - past.translations[interface.pair]
         gap, self._normal, _ = interface.closest(self._start)
         self._point = interface.position + self._start - gap[:, None] * self._normal
@@ -116,7 +242,7 @@ class DeformedKinematics:
         slipped -= (rise[:, None] * along)[:, :, None] * turning[:, None]
         pressed = np.sum(normal * force, axis=1)
         turned = [np.einsum("na,nab->nb", force, bend)[:, None], -pressed[:, None, None] * bent]
-        return DeformedPlace(
+        place = DeformedPlace(
             interface,
             translations,
             at,
@@ -127,6 +253,7 @@ class DeformedKinematics:
             np.concatenate(turned, axis=1),
             s > _RIGHT_ANGLE,
         )
+        return place if self._sliding is None else self._sliding.into(place, force)
 
     def passed(self, place: DeformedPlace) -> Mask:
         """Points (m,) whose normals have turned over, on a straight way through the surface."""
@@ -207,8 +334,10 @@ class FiniteEquilibrium:
         reduction: Reduction,
         guard: CellGuard,
         start: PETSc.Vec,
+        sliding: Sliding | None = None,
     ) -> None:
         self._body, self._system, self._reduction, self._guard = body, system, reduction, guard
+        self._sliding = sliding
         self._at, self._reached = start.copy(), False
         self._field = SubSpace.displacements(body.u.function_space)
         self.offset = reduction.offset
@@ -261,14 +390,20 @@ class FiniteEquilibrium:
         self._size = self._field.part(self._forces).norm(PETSc.NormType.INFINITY)
         self._residual = self._reduction.left.createVecRight()
         self._reduction.left.multTranspose(self._forces, self._residual)
+        if self._sliding is not None:
+            self._system.hand_on(self._sliding.meet(self._at))
         self._linearised: LinearEquilibrium | None = None
 
     def _linear(self) -> LinearEquilibrium:
         """The linear equations there; no tangent is made where the iteration ends."""
         if self._linearised is None:
-            K, reduction = self._body.matrix, self._reduction
+            K, reduction, motion = self._body.matrix, self._reduction, None
             self._body.assemble()
-            self._system.renew(K)
+            if self._sliding is not None:
+                more = self._sliding.stiffness(self._system.forces(self._residual)[0])
+                more.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                K, motion = more, self._sliding.motion
+            self._system.renew(K, motion)
             load = K.createVecLeft()
             K.mult(self._at, load)
             load.axpy(-1.0, self._forces)

@@ -189,9 +189,10 @@ class Increment:
 
     def _solved(self, active: ActiveSet, place: Place, more: bool = False) -> Iterate:
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
-        law = place.law(active, self.system.scale).where(known, self.supported)
+        load, law = self.equilibrium.load, place.law(active, self.system.scale)
+        law = law.where(known, self.system.followed(self.equilibrium.offset))
         accuracy: Accuracy = "more" if more else "final" if self.precise else "rough"
-        found = self.system.solve(self.equilibrium.load, law, self.totals, accuracy)
+        found = self.system.solve(load, law, self.totals, accuracy)
         moved = self.prescribed.copy()
         moved[np.isnan(moved)] = found.translations
         share = self.equilibrium.take(found.reduced)

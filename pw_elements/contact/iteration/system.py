@@ -39,9 +39,10 @@ _EQUAL = 1e-12
 class PointRows:
     """Rows E L K + C G - D of the contact points, whose entries are linear in E, C and D.
 
-    Each row of a point has all columns that any of its equations and motions have. L K and G are (m
-    dim, n); `borders` (free translations, m dim) are ones where a translation moves a point; `own`
-    (m, dim) are local numbers of the rows in the matrix, -1 where there is none.
+    Each row of a point has all columns that any of its equations and motions have. L K is (m dim,
+    n), G (m p, n) with p motions a point; `borders` (free translations, m dim) are ones where a
+    translation moves a point; `own` (m, dim) are local numbers of the rows in the matrix, -1 where
+    there is none.
     """
 
     def __init__(
@@ -52,12 +53,17 @@ class PointRows:
         last = moved.row, moved.col + n - borders.shape[0]
         follow = sp.coo_matrix((-moved.data, last), forces.shape)
         parts = [part.tocoo() for part in (forces, motion, follow)]
-        number = np.repeat(np.arange(3), [part.nnz for part in parts])
-        (point, across), column, value = (
-            np.divmod(np.concatenate([part.row for part in parts]), dim),
-            np.concatenate([part.col for part in parts]),
-            np.concatenate([part.data for part in parts]),
+        widths = [dim, motion.shape[0] // max(m, 1), dim]
+        before, width = np.cumsum([0, *widths[:2]]), sum(widths)
+        point, across = (
+            np.concatenate(each)
+            for each in zip(
+                *(np.divmod(p.row, w) for p, w in zip(parts, widths, strict=True)), strict=True
+            )
         )
+        across = across + np.repeat(before, [part.nnz for part in parts])
+        column = np.concatenate([part.col for part in parts])
+        value = np.concatenate([part.data for part in parts])
         # entries of points, in order, and which of them each number of the parts belongs to
         entries, entry = np.unique(point * n + column, return_inverse=True)
         count, first = _runs(entries // n, m)
@@ -71,12 +77,12 @@ class PointRows:
         given, begin = _runs(point, m)
         taken, times = order[_spans(begin[at], given[at])], given[at]
         row = np.repeat(self.pointers[:-1] - first[at], times) + entry[taken]
-        place = dim * (np.repeat(axis, times) + dim * (number + 3 * point)[taken]) + across[taken]
-        shape = (len(self.column), m * 3 * dim * dim)
+        place = width * (np.repeat(axis, times) + dim * point[taken]) + across[taken]
+        shape = (len(self.column), m * dim * width)
         self._of_law = sp.csr_matrix((value[taken], (row, place)), shape)
 
     def values(self, combinations: Array) -> Array:
-        """Values of all entries for E, C and D of each point, (m, 3, dim, dim)."""
+        """Values of all entries for E, C and D of each point, side by side: (m, dim, ...)."""
         return np.asarray(self._of_law @ combinations.ravel())
 
     def place(self, first: int) -> list[npt.NDArray]:
@@ -236,9 +242,9 @@ class ContactSystem:
         outside = stated & ((self._own < 0) | (self._own >= last - first))
         if self.comm.allreduce(int(outside.any()), MPI.MAX):
             raise ValueError("the reduction moves a contact node to another process")
-        force = interface.force.transposeMatMult(reduction.left)  # (points dim, equations)
-        self._flexible, self._spread = read_and_spread(force, interface.equation)
+        self.hand_on(interface.force)
         self.tangent: ContactTangent
+        self._motion = interface.motion
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
         if is_matrix_free(solver):
@@ -246,10 +252,10 @@ class ContactSystem:
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)
             of_points = self._own, self._flexible, self.scale, free
-            points = NodePoints.of(interface, force, self._spread, *of_points)
+            points = NodePoints.of(interface, self._force, self._spread, *of_points)
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
-        self._force, self._moved = force, moved
+        self._moved = moved
         self._borders = border_columns(free, interface.pair, self._own.shape[1])
         read, rows, csr = self._rows()
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
@@ -267,11 +273,23 @@ class ContactSystem:
         border = balance_rows(self._borders @ read, self.comm)
         return read, rows, with_points(fixed, rows, border)
 
-    def renew(self, K: PETSc.Mat) -> None:
-        """Takes another K (n, n) of the same pattern; the law's scale stays. Factors only."""
+    def hand_on(self, force: PETSc.Mat) -> None:
+        """Takes H, (n, m dim)."""
+        self.interface.force = force
+        self._force = force.transposeMatMult(self.reduction.left)  # (points dim, equations)
+        self._flexible, self._spread = read_and_spread(self._force, self.interface.equation)
+
+    def renew(self, K: PETSc.Mat, motion: PETSc.Mat | None = None) -> None:
+        """Takes another K (n, n), and perhaps another G (m p, n); the law's scale stays.
+
+        Without the latter the pattern is the same. Factors only.
+        """
         assert isinstance(self.tangent, Tangent)
         self.stiffness = self.reduction.matrix(K)
-        self.tangent.renew(*self._rows()[1:])
+        if motion is not None:
+            self._motion = motion
+            self._moved = local_rows(motion.matMult(self.reduction.right), len(self.free))
+        self.tangent.renew(*self._rows()[1:], another=motion is not None)
 
     def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
         def begin() -> Array:
@@ -313,6 +331,12 @@ class ContactSystem:
     def motions(self, displacement: PETSc.Vec) -> Array:
         """G a, (m, dim), of a full displacement vector (n,)."""
         return np.array((self.interface.motion * displacement).array_r.reshape(self._own.shape))
+
+    def followed(self, displacement: PETSc.Vec) -> Array:
+        """G a of the law, (m, p), likewise."""
+        m, dim = self._own.shape
+        motions = dim * self._motion.getSize()[0] // self.interface.motion.getSize()[0]
+        return np.array((self._motion * displacement).array_r.reshape(m, motions))
 
     def moved(self, displacement: PETSc.Vec) -> Array:
         """|G| |a|, (m, dim): how far a point and what it faces have moved together."""
@@ -359,7 +383,7 @@ class Tangent:
     ) -> None:
         self._comm: MPI.Comm = matrix.comm.tompi4py()
         self.matrix, self._points, self._borders = matrix, points, borders
-        self._place = points.place(first)
+        self._first, self._place = first, points.place(first)
         self.solver = solver.prepare(matrix)
         self.encloses = enclosed
         self._factorised: Array | None = None
@@ -370,14 +394,27 @@ class Tangent:
     def release(self) -> None:
         """Factors go with the last reference."""
 
-    def renew(self, points: PointRows, csr: tuple[npt.NDArray, npt.NDArray, Array]) -> None:
-        """Takes other values in the same pattern."""
+    def renew(
+        self, points: PointRows, csr: tuple[npt.NDArray, npt.NDArray, Array], another: bool
+    ) -> None:
+        """Takes other values, in the same pattern or in another one."""
         self._points, self._factorised = points, None
-        self.matrix.setValuesCSR(*csr)
+        if not another:
+            self.matrix.setValuesCSR(*csr)
+            return
+        self._place = points.place(self._first)
+        self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
+        take = getattr(self.solver, "take", None)
+        if take is None:
+            raise ValueError(
+                "two bodies at large sliding need a solver whose factors follow another pattern, "
+                "such as Direct()"
+            )
+        take(self.matrix)
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
         """More than final is by factors of the very matrix."""
-        combinations = np.stack([law.E, law.C, law.D], axis=1)
+        combinations = np.concatenate([law.E, law.C, law.D], axis=2)
         pointers, columns, rows = self._place
         values = self._points.values(combinations)
         self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
@@ -397,7 +434,7 @@ class Tangent:
         """A few rows that differ from the last factorisation's are cheaper to correct."""
         if self._factorised is None:  # no process differs in this
             return None
-        size = np.abs(self._factorised).max(axis=(0, 2, 3), keepdims=True, initial=0.0)
+        size = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
         change = np.abs(combinations - self._factorised) > _EQUAL * size
-        rows = self._comm.allreduce(int(np.sum(change.any(axis=(1, 3)))), MPI.SUM)
+        rows = self._comm.allreduce(int(np.sum(change.any(axis=2))), MPI.SUM)
         return self.solver.solve_changed(right, rows)

@@ -111,7 +111,8 @@ class DeformableSurface:
 
     Contact is stated at the pair's own nodes: `PairState` has their results, and the nodal forces
     of the opposite side; `ContactFields` has pressures, gaps, slips and statuses of both. The
-    module `pw_elements.contact.interface.mortar` explains what is exact and what is not.
+    module `pw_elements.contact.interface.mortar` explains what is exact and what is not. With a
+    residual, in the plane, sides slide on each other (`pw_elements.contact.interface.sliding`).
 
     Args:
         where: marker of positions as columns (3, n), which holds at every vertex of a facet; or

@@ -46,7 +46,8 @@ class ContactFields:
     that face the pair (see `mortar_sides`). The law is not stated there: gap and slip are means of
     those of the pair's nodes that they face, and the status is the prevailing one. On both sides,
     pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
-    side: the forces are right there, but not their quotients by such an area.
+    side: the forces are right there, but not their quotients by such an area. At large sliding
+    nodes of a deformable surface have forces alone.
 
     Pressures are forces over areas and need the body (thickness, circumference); they are None if
     only the space is given. `SurfaceNodes` explains the three measures of pressure. They
@@ -125,14 +126,15 @@ class ContactFields:
         always = displacement, force, gap, slip, status
         known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
-        both = [mortar_sides(k, pair, known, space) for k, pair in enumerate(state.pairs)]
+        deformed = state.smallness is None
+        both = [mortar_sides(k, pair, known, space, deformed) for k, pair in enumerate(state.pairs)]
         surfaces = tuple(surface for surface, _ in both if surface is not None)
         opposite = tuple(other for _, other in both)
         if known is None:
             fields = cls(*always, None, None, None, surfaces, opposite, *own)
         else:
             fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
-            if state.smallness is None:
+            if deformed:
                 true = fem.Function(scalars, name="true_pressure")
                 fields = replace(fields, true_pressure=true, body=known)
         fields.fill(state)
@@ -177,7 +179,7 @@ class ContactFields:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
     def _fill_true(self, pairs: Sequence[PairState], nominal: Sequence[Array]) -> None:
-        """True pressures, of rigid surfaces: only these are met at large strains."""
+        """True pressures of the pairs' own nodes, over whole areas."""
         if self.true_pressure is None or self.body is None:
             return
         space, u = self.displacement.function_space, self.displacement

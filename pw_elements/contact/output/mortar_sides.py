@@ -160,16 +160,21 @@ class Opposite:
 
 
 def mortar_sides(
-    number: int, pair: PairState, body: Body | None, space: fem.FunctionSpace
+    number: int,
+    pair: PairState,
+    body: Body | None,
+    space: fem.FunctionSpace,
+    deformed: bool = False,
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
     """The pair's own surface, with a body, and what it faces, where that is deformable.
 
     The space is that of the displacements. Areas of the own surface are of what faces the opposite
     one, and NaN where that is too little for a pressure; nodes that face nothing have their whole
-    areas, and no forces.
+    areas, and no forces. Where bodies are deformed, whole areas count, and nothing is said of the
+    opposite one: who faces it changes.
     """
     own = None if body is None else _surface(number, pair, body, space)
-    if not len(pair.opposite):
+    if deformed or not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
     one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)

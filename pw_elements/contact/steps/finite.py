@@ -1,4 +1,4 @@
-"""Increments at large strains and large sliding against rigid surfaces, of any residual.
+"""Increments at large strains and large sliding, of any residual.
 
 An increment that fails is halved; its parts grow again where they succeed. Closed nodes stick at
 its start, and move along with their surface.
@@ -26,6 +26,7 @@ from pw_elements.contact.iteration import (
     Increment,
     Policy,
     Reference,
+    Sliding,
     contact_state,
     newton,
     sticking,
@@ -64,7 +65,7 @@ class FiniteStepping:
         self._constants = problem.form.constants()
         self._reduction = reduction.equilibrated(problem.system.matrix)
         self._whole = problem.u.function_space
-        self.interface = nodal_interface(pairs, self._whole, self._reduction)
+        self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
         self.space = self.interface.field.space
         self._guard = CellGuard(problem.u, problem.form)
         self.history, self._update = list(history), update
@@ -77,6 +78,11 @@ class FiniteStepping:
         begun, interface = perf_counter(), self.interface
         start = Target(None, state.translations, np.array([pair.force for pair in state.pairs]))
         end = Target.of(None, moved, interface)
+        if any(pair in interface.mortars for pair, _ in end.free):
+            raise ValueError(
+                "the surface of a deformed body is not free to move besides its displacements: "
+                "give it a translation, or the body supports and loads"
+            )
         with doing(interface.comm, f"contact increment {state.increment}") as more:
             reporter = Reporter(interface.comm, state.increment, self._callback, more)
             system = self._bound(end.free)
@@ -119,9 +125,12 @@ class FiniteStepping:
         """The state at a target, in one piece."""
         interface, translations = self.interface, goal.translations
         reduction = replace(self._reduction, offset=prescribed(self._whole, self._conditions)[1])
-        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, state.unknowns)
-        past = Reference.of(state, interface)
-        kinematics = DeformedKinematics(interface, past)
+        past, sliding = Reference.of(state, interface), None
+        if interface.mortars:
+            sliding = Sliding(interface, state.unknowns, past.translations, translations)
+        start = state.unknowns, sliding
+        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, *start)
+        kinematics = DeformedKinematics(interface, past, sliding)
         increment = Increment(
             system, equilibrium, translations, goal.totals, past, deformed=kinematics
         )

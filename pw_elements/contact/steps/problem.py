@@ -157,8 +157,9 @@ def checked_history(
         return _each(history, fem.Function, "a function of the history")
 
 
-def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
+def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
     """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
+    comm, dim = space.mesh.comm, space.mesh.geometry.dim
     for k, pair in enumerate(pairs):
         if pair.interference:
             raise ValueError(
@@ -168,7 +169,13 @@ def check_rigid(pairs: Sequence[ContactPair], comm: MPI.Comm) -> None:
         if getattr(pair.surface, "gradient", True) is None:
             words = f"contact pair {k}: differences stand in for a gradient function"
             told(comm, logging.WARNING, words, ".contact")
-        if not isinstance(pair.surface, RigidBody):
+        if isinstance(pair.surface, DeformableSurface):
+            if dim == 3 or pair.surface.coincident:
+                raise ValueError(
+                    f"contact pair {k}: two deformed bodies slide on each other in the plane and "
+                    "in axisymmetry only, and from where they are: sides cannot count as coincident"
+                )
+        elif not isinstance(pair.surface, RigidBody):
             raise ValueError(
                 f"contact pair {k}: deformed bodies cannot touch a "
                 f"{type(pair.surface).__name__}, which knows no closest points; use Sphere (a "
@@ -352,16 +359,18 @@ class ContactProblem:
             pushed = problem.step(pressed, motions=Motion((0.3, -0.25)))
 
         Gap, normal and slip are those of the deformed body: gap and normal by the closest point of
-        the surface, slip by the arc that it has gone there (exact on planes, circles and spheres,
-        of second order on others). Nodal contact forces are the residual's entries. An increment
-        that fails is halved, and its parts grow again (see `ContactState.substates`).
+        a rigid surface, slip by the arc that it has gone there (exact on planes, circles and
+        spheres, of second order on others). Nodal contact forces are the residual's entries. An
+        increment that fails is halved, and its parts grow again (see `ContactState.substates`).
 
         Args:
             residual: F, as in `PetrovGalerkinProblem`, without what surfaces exert.
             u: unknown function in the trial space, which may be hybrid; steps set it.
             conditions: Dirichlet conditions; constants and functions in them may change.
-            pairs: of rigid surfaces with a `closest` point: `Plane`, `Sphere`, `SignedDistance`.
-                They are moved, not turned.
+            pairs: of rigid surfaces with a `closest` point, `Plane`, `Sphere`, `SignedDistance`,
+                which are moved, not turned; or in the plane and in axisymmetry of a
+                `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
+                the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
             solver: of linear systems by factors, by default `Direct()`.
             max_iterations: linear systems of one attempt.
             callback: as in `ContactProblem`.
@@ -382,7 +391,7 @@ class ContactProblem:
         problem.system.assemble()
         reduction = Reduction.dirichlet(space, conditions)
         own.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
-        check_rigid(own.pairs, space.mesh.comm)
+        check_deformed(own.pairs, space)
         check_mesh(space.mesh)
         own._space = space
         own._finite = FiniteStepping(

@@ -1,0 +1,132 @@
+"""Two neo-Hookean bodies of one mesh, pressed together and slid on each other."""
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_rectangle
+
+from pw_elements import Body, Material, Spaces
+from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
+from tests.contact.two_bodies import joined
+
+
+def two(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
+    """A mesh of two rectangles, ((x0, y0), (x1, y1)) each, with nodes moved by `shape`."""
+    meshes = []
+    for body, (box, n) in enumerate(zip((lower, upper), divisions, strict=True)):
+        mesh = create_rectangle(MPI.COMM_SELF, box, n, CellType.triangle)
+        x = mesh.geometry.x
+        x[:, :2] = np.stack(shape(*x[:, :2].T, body), axis=1)
+        meshes.append(mesh)
+    return joined(*meshes, comm)
+
+
+def neo_hookean(F):
+    inverse = ufl.inv(F).T
+    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
+
+
+PATH = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
+STORED = 1
+
+
+class Bodies:
+    """A body on a held base, and one above whose top is moved, both turned on the way.
+
+    Args:
+        mesh: of both.
+        own, opposite: sides of the pair.
+        base, top: markers.
+        turned: degrees by which supports turn all in the last increment.
+        options: of `ContactProblem.of_residual`.
+    """
+
+    def __init__(self, mesh, own, opposite, base, top, friction, turned=0.0, **options):
+        spaces = Spaces.petrov_galerkin(mesh)
+        self.body = Body(spaces, Material(1.0), "plane strain")
+        self.space, self.u = spaces.trial, fem.Function(spaces.trial)
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 4})
+        F = ufl.Identity(2) + ufl.grad(self.u)
+        self.residual = ufl.inner(neo_hookean(F), ufl.grad(ufl.TestFunction(spaces.test))) * dx
+        self.given, self.turned = fem.Function(self.space), turned
+        nodes = [fem.locate_dofs_geometrical(self.space, where) for where in (base, top)]
+        self.held = [fem.dirichletbc(self.given, part) for part in nodes]
+        self.top = nodes[1]
+        surface = DeformableSurface(opposite, revolved=False)
+        self.pair = ContactPair(own, surface, friction=friction)
+        self.problem = ContactProblem.of_residual(
+            self.residual, self.u, self.held, self.pair, **options
+        )
+
+    def hold(self, motion, angle):
+        """Moves the top, and turns base and top by an angle about the origin."""
+        x = self.space.tabulate_dof_coordinates()[:, :2]
+        moved = x.copy()
+        moved[self.top] += motion
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        self.given.x.array[:] = (moved @ np.array([[c, s], [-s, c]]) - x).ravel()
+
+
+def slid(bodies, path=PATH, start=None):
+    """States after each of the translations of the upper body's top."""
+    return list(sliding(bodies, path, start))
+
+
+def sliding(bodies, path, start=None):
+    """These states, one by one."""
+    state, before = start or bodies.problem.undeformed, (0.0, 0.0)
+    if start is not None:
+        before = PATH[start.increment - 1]
+    for k, end in enumerate(path):
+        angles = [bodies.turned * j / len(path) for j in (k, k + 1)]
+
+        def load(share, ends=(*before, *end), angles=angles):
+            motion = (1 - share) * np.array(ends[:2]) + share * np.array(ends[2:])
+            bodies.hold(motion, (1 - share) * angles[0] + share * angles[1])
+
+        state = bodies.problem.step(state, load)
+        yield state
+        before = end
+
+
+def die(
+    friction=0.3,
+    upper_is_slave=True,
+    comm=MPI.COMM_SELF,
+    curvature=1.2,
+    divisions=((12, 3), (8, 3)),
+    **options,
+):
+    """A parabolic die on a block; the die's lower side is the slave by default."""
+
+    def shape(x, y, body):
+        low = 0.01 + curvature * x**2 / 2
+        return (x, y) if body == 0 else (x, low + y * (1 - low))
+
+    boxes = ((-1.5, -1.0), (1.5, 0.0)), ((-0.5, 0.0), (0.5, 1.0))
+    mesh = two(*boxes, divisions, shape, comm)
+
+    def under(x):
+        inside = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)
+        return inside & (np.abs(x[1] - 0.01 - curvature * x[0] ** 2 / 2) < 0.02)
+
+    def above(x):
+        return np.isclose(x[1], 0.0)
+
+    def base(x):
+        return np.isclose(x[1], -1.0)
+
+    def top(x):
+        return np.isclose(x[1], 1.0)
+
+    sides = (under, above) if upper_is_slave else (above, under)
+    return Bodies(mesh, *sides, base, top, friction, **options)
+
+
+def forces_and_gaps(comm):
+    """What must not depend on processes."""
+    (pair,) = slid(die(comm=comm), PATH[:3])[-1].pairs
+    names = ("force_normal", "force_tangential", "slip", "gap", "opposite_force")
+    return {f"its {name}": np.nan_to_num(getattr(pair, name), posinf=-1.0) for name in names}

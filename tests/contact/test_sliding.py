@@ -1,0 +1,185 @@
+"""Two deformable bodies at large sliding: kernel, objectivity, balance, friction, restart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+
+from pw_elements import Spaces
+from pw_elements.contact import (
+    SLIP,
+    ContactFields,
+    ContactPair,
+    ContactProblem,
+    DeformableSurface,
+    Motion,
+)
+from pw_elements.contact.interface import SlidingMortar, Trace
+from tests.contact.sliding import PATH, STORED, die, forces_and_gaps, slid
+from tests.parallel import same_numbers
+
+FRICTION = 0.3
+
+
+def arc(n, curve, first, outward):
+    """A curve over [-1, 1] of n quadratic facets."""
+    s = np.linspace(-1, 1, 2 * n + 1)
+    x = np.stack([s, curve(s)], axis=1)
+    node = 2 * np.arange(n)[:, None] + [0, 2, 1]
+    return Trace(node + first, x[node], np.tile([0.0, outward], (n, 1)))
+
+
+def sides(revolved):
+    one = arc(5, lambda s: 0.1 * s**2 + 0.01, 0, -1.0)
+    other = arc(4, lambda s: 0.08 * np.sin(3 * s), 100, 1.0)
+    mortar, rng = SlidingMortar(one, other, revolved), np.random.default_rng(3)
+    moved = np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.33)[:, None] * [1, 0]
+    return mortar, mortar.x + moved + [2.0, 0.0] + rng.normal(size=mortar.x.shape) * 0.004
+
+
+def turn(degrees):
+    angle = np.radians(degrees)
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+@pytest.mark.parametrize("revolved", [False, True])
+def test_derivatives_are_those_of_central_differences(revolved):
+    mortar, x = sides(revolved)
+    met, h = mortar.meet(x), 1e-6
+    force = np.random.default_rng(5).normal(size=(mortar.slaves, 2))
+    assert 0 < met.faced.sum() < len(met.faced)
+    assert np.abs(met.parts().sum(axis=1) - met.faced).max() < 1e-13
+
+    def quantities(met):
+        at = [part for pair in (met.normal, met.place) for part in pair]
+        return [(met.parts().T @ force).ravel(), *at]
+
+    known = [met.turned(force), *(part.slope for pair in (met.normal, met.place) for part in pair)]
+    for k in range(x.size):
+        step = h * np.eye(x.size)[k].reshape(x.shape)
+        ends = [quantities(mortar.meet(x + sign * step, slopes=False)) for sign in (1, -1)]
+        for slope, ahead, behind in zip(known, *ends, strict=True):
+            column = slope.toarray()[:, k]
+            assert np.abs((ahead - behind) / (2 * h) - column).max() < 1e-7 * abs(slope).max()
+
+
+@pytest.mark.parametrize("degrees", [90, 170])
+def test_a_rigid_motion_of_both_is_no_slip(degrees):
+    """Operators are those from before, so that what was paired stays together."""
+    mortar, x = sides(False)
+    start, end = mortar.start(x), mortar.start(x @ turn(degrees).T + [3.0, -2.0])
+    assert abs(end - start).max() < 1e-13
+
+
+def test_linear_fields_are_handed_on_and_seen_exactly():
+    """On straight sides: of any meshes, covered in part as well."""
+    one = arc(5, lambda s: 0.02 + 0.0 * s, 0, -1.0)
+    other = arc(3, lambda s: 0.0 * s, 100, 1.0)
+    mortar = SlidingMortar(one, other, False)
+    x = mortar.x + np.where(np.arange(len(mortar.x)) < mortar.slaves, 0.0, 0.31)[:, None] * [1, 0]
+    met = mortar.meet(x, slopes=False)
+    linear = x[:, 0] * 3 - 1
+    assert np.abs((met.rows @ linear)[met.faced]).max() < 1e-12
+    gap = met.normal[0] * met.place[0] + met.normal[1] * met.place[1]
+    assert np.abs(gap[met.faced] - 0.02).max() < 1e-13
+
+
+def cone(state):
+    """How far friction is from mu p where nodes slip, and beyond it where they stick."""
+    (pair,) = state.pairs
+    limit = FRICTION * pair.force_normal
+    size = np.linalg.norm(pair.force_tangential, axis=1)
+    away = np.where(pair.status == SLIP, np.abs(size - limit), size - limit)
+    return away.max() / np.abs(pair.force_vector).max()
+
+
+def test_a_die_slides_over_its_element_and_more():
+    """Forces balance, the cone holds node by node, and Newton's method ends quadratically."""
+    violations = []
+
+    def told(progress):
+        if progress.state is None:
+            violations.append((progress.increment, progress.violation * 1e-9))
+
+    bodies = die(friction=FRICTION, callback=told)
+    states = slid(bodies)
+    for k, state in enumerate(states):
+        (pair,) = state.pairs
+        size = np.abs(pair.force).max()
+        assert np.abs(pair.opposite_force.sum(axis=0) + pair.force).max() < 1e-12 * size
+        assert cone(state) < 1e-8
+        before, last = [v for at, v in violations if at == k][-2:]
+        assert last < max(1e-11, 1e3 * before**2)
+    assert np.abs(states[-1].pairs[0].slip).max() > 0.1
+
+
+def test_both_sides_may_be_the_slave():
+    """Resultants are those of the exchanged sides, to the accuracy of the mesh."""
+    forces = [slid(die(upper_is_slave=upper))[-1].pairs[0].force for upper in (True, False)]
+    assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
+
+
+def test_a_turned_problem_has_turned_forces():
+    """The whole computation, with supports that turn both bodies by 90 degrees on the way."""
+    plain, turned = (die(turned=angle) for angle in (0.0, 90.0))
+    one, other = (slid(bodies, PATH[:3])[-1] for bodies in (plain, turned))
+    (mine,), (theirs,) = one.pairs, other.pairs
+    size = np.abs(mine.force_vector).max()
+    assert np.abs(np.sort(mine.force_normal) - np.sort(theirs.force_normal)).max() < 1e-9 * size
+    assert np.abs(mine.force @ turn(90.0).T - theirs.force).max() < 1e-9 * size
+
+
+def test_a_way_that_is_resumed_is_the_way(tmp_path):
+    bodies = die()
+    states = slid(bodies)
+    bodies.problem.save(states[STORED], tmp_path / "state.npz")
+    read = bodies.problem.load(tmp_path / "state.npz")
+    (pair,), (whole,) = slid(bodies, PATH[STORED + 1 :], read)[-1].pairs, states[-1].pairs
+    for name in ("force_vector", "opposite_force", "slip"):
+        values = getattr(whole, name)
+        assert np.abs(getattr(pair, name) - values).max() < 1e-12 * np.abs(values).max()
+
+
+def test_processes_find_the_same_numbers():
+    same_numbers(forces_and_gaps, processes=(2,), rel=1e-9)
+
+
+def test_fields_have_pressures_and_both_forces():
+    bodies = die()
+    state = slid(bodies)[-1]
+    fields = ContactFields.of(state, bodies.body)
+    (pair,) = state.pairs
+    forces = fields.force.x.array.reshape(-1, 2)
+    assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
+    closed = pair.status > 0
+    assert (fields.pressure.x.array[pair.node][closed] > 0).all()
+    assert fields.opposite == (None,)
+
+
+def refusals():
+    bodies = die()
+    surface = bodies.pair.surface
+    galerkin = Spaces.galerkin(bodies.space.mesh)
+    standard = ufl.replace(
+        bodies.residual, {bodies.residual.arguments()[0]: ufl.TestFunction(galerkin.test)}
+    )
+    unknown = DeformableSurface(surface.where)
+    coincident = replace(surface, coincident=True)
+    return [
+        (standard, bodies.pair, "piecewise-linear weights"),
+        (bodies.residual, replace(bodies.pair, surface=unknown), "revolved=True or False"),
+        (bodies.residual, replace(bodies.pair, surface=coincident), "plane and in axisymmetry"),
+    ], bodies
+
+
+def test_what_is_not_supported_is_refused_in_words():
+    cases, bodies = refusals()
+    for residual, pair, words in cases:
+        with pytest.raises(ValueError, match=words):
+            ContactProblem.of_residual(residual, bodies.u, bodies.held, pair)
+    with pytest.raises(ValueError, match="not free to move"):
+        bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
+    far = ContactPair(lambda x: np.isclose(x[1], 1.0), bodies.pair.surface)
+    with pytest.raises(ValueError, match="faces the opposite part"):
+        ContactProblem.of_residual(bodies.residual, bodies.u, bodies.held, far)

@@ -1,0 +1,156 @@
+"""Two rubber bodies that slide on each other: what a state of theirs violates, by loops.
+
+Sides are the polylines through their deformed nodes, each in an order that has the outside on its
+right. A slave node's normal n is that of the chord between its neighbours, to the inside. A facet
+with ends a and b sees along n(s) = (1 - s) n_a + s n_b from x(s) = (1 - s) a + s b, and what it has
+of a master's facet is between the s of the master's ends, on the way from 0 to 1. These facets look
+at each other, and their middles are at most by half of both lengths (the master's longest) farther
+apart than the nearest ones. There
+
+    W_ij = int w_i w_j,    Q_ik = int w_i w_k,    psi = D W^-1 w,    D_i = sum over j of W_ij,
+
+by Gauss' rule of three points. With A_j the sum of D_j over the facets around, a slave node's force
+r_j is taken from the master's nodes in parts P_jk = int psi_j w_k / A_j, and with
+
+    S x = (sum of W_ji x_i - sum of Q_jk x_k) / A_j,    g = n·S x,    v = t·(S_0 x - S x),
+
+S_0 being S at the increment's start, or the node less its closest point where it faced nothing,
+
+    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= mu r_n,  |v| r_t + mu r_n v = 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.oracle.large import Rubber
+
+PLACES, WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+def cross(a, b):
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def inwards(x):
+    """Unit normals (n, 2) of a polyline (n, 2) whose outside is on the right."""
+    chord = np.empty_like(x)
+    chord[1:-1] = x[2:] - x[:-2]
+    chord[0], chord[-1] = x[1] - x[0], x[-1] - x[-2]
+    return np.stack([-chord[:, 1], chord[:, 0]], axis=1) / np.linalg.norm(chord, axis=1)[:, None]
+
+
+def seen(a, b, n_a, n_b, p):
+    """The s at which p is on the normal; None if it is nowhere."""
+    roots = np.roots(
+        [
+            cross(b - a, n_b - n_a),
+            cross(b - a, n_a) + cross(a - p, n_b - n_a),
+            cross(a - p, n_a),
+        ]
+    )
+    real = [root.real for root in roots if abs(root.imag) < 1e-12]
+    return min(real, key=lambda s: abs(s - 0.5), default=None)
+
+
+def meeting(slave, master):
+    """P (m, k), S (m, m + k), normals (m, 2) and areas (m,) of polylines (m, 2) and (k, 2)."""
+    m, k, n = len(slave), len(master), inwards(slave)
+    D, S, facets = np.zeros(m), np.zeros((m, m + k)), []
+    middles = (master[1:] + master[:-1]) / 2
+    longest = np.linalg.norm(np.diff(master, axis=0), axis=1).max()
+    for i in range(m - 1):
+        a, b, W, Q = slave[i], slave[i + 1], np.zeros((2, 2)), np.zeros((2, k))
+        away = np.linalg.norm(middles - (a + b) / 2, axis=1)
+        reach = away.min() + (np.linalg.norm(b - a) + longest) / 2
+        for j in np.flatnonzero(away <= reach):
+            c, d = master[j], master[j + 1]
+            outside = -inwards(master[j : j + 2])[0]
+            if np.dot(n[i] + n[i + 1], outside) / 2 < 0.01:
+                continue
+            low, high = (seen(a, b, n[i], n[i + 1], p) for p in (d, c))
+            low, high = max(0.0, low or 0.0), min(1.0, 1.0 if high is None else high)
+            if high <= low:
+                continue
+            for t, weight in zip(PLACES, WEIGHTS, strict=True):
+                s = (low + high) / 2 + (high - low) / 2 * t
+                x, along = (1 - s) * a + s * b, (1 - s) * n[i] + s * n[i + 1]
+                share = cross(x - c, along) / cross(d - c, along)
+                dx = weight * (high - low) / 2 * np.linalg.norm(b - a)
+                w = np.array([1 - s, s])
+                W += dx * np.outer(w, w)
+                Q[:, [j, j + 1]] += dx * np.outer(w, [1 - share, share])
+        if W.sum() > 1e-6 * np.linalg.norm(b - a):
+            D[i : i + 2] += W.sum(axis=1)
+            S[i : i + 2, i : i + 2] += W
+            S[i : i + 2, m:] -= Q
+            facets.append((i, np.diag(W.sum(axis=1)) @ np.linalg.solve(W, Q)))
+    area, P = np.where(D > 0, D, 1.0), np.zeros((m, k))
+    for i, part in facets:
+        P[i : i + 2] += part
+    return P / area[:, None], S / area[:, None], n, D
+
+
+def closest(x, master):
+    """Parts (k,) of the master's nodes in the point of it that is closest to x."""
+    found = []
+    for j in range(len(master) - 1):
+        edge = master[j + 1] - master[j]
+        s = min(1.0, max(0.0, np.dot(x - master[j], edge) / np.dot(edge, edge)))
+        part = np.zeros(len(master))
+        part[j], part[j + 1] = 1 - s, s
+        found.append((np.linalg.norm(x - part @ master), part))
+    return min(found, key=lambda each: each[0])[1]
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """Both bodies, their sides' nodes in order, the mask (n, 2) of supports, and mu."""
+
+    bodies: Rubber
+    slave: np.ndarray
+    master: np.ndarray
+    held: np.ndarray
+    friction: float
+
+    def start(self, u):
+        """S_0 at displacements (n, 2)."""
+        slave, master = (self._place(u, side) for side in (self.slave, self.master))
+        _, S, _, area = meeting(slave, master)
+        for j in np.flatnonzero(area == 0):
+            S[j, j], S[j, len(slave) :] = 1.0, -closest(slave[j], master)
+        return S
+
+    def violations(self, history):
+        """Of each condition in the last increment; of forces and lengths over history's largest.
+
+        Args:
+            history: displacements (n, 2), from the undeformed bodies on.
+        """
+        before, u = history[-2:]
+        force = max(np.abs(self.bodies.forces(u)).max() for u in history)
+        force = force if force > 1e-12 else 1.0  # the bodies have not yet met
+        length = max(np.abs(u).max() for u in history)
+        slave, master = (self._place(u, side) for side in (self.slave, self.master))
+        P, S, n, area = meeting(slave, master)
+        forces, x = self.bodies.forces(u), np.concatenate([slave, master])
+        r = forces[self.slave]
+        forces[self.master] += P.T @ r
+        t, apart = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
+        v = np.sum(t * (self.start(before) @ x - apart), axis=1) / length
+        g, r_n, r_t = (np.sum(one * two, axis=1) for one, two in ((n, apart), (n, r), (t, r)))
+        g, r_n, r_t, mu = g / length, r_n / force, r_t / force, self.friction
+        forces[self.slave[area > 0]] = 0.0
+        faced = area > 0
+        lines = {
+            "equilibrium": np.abs(forces[~self.held]) / force,
+            "penetration": -g[faced],
+            "tension": -r_n[faced],
+            "complementarity": np.minimum(r_n, g)[faced],
+            "cone": (np.abs(r_t) - mu * r_n)[faced],
+            "direction": np.minimum(mu * r_n + np.sign(v) * r_t, np.abs(v))[faced],
+        }
+        return {name: float(max(0.0, line.max())) for name, line in lines.items()}
+
+    def _place(self, u, side):
+        return (self.bodies.nodes + u)[side]

@@ -1,0 +1,118 @@
+"""Two bodies that slide on each other at large strains: accepted states by outside arithmetic."""
+
+from functools import cache
+
+import basix
+import numpy as np
+import pytest
+
+from pw_elements.contact import ContactFailed
+from tests.contact.sliding import die, slid, sliding
+from tests.oracle.large import Rubber
+from tests.oracle.sliding import Sliding
+
+TOLERANCE = 1e-8
+RULE = basix.make_quadrature(basix.CellType.triangle, 4)
+SUITE, NIGHTLY = 4, 100
+GIVEN_UP = 0.05  # of random problems, at most
+
+
+def pytest_generate_tests(metafunc):
+    if "seed" in metafunc.fixturenames:
+        count = NIGHTLY if metafunc.config.getoption("--nightly") else SUITE
+        metafunc.parametrize("seed", range(count))
+
+
+def random_die(seed):
+    """A die of any shape and friction, pressed and slid to and fro in a few increments."""
+    rng = np.random.default_rng(seed)
+    across, path = 0.0, []
+    for k in range(rng.integers(2, 5)):
+        if k == 0 or rng.random() < 0.4:
+            down = rng.uniform(0.02, 0.2)
+        if k > 0 or rng.random() < 0.3:
+            across += rng.uniform(-0.3, 0.3)
+        path.append((across, -down))
+    bodies = die(
+        friction=0.0 if rng.random() < 0.15 else rng.uniform(0.02, 0.6),
+        upper_is_slave=bool(rng.random() < 0.5),
+        curvature=rng.uniform(0.5, 1.8),
+        divisions=((rng.integers(8, 15), 3), (rng.integers(5, 10), 3)),
+        turned=rng.choice([0.0, rng.uniform(-60, 60)]),
+    )
+    return bodies, path
+
+
+def outside(bodies):
+    """The same two bodies in NumPy."""
+    nodes = bodies.space.tabulate_dof_coordinates()[:, :2]
+    body = Rubber(nodes, bodies.space.dofmap.list, True, 1.5, RULE)
+    (pair,) = bodies.problem.undeformed.pairs
+    sides = [side[np.argsort(nodes[side, 0])] for side in (pair.node, pair.opposite)]
+    below = int(nodes[sides[1], 1].mean() < nodes[sides[0], 1].mean())
+    sides[below] = sides[below][::-1]  # its outside is above
+    held = np.zeros_like(nodes, dtype=bool)
+    for condition in bodies.held:
+        held.ravel()[condition.dof_indices()[0]] = True
+    return Sliding(body, *sides, held, bodies.pair.law.mu)
+
+
+def displacements(states):
+    """Of each state, after the inner ends of the parts into which its increment was cut."""
+    parts = [part for state in states for part in (*(at for _, at in state.substates), state)]
+    return [part.displacement.array_r.reshape(-1, 2).copy() for part in parts]
+
+
+@cache
+def outcome(seed):
+    """Largest violation of each condition in the states that the library accepts; its error."""
+    bodies, path = random_die(seed)
+    states, error = [bodies.problem.undeformed], None
+    try:
+        for state in sliding(bodies, path):
+            states.append(state)
+    except ContactFailed as failed:
+        error = failed
+    problem, history, worst = outside(bodies), displacements(states), {}
+    for length in range(2, len(history) + 1):
+        found = problem.violations(history[:length])
+        worst = {name: max(size, worst.get(name, 0.0)) for name, size in found.items()}
+    return worst, error
+
+
+@pytest.mark.random
+def test_law_holds_in_every_accepted_state(seed):
+    worst, _ = outcome(seed)
+    assert max(worst.values(), default=0.0) < TOLERANCE, worst
+
+
+@pytest.mark.random
+def test_few_are_given_up(request):
+    count = NIGHTLY if request.config.getoption("--nightly") else SUITE
+    given_up = [seed for seed in range(count) if outcome(seed)[1] is not None]
+    assert len(given_up) <= GIVEN_UP * count, given_up
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("equilibrium", 1e-6), ("penetration", -1e-6), ("complementarity", 1e-6), ("cone", 1e-5)],
+)
+def test_outside_arithmetic_sees_what_is_wrong(name, size):
+    bodies, path = random_die(0)
+    history, problem = (
+        displacements([bodies.problem.undeformed, *slid(bodies, path)]),
+        outside(bodies),
+    )
+    assert max(problem.violations(history).values()) < TOLERANCE
+    u = history[-1].copy()
+    if name == "equilibrium":
+        inside = ~problem.held.any(axis=1)
+        inside[np.concatenate([problem.slave, problem.master])] = False
+        u[np.flatnonzero(inside)[0]] += size
+    elif name == "cone":
+        problem = Sliding(*list(vars(problem).values())[:4], problem.friction * (1 - size))
+    else:  # the slave's body moves away or into the other
+        upper = problem.bodies.nodes[problem.slave, 1].mean() > 0.005
+        moved = (problem.bodies.nodes[:, 1] > 0.005) == upper
+        u[moved, 1] += size if upper else -size
+    assert problem.violations([*history[:-1], u])[name] > 10 * TOLERANCE
