@@ -79,11 +79,7 @@ _ZERO_MASS = 1e-12
 
 
 class StressState(Enum):
-    """State of stress and strain of a body.
-
-    `PLANE_STRESS`, `PLANE_STRAIN`, `AXISYMMETRIC` (coordinates r, z; the axis is r = 0) or `SOLID`;
-    their values are "plane stress", "plane strain", "axisymmetric" and "solid".
-    """
+    """State of stress and strain of a body: each may be given by its value, a string."""
 
     PLANE_STRESS = "plane stress"
     PLANE_STRAIN = "plane strain"
