@@ -33,4 +33,4 @@ from pw_elements.contact.iteration.policy import (
     initial_active_set,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
-from pw_elements.contact.iteration.system import ContactSystem
+from pw_elements.contact.iteration.system import ContactSystem, border_columns, local_rows

@@ -3,7 +3,7 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -23,11 +23,13 @@ from pw_elements.contact.iteration import (
     ActiveSet,
     Contact,
     ContactSystem,
+    border_columns,
     equations,
+    local_rows,
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import Pieces, collect_garbage
+from pw_elements.solvers import Pieces, destroy
 
 # Rows (r, k) on some modes (k,)
 Block = tuple[Indices, Array]
@@ -209,48 +211,6 @@ def direction(vector: Array) -> str:
     return listed(vector[None])
 
 
-@dataclass(frozen=True)
-class LeftFree:
-    """Rigid motions that neither stiffness nor contact hold."""
-
-    relative: sp.csr_array  # motions (m dim, modes) of the points relative to their surfaces
-    held: list[Block]  # rows on the modes that supports and stiffness act on, of all processes
-    group: Indices  # (modes,)
-    comm: MPI.Comm
-    names: Callable[[Array], list[str]]  # words for motions (k, modes)
-
-    def __call__(self, active: ActiveSet, frame: Array) -> list[str]:
-        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
-        free = self._free(active, frame)
-        return self.names(free) if len(free) else []
-
-    def slides(self, contact: Contact, lost: float) -> bool:
-        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
-        shear, at_rest = contact.force[:, 1:], contact.active_set()
-        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
-        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
-        used &= size >= limit - lost
-        if not self.comm.allreduce(bool(used.any()), MPI.LOR):
-            return False
-        direction = shear / np.where(used, size, 1.0)[:, None]
-        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
-        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
-        moved = (self.relative @ free.T).reshape(*contact.frame.shape[:2], len(free))
-        along = np.einsum("nab,na,nbk->nk", contact.frame[:, 1:], direction, moved)
-        along = along[used & (at_rest.status == STICK)]
-        ends = self.comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
-        # a single motion has to go against all friction of what does not slip yet, or its reverse
-        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
-
-    def _free(self, active: ActiveSet, frame: Array) -> Array:
-        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
-        m, dim = frame.shape[:2]
-        constraints = equations(active, np.ones(m))[1] @ frame
-        turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
-        rows = triangles(sp.csr_array(turned @ self.relative), self.group, self.comm)
-        return null_space(self.held + rows, self.group, _FREE_STIFFNESS)
-
-
 def triangles(rows: sp.csr_array, group: Indices, comm: MPI.Comm) -> list[Block]:
     """R of QR factorisations of all processes' rows (n, modes), one of those on the same groups.
 
@@ -329,31 +289,47 @@ def null_space(blocks: list[Block], group: Indices, tolerance: float) -> Array:
 
 
 class RigidMotions:
-    """Rigid motions of the pieces of a supported body and of free surfaces."""
+    """Rigid motions of the pieces of a supported body, of a stiffness K (n, n), and of surfaces."""
 
-    def __init__(self, system: ContactSystem, space: fem.FunctionSpace) -> None:
-        self._system = system
+    def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
+        self._system, self._K = system, K
         self.modes = RigidModes(Pieces.of(space), system.free, system.interface.pairs)
-        field, mesh = system.interface.field, space.mesh
-        moved, at = self.modes.displacements(), field.owned.ravel()
-        rows = np.full(field.rows[0], len(at))
-        rows[at] = np.arange(len(at))
-        empty = sp.csr_array((1, moved.shape[1]))
-        self._full = sp.csr_array(sp.vstack([moved, empty], "csr")[rows])  # (unknowns, modes)
+        field, at = system.interface.field, system.interface.field.owned.ravel()
+        of_owned = sp.csr_array(
+            (np.ones(len(at)), (at, np.arange(len(at)))), (field.rows[0], len(at))
+        )
+        self._full = sp.csr_array(of_owned @ self.modes.displacements())  # (unknowns, modes)
         column = free_columns(system.reduction.right)
-        self._held = column == -1
+        self._prescribed = column == -1
         kept = np.flatnonzero(column >= 0)
         first, last = system.stiffness.getOwnershipRange()
         ones = (np.ones(len(kept)), (column[kept] - first, kept))
         self._reduced = sp.csr_array(ones, (last - first, len(column))) @ self._full
-        held = triangles(self._hold_of_supports(transposed=False), self.modes.group, mesh.comm)
-        self.left_free = LeftFree(
-            self._at_points(works=False), held, self.modes.group, system.comm, self._names
-        )
-        collect_garbage(system.interface.motion, system.stiffness)
+        self._held = self._hold(transposed=False)
+        self._relative = self._at_points(works=False)
 
-    def _names(self, motions: Array) -> list[str]:
-        return self.modes.names(self.modes.simplest(motions).motions)
+    def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
+        """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
+        free = self._free(active, frame)
+        return self.modes.names(self.modes.simplest(free).motions) if len(free) else []
+
+    def slides(self, contact: Contact, lost: float) -> bool:
+        """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
+        comm, shear, at_rest = self._system.comm, contact.force[:, 1:], contact.active_set()
+        size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
+        used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
+        used &= size >= limit - lost
+        if not comm.allreduce(bool(used.any()), MPI.LOR):
+            return False
+        direction = shear / np.where(used, size, 1.0)[:, None]
+        sliding = ActiveSet(np.full_like(at_rest.status, SLIP), direction, *np.ones((3, len(used))))
+        free = self._free(mixed(~used, at_rest, sliding), contact.frame)
+        moved = (self._relative @ free.T).reshape(*contact.frame.shape[:2], len(free))
+        along = np.einsum("nab,na,nbk->nk", contact.frame[:, 1:], direction, moved)
+        along = along[used & (at_rest.status == STICK)]
+        ends = comm.allgather([along.max(initial=0.0), -along.min(initial=0.0)])
+        # a single motion has to go against all friction of what does not slip yet, or its reverse
+        return len(free) > 1 or (len(free) == 1 and np.max(ends, axis=0).min() <= _FREE_STIFFNESS)
 
     def virtual(self) -> tuple[Basis, Array]:
         """Motions in which no forces but loads and contact's do work, whatever the strains.
@@ -361,11 +337,10 @@ class RigidMotions:
         A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
         relative to surfaces in which forces at the contact points do work.
         """
-        group, comm = self.modes.group, self._system.comm
-        held = triangles(self._hold_of_supports(transposed=True), group, comm)
+        group = self.modes.group
         alone = [
             (modes[group[modes] == k], rows[:, group[modes] == k])
-            for modes, rows in held
+            for modes, rows in self._hold(transposed=True)
             for k in np.unique(group[modes])
         ]
         chosen = self.modes.simplest(null_space(alone, group, _ZERO_STIFFNESS))
@@ -380,69 +355,48 @@ class RigidMotions:
         parts[:, self.modes.of_pieces :] = totals, np.abs(totals)
         return parts[0], parts[1]
 
+    def _free(self, active: ActiveSet, frame: Array) -> Array:
+        """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
+        m, dim = frame.shape[:2]
+        constraints = equations(active, np.ones(m))[1] @ frame
+        turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
+        group = self.modes.group
+        rows = triangles(sp.csr_array(turned @ self._relative), group, self._system.comm)
+        return null_space(self._held + rows, group, _FREE_STIFFNESS)
+
     def _at_points(self, works: bool) -> sp.csr_array:
         """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
-        interface = self._system.interface
-        m, dim = interface.position.shape
-        n, comm = self.modes.number, interface.motion.comm
-        mine = n if comm.rank == 0 else 0
-        places = (x.astype(PETSc.IntType) for x in (self._full.indptr, self._full.indices))
-        csr = (*places, self._full.data)
-        sizes = (interface.motion.getSizes()[1], (mine, n))
-        modes = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
-        if works:
-            product = interface.force.transposeMatMult(modes)
-        else:
-            product = interface.motion.matMult(modes)
-        pointers, indices, data = product.getValuesCSR()
-        of_pieces = sp.csr_array((data, indices, pointers), (m * dim, n))
-        modes.destroy()
-        product.destroy()
-        at = [np.flatnonzero(interface.pair == pair) * dim + axis for pair, axis in self.modes.free]
-        modes_at = np.repeat(np.arange(self.modes.of_pieces, n), [len(rows) for rows in at])
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *at])
-        return of_pieces + sp.csr_array((np.full(len(rows), -1.0), (rows, modes_at)), (m * dim, n))
+        interface, modes = self._system.interface, self._matrix(self._full)
+        product = interface.force.transposeMatMult if works else interface.motion.matMult
+        moved = product(modes)
+        dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
+        destroy(modes, moved)
+        surfaces = border_columns(self.modes.free, interface.pair, dim).T
+        still = sp.csr_array((len(interface.pair) * dim, self.modes.of_pieces))
+        return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
 
-    def _hold_of_supports(self, transposed: bool) -> sp.csr_array:
-        """Displacements (rows, modes) of pieces' modes at supports, and the forces they cause.
+    def _hold(self, transposed: bool) -> list[Block]:
+        """Displacements in the pieces' modes at supports, and the forces that these cause.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
         translation along the axis is without strain. K^T m tells of which modes no state of
         strain changes the balance of forces; where it is unsymmetric, they may be fewer.
-
-        All pieces move at once, unless K couples some: then random sizes of motions show in forces.
         """
-        pieces, each = len(self.modes.centre), self.modes.each
-        own, comm = self._reduced, self._system.comm
-        sizes = np.sort(np.random.default_rng(0).uniform(1.0, 2.0, pieces))
-        together, apart = (
-            self._forces(np.asarray(np.kron(scale[:, None], np.eye(each))), transposed)
-            for scale in (np.ones(pieces), sizes)
-        )
-        some, square = np.diff(own.indptr) > 0, np.sum(together**2, axis=1)
-        share = np.sum(apart * together, axis=1) / np.where(square > 0, square, 1.0)
-        of = np.searchsorted((sizes[1:] + sizes[:-1]) / 2, share)  # where displacements are given
-        of[some] = own.indices[own.indptr[:-1][some]] // each
-        coupled = np.abs(apart - sizes[of, None] * together).max(initial=0.0) > _ZERO_STIFFNESS
-        if comm.allreduce(bool(coupled), MPI.LOR):
-            forces = sp.csr_array(self._forces(np.eye(self.modes.of_pieces), transposed))
-            forces.resize(own.shape)
-        else:
-            columns = (of[:, None] * each + np.arange(each)).ravel()
-            pointers = np.arange(len(of) + 1) * each
-            forces = sp.csr_array((together.ravel(), columns, pointers), own.shape)
-        return sp.csr_array(sp.vstack([self._full[self._held], forces]))
-
-    def _forces(self, motions: Array, transposed: bool) -> Array:
-        """Forces (rows, k) of the pieces' motions (modes of pieces, k), over the stiffness."""
-        stiffness, system = self._system.stiffness, self._system
+        system, K, modes = self._system, self._K, self._matrix(self._reduced)
+        given, tested = system.reduction.right, system.reduction.left
+        if transposed:
+            given, tested = tested, given
+        moved = given.matMult(modes)
+        image = (K.transposeMatMult if transposed else K.matMult)(moved)
+        forces = tested.transposeMatMult(image)
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        moved, image = stiffness.createVecs()
-        product = stiffness.multTranspose if transposed else stiffness.mult
-        forces = np.empty((image.getLocalSize(), motions.shape[1]))
-        reduced = self._reduced[:, : len(motions)] @ motions
-        for k in range(motions.shape[1]):
-            moved.setArray(reduced[:, k])
-            product(moved, image)
-            forces[:, k] = image.array_r / largest
-        return forces
+        rows = sp.vstack([self._full[self._prescribed], local_rows(forces, 0) / largest])
+        destroy(modes, moved, image, forces)
+        return triangles(sp.csr_array(rows), self.modes.group, system.comm)
+
+    def _matrix(self, motions: sp.csr_array) -> PETSc.Mat:
+        """Motions (rows of this process, modes) as those of all processes."""
+        comm, n = self._system.comm, self.modes.number
+        places = (x.astype(PETSc.IntType) for x in (motions.indptr, motions.indices))
+        sizes = (motions.shape[0], PETSc.DETERMINE), (n if comm.rank == 0 else 0, n)
+        return PETSc.Mat().createAIJ(sizes, csr=(*places, motions.data), comm=comm)

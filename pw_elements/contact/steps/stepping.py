@@ -468,8 +468,8 @@ class Stepping:
         self.interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(increment.system.free, before)
-        left_free, lost = self._bound(increment.system.free)[1].left_free, increment.allowed(now)
-        slides = left_free.slides(now.contact, lost)
+        _, rigid = self._bound(increment.system.free)
+        slides = rigid.slides(now.contact, increment.allowed(now))
         return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
     def _spent(self, free: Free, before: Spent = (0, NOTHING_DONE)) -> Spent:
@@ -495,5 +495,5 @@ class Stepping:
         if self._system is None or self._system[0].free != free:
             self.release()
             system = ContactSystem(self._K, self._reduction, self.interface, free, self.solver)
-            self._system = system, RigidMotions(system, self.space)
+            self._system = system, RigidMotions(system, self._K, self.space)
         return self._system
