@@ -33,6 +33,7 @@ from pw_elements.solvers.matrices import (
     collect_garbage,
     connected_pieces,
     destroy,
+    galerkin_product,
     python_matrix,
     selection,
     unbalanced,

@@ -31,38 +31,44 @@ def is_blocked(matrix: PETSc.Mat) -> bool:
     return "baij" in matrix.getType()
 
 
-def galerkin_product(K: PETSc.Mat, P: PETSc.Mat) -> PETSc.Mat:
-    """P^T K P; PETSc has no such product of matrices in blocks: parts of them are converted."""
+def galerkin_product(K: PETSc.Mat, P: PETSc.Mat, W: PETSc.Mat | None = None) -> PETSc.Mat:
+    """P^T K P, or W^T K P; PETSc has none of matrices in blocks: parts of them are converted."""
     if not is_blocked(K):
+        if W is not None:
+            half = K.matMult(P)
+            product = W.transposeMatMult(half)
+            destroy(half)
+            return product
         product = K.ptap(P)
         made = product.copy()
         product.destroy()  # which keeps what it was made by
         return made
+    W = P if W is None else W
     comm, first, rows = K.comm, K.getOwnershipRange()[0], K.getLocalSize()[0]
     most = comm.tompi4py().allreduce(rows, MPI.MAX)
     at_once = _ROWS_AT_ONCE * max(1, -(-most // (_ROWS_AT_ONCE * _MOST_PARTS)))
     sets = [
         PETSc.IS().createStride(last - start, start, 1, comm=comm)
-        for start, last in (K.getOwnershipRangeColumn(), P.getOwnershipRangeColumn())
+        for start, last in (each.getOwnershipRangeColumn() for each in (K, W))
     ]
     total = None
     for begin in range(0, most, at_once):
         start, last = min(begin, rows), min(begin + at_once, rows)
         mine = PETSc.IS().createStride(last - start, first + start, 1, comm=comm)
-        K_part, P_part = (
+        K_part, W_part = (
             matrix.createSubMatrix(mine, columns)
-            for matrix, columns in zip((K, P), sets, strict=True)
+            for matrix, columns in zip((K, W), sets, strict=True)
         )
         plain = K_part.convert("aij", PETSc.Mat())
         destroy(K_part)
         half = plain.matMult(P)
-        some = P_part.transposeMatMult(half)
+        some = W_part.transposeMatMult(half)
         if total is None:
             total = some.copy()
             destroy(some)
         else:
             add(total, 1.0, some)
-        destroy(plain, half, P_part, mine)
+        destroy(plain, half, W_part, mine)
     destroy(*sets)
     return total
 

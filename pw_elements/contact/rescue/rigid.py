@@ -29,7 +29,7 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import Pieces, destroy
+from pw_elements.solvers import Pieces, destroy, galerkin_product
 
 # Rows (r, k) on some modes (k,)
 Block = tuple[Indices, Array]
@@ -383,15 +383,16 @@ class RigidMotions:
         strain changes the balance of forces; where it is unsymmetric, they may be fewer.
         """
         system, K, modes = self._system, self._K, self._matrix(self._reduced)
-        given, tested = system.reduction.right, system.reduction.left
+        right, left = system.reduction.right, system.reduction.left
+        moved = (left if transposed else right).matMult(modes)
         if transposed:
-            given, tested = tested, given
-        moved = given.matMult(modes)
-        image = (K.transposeMatMult if transposed else K.matMult)(moved)
-        forces = tested.transposeMatMult(image)
+            forces = galerkin_product(K, right, moved)
+            forces.transpose()
+        else:
+            forces = galerkin_product(K, moved, left)
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
         rows = sp.vstack([self._full[self._prescribed], local_rows(forces, 0) / largest])
-        destroy(modes, moved, image, forces)
+        destroy(modes, moved, forces)
         return triangles(sp.csr_array(rows), self.modes.group, system.comm)
 
     def _matrix(self, motions: sp.csr_array) -> PETSc.Mat:
