@@ -21,4 +21,4 @@ from pw_elements.contact.interface.operators import (
     Interface,
     NoContactStated,
 )
-from pw_elements.contact.interface.sliding import SlidingMortar, Varying
+from pw_elements.contact.interface.sliding import SlidingMortar, of_positions

@@ -20,7 +20,14 @@ from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import answer, collective, field, is_number, listed
 from pw_elements.contact.interface.geometry import Trace, gathered_trace
 from pw_elements.contact.interface.mortar import Overlap
-from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
+from pw_elements.contact.interface.operators import (
+    DEFORMABLE,
+    RIGID,
+    Interface,
+    Points,
+    extents,
+    of_owners,
+)
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
 from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
@@ -407,26 +414,24 @@ def sliding_points(
     """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
     own, one, other = _sides(number, pair, node, body)
     mortar = SlidingMortar(one, other, revolved)
-    met = mortar.meet(mortar.x, slopes=False)
+    met = mortar.meet(mortar.x)
     if not met.faced.any():
         raise ValueError(
             f"contact pair {number}: no part of its facets faces the opposite part: one of them is "
             "on the far side of its body, or nothing of it lies across"
         )
-    into = np.stack(met.normal, axis=1)
     free = ~_prescribed(one.nodes, body)
-    near = np.linalg.norm(into * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
+    near = np.linalg.norm(met.normals * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
     mortar.kept[near] = free[near]
-    met = mortar.meet(mortar.x, slopes=False)
+    met = mortar.meet(mortar.x)
     among = np.searchsorted(one.nodes, own)
-    into = np.stack(met.normal, axis=1)[among]
-    gap = np.where(met.faced, met.normal[0] * met.place[0] + met.normal[1] * met.place[1], np.inf)
+    gap = np.where(met.faced, met.gap.value, np.inf)[among]
     points = replace(
         _points(body, node, cone, None),
         faced=np.full_like(own, DEFORMABLE),
         opposite=other.nodes[by_position(other.positions_of_nodes())],
     )
-    return points, InitialGap(body.x[node], gap[among], into), mortar
+    return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
 
 
 def mortar_points(
@@ -519,12 +524,7 @@ def mortar_points(
 
 def _prescribed(node: Indices, body: BodyNodes) -> Mask:
     """Which displacements (n, dim) of global nodes are, of whichever process."""
-    first, last = body.space.dofmap.index_map.local_range
-    mine = (node >= first) & (node < last)
-    held = np.zeros((len(node), body.x.shape[1]), dtype=np.int8)
-    held[mine] = body.column[node[mine] - first] == -1
-    body.space.mesh.comm.Allreduce(MPI.IN_PLACE, held, MPI.MAX)
-    return held > 0
+    return of_owners(body.space, node, (body.column == -1).astype(np.int8)) > 0
 
 
 def _in_symmetry_planes(normal: Array, free: Mask) -> Array:

@@ -28,6 +28,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import answer, collective, listed
@@ -242,17 +243,17 @@ class Interface:
 
     def on_opposite(self, pair: int, force: Array) -> Array:
         """Nodal forces (k, dim) of forces (m, dim) at a pair's points on its `opposite` nodes."""
-        nodes, dim = self.opposite[pair], force.shape[1]
-        total = np.zeros((len(nodes), dim))
+        nodes = self.opposite[pair]
         if len(nodes):
             points = self.force.createVecRight()
             points.setArray(np.where((self.pair == pair)[:, None], force, 0.0).ravel())
-            nodal = self.field.part(self.force * points).array_r.reshape(-1, dim)
-            own = nodes - self.field.space.dofmap.index_map.local_range[0]
-            mine = (own >= 0) & (own < len(nodal))
-            total[mine] = nodal[own[mine]]
-            self.comm.Allreduce(MPI.IN_PLACE, total, MPI.SUM)
-        return total
+            return self.at_nodes(nodes, self.force * points)
+        return np.zeros((0, force.shape[1]))
+
+    def at_nodes(self, nodes: Indices, unknowns: PETSc.Vec) -> Array:
+        """What unknowns (n,), or their equations, have at global nodes (k,): (k, dim)."""
+        values = self.field.part(unknowns).array_r.reshape(-1, self.position.shape[1])
+        return of_owners(self.field.space, nodes, values)
 
     def shifts(self, translations: Array | None) -> Array:
         """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""
@@ -329,6 +330,16 @@ class Interface:
                     for values, known in zip(answers, each, strict=True):
                         shape = (int(mine.sum()), *values.shape[1:])
                         values[mine] = checked_field(whose, known, shape, layout)
+
+
+def of_owners(space: fem.FunctionSpace, nodes: Indices, values: npt.NDArray) -> npt.NDArray:
+    """Rows (k, ...) of global nodes, on all processes, of the owners' values (owned nodes, ...)."""
+    own = nodes - space.dofmap.index_map.local_range[0]
+    mine = (own >= 0) & (own < len(values))
+    found = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
+    found[mine] = values[own[mine]]
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, found, MPI.SUM)
+    return found
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

@@ -92,6 +92,12 @@ Numbers: TypeAlias = Varying | Array | float
 Vector: TypeAlias = tuple[Any, Any]  # of numbers
 
 
+def of_positions(x: Array) -> tuple[Varying, ...]:
+    """Components of positions (n, dim), with derivatives by all of them."""
+    dim, one = x.shape[1], sp.eye_array(x.size, format="csr")
+    return tuple(Varying(x[:, axis].copy(), one[axis::dim]) for axis in range(dim))
+
+
 def _times(slope: Any, factor: Array | float) -> Any:  # noqa: ANN401
     each = np.broadcast_to(factor, slope.shape[:1])
     if isinstance(slope, np.ndarray):
@@ -121,7 +127,7 @@ class Meeting:
 
     Args:
         faced: (m,), which nodes face anything.
-        normal: out of the master, unit vectors.
+        normal: out of the master, unit vectors of numbers (m,).
         place: S x, components (m,) each; zero where nothing is faced.
         rows: S, (m, m + k).
         handed: entries of the master's parts (k) of forces at the slave's nodes, with
@@ -132,18 +138,26 @@ class Meeting:
     normal: Vector
     place: Vector
     rows: sp.csr_array
-    handed: Numbers
+    handed: Varying
     entry: tuple[Indices, Indices]
+
+    @property
+    def normals(self) -> Array:
+        """Their values (m, 2)."""
+        return np.stack([part.value for part in self.normal], axis=1)
+
+    @property
+    def gap(self) -> Varying:
+        """n·S x, (m,); zero where nothing is faced."""
+        return _dot(self.normal, self.place)
 
     def parts(self) -> sp.csr_array:
         """Parts (m, k) of a force at each slave node that the master's get, in sum one."""
         m, k = len(self.faced), self.rows.shape[1] - len(self.faced)
-        values = self.handed.value if isinstance(self.handed, Varying) else self.handed
-        return sp.csr_array(sp.coo_array((values, self.entry), (m, k)))
+        return sp.csr_array(sp.coo_array((self.handed.value, self.entry), (m, k)))
 
     def turned(self, force: Array) -> sp.csr_array:
         """Derivative (2 k, 2 (m + k)) of the master's parts of fixed forces (m, 2)."""
-        assert isinstance(self.handed, Varying)
         (slave, master), k = self.entry, self.rows.shape[1] - len(self.faced)
         to_nodes = _sums(master, k)
         each = [to_nodes @ _times(self.handed.slope, part[slave]) for part in force.T]
@@ -177,8 +191,8 @@ class SlidingMortar:
         self._before, self._behind = (np.arange(self.slaves) for _ in range(2))
         self._before[b], self._behind[a] = a, b
 
-    def meet(self, x: Array, slopes: bool = True) -> Meeting:
-        """Where nodes are at positions (m + k, 2), with derivatives or without."""
+    def meet(self, x: Array) -> Meeting:
+        """Where nodes are at positions (m + k, 2)."""
         n, m = len(x), self.slaves
         one, other = self._pairs(x)
         (a, b), (c, d) = self._one[one].T, self._other[other].T
@@ -189,36 +203,31 @@ class SlidingMortar:
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
         covered = np.bincount(one, length, minlength=len(self._one))[one]
         some = (length > 0) & (covered > _COVERED)
-        one, other, nodes, low, high = (part[some] for part in (one, other, nodes, low, high))
-        corners, count = [(x[node, 0], x[node, 1]) for node in nodes.T], nodes.size * 2
-        to_facets: Any = _sums(one, len(self._one))
-        z: Any = (x[:, 0].copy(), x[:, 1].copy())
-        if slopes:
-            units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
-            corners = [
-                (Varying(at[0], unit[0]), Varying(at[1], unit[1]))
-                for at, unit in zip(corners, units, strict=True)
+        one, other, nodes = one[some], other[some], nodes[some]
+        units = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
+        corners = [
+            tuple(Varying(x[node, axis], unit[axis]) for axis in (0, 1))
+            for node, unit in zip(nodes.T, units, strict=True)
+        ]
+        # derivatives by positions of six nodes each become those by all
+        columns = (2 * nodes[:, :, None] + np.arange(2)).ravel()
+        pattern = columns, np.arange(0, 12 * len(one) + 1, 12)
+        W, Q = (
+            [
+                Varying(v.value, sp.csr_array((v.slope.ravel(), *pattern), (len(one), 2 * n)))
+                for v in each
             ]
-            eye = sp.eye_array(2 * n, format="csr")
-            z = tuple(Varying(z[axis], eye[axis::2]) for axis in (0, 1))
-        W, Q = self._integrals(corners, nodes, (low < -1, high > 1))
-        if slopes:  # by all positions
-            columns = (2 * nodes[:, :, None] + np.arange(2)).ravel()
-            pattern = columns, np.arange(0, count + 1, 12)
-            W, Q = (
-                [
-                    Varying(v.value, sp.csr_array((v.slope.ravel(), *pattern), (len(one), 2 * n)))
-                    for v in each
-                ]
-                for each in (W, Q)
-            )
+            for each in self._integrals(corners, nodes, (low[some] < -1, high[some] > 1))
+        )
+        to_facets: Any = _sums(one, len(self._one))
+        z = of_positions(x)
         W = [to_facets @ v for v in W]
         chord = [part[self._behind] - part[self._before] for part in z]
         normal = self._unit((-chord[1], chord[0]), slice(None))
         (a, b), (c, d) = self._one.T, self._other[other].T
         facets = (_sums(a, m), _sums(b, m))
         area = facets[0] @ (W[0] + W[1]) + facets[1] @ (W[1] + W[2])
-        faced = _value(area) > 0
+        faced = area.value > 0
         over = (area + ~faced) ** -1.0
         pairs = [(a, a, W[0]), (a, b, W[1]), (b, a, W[1]), (b, b, W[2])]
         pairs += [
@@ -228,15 +237,14 @@ class SlidingMortar:
         for s, t, value in pairs:
             for axis in (0, 1):
                 place[axis] = _sums(s, m) @ (value * z[axis][t]) + place[axis]
-        values = np.concatenate([_value(v) * _value(over)[s] for s, _, v in pairs])
+        values = np.concatenate([v.value * over.value[s] for s, _, v in pairs])
         where = np.concatenate([s for s, _, _ in pairs]), np.concatenate([t for _, t, _ in pairs])
         rows = sp.csr_array(sp.coo_array((values, where), (m, n)))
         sums = W[0] + W[1], W[1] + W[2]
-        determinant = W[0] * W[2] - W[1] ** 2.0 + (_value(W[0]) == 0)
-        own = [  # of a's traction at a and b, and of b's
-            [W[2] * sums[0] / determinant * over[a], -W[1] * sums[0] / determinant * over[a]],
-            [-W[1] * sums[1] / determinant * over[b], W[0] * sums[1] / determinant * over[b]],
-        ]
+        determinant = W[0] * W[2] - W[1] ** 2.0 + (W[0].value == 0)
+        a_over, b_over = sums[0] / determinant * over[a], sums[1] / determinant * over[b]
+        # of a's traction at a and b, and of b's
+        own = [[W[2] * a_over, -W[1] * a_over], [-W[1] * b_over, W[0] * b_over]]
         parts, slave, master = [], [], []
         for j, s in enumerate((a, b)):
             for k, t in enumerate((c, d)):
@@ -250,7 +258,7 @@ class SlidingMortar:
 
     def start(self, x: Array) -> sp.csr_array:
         """S_0, (m, m + k), at positions (m + k, 2)."""
-        met = self.meet(x, slopes=False)
+        met = self.meet(x)
         lone = np.flatnonzero(~met.faced)
         first, edge = x[self._other[:, 0]], x[self._other[:, 1]] - x[self._other[:, 0]]
         away = x[lone][:, None] - first
@@ -313,7 +321,7 @@ class SlidingMortar:
             away = middle[0] - node[0], middle[1] - node[1]
             c0, c2 = _cross(away, mean), _cross(half, change)
             c1 = _cross(half, mean) + _cross(away, change)
-            sign = np.where(_value(c1) < 0, -1.0, 1.0)
+            sign = np.where(getattr(c1, "value", c1) < 0, -1.0, 1.0)
             with np.errstate(invalid="ignore", divide="ignore"):
                 found.append(c0 * -2.0 / (c1 + (c1**2.0 - c0 * c2 * 4.0) ** 0.5 * sign))
         return found
@@ -348,21 +356,13 @@ class SlidingMortar:
         return own, [sums @ (measure * w_i * v) for w_i in w for v in (1 - along, along)]
 
 
-def _value(numbers: Numbers) -> Any:  # noqa: ANN401
-    return numbers.value if isinstance(numbers, Varying) else numbers
-
-
-def _where(fixed: Mask, value: float, numbers: Numbers) -> Numbers:
+def _where(fixed: Mask, value: float, numbers: Varying) -> Varying:
     """A value where it is fixed, and numbers elsewhere, which may be none where it is."""
-    if not isinstance(numbers, Varying):
-        return np.where(fixed, value, numbers)
     slope = np.where(fixed[:, None], 0.0, numbers.slope)
     return Varying(np.where(fixed, value, numbers.value), slope)
 
 
-def _joined(parts: Sequence[Any]) -> Numbers:
-    if not isinstance(parts[0], Varying):
-        return np.concatenate(parts)
+def _joined(parts: Sequence[Varying]) -> Varying:
     slope = sp.csr_array(sp.vstack([part.slope for part in parts], "csr"))
     return Varying(np.concatenate([part.value for part in parts]), slope)
 

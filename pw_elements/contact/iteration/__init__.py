@@ -3,7 +3,6 @@
 from pw_elements.contact.iteration.finite import (
     CellGuard,
     DeformedKinematics,
-    DeformedPlace,
     FiniteEquilibrium,
     Sliding,
 )
@@ -14,6 +13,7 @@ from pw_elements.contact.iteration.law import (
     STICK,
     ActiveSet,
     Contact,
+    DeformedPlace,
     Kinematics,
     LinearisedLaw,
     equations,

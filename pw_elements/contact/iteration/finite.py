@@ -21,7 +21,7 @@ besides, and the law is one of three motions of a node, whose rows G are made an
 iteration: the changes of its gap and slip, and the angle by which its normal turns.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -36,8 +36,8 @@ from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface, Varying
-from pw_elements.contact.iteration.law import ActiveSet, LinearisedLaw, equations, frames
+from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface, of_positions
+from pw_elements.contact.iteration.law import DeformedPlace, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import NotFound
@@ -53,49 +53,6 @@ _SMALL_TURN = 1e-3
 _RIGHT_ANGLE, _FARTHEST = np.sqrt(0.5), 0.99
 # Shares of a point's way at which it is looked for within the surface
 _WAY = np.linspace(0.05, 0.95, 19)
-
-
-@dataclass(frozen=True)
-class DeformedPlace:
-    """Gap, slip and force components where deformed nodes are, and their derivatives.
-
-    Nodes have p motions each, which are y = X + a - U for those that rigid surfaces face.
-    """
-
-    interface: Interface  # contact points (m)
-    translations: Array  # U there, (pairs, dim)
-    at: Array  # the motions without X, (m, p)
-    frame: Array  # normals and tangents, (m, dim, dim)
-    gap: Array  # (m,), infinite where nothing faces a node
-    slip: Array  # (m, dim - 1)
-    moved: Array  # derivatives of gap and slip by the motions, (m, dim, p)
-    turned: Array  # of the force components, by the turning of the frame, (m, dim, p)
-    jumped: Mask  # (m,), whether the normal has turned by a right angle since the start
-
-    def gaps(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
-        """Gaps (m,) there: a place is never seen from another one."""
-        return self.gap
-
-    def slips(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
-        """Slip components (m, dim - 1) likewise."""
-        return self.slip
-
-    def forces(self, force: Array, translations: Array) -> Array:  # noqa: ARG002
-        """Components (m, dim) along the frame of forces (m, dim)."""
-        return np.einsum("nab,nb->na", self.frame, force)
-
-    def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
-        """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
-        A, B, b = equations(active, scale)
-        E, C = A @ self.frame, A @ self.turned + B @ self.moved
-        gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
-        known = np.concatenate([gap[:, None], self.slip], axis=1)
-        c = b - np.einsum("nab,nb->na", B, known) + np.einsum("nab,nb->na", C, self.at)
-        to_nodes = np.swapaxes(self.frame, 1, 2)
-        E, C, c = to_nodes @ E, to_nodes @ C, np.einsum("nab,nb->na", to_nodes, c)
-        rigid = self.interface.faced == RIGID
-        D = np.where(rigid[:, None, None], C[:, :, : self.frame.shape[1]], 0.0)
-        return LinearisedLaw(E, C, D, c)
 
 
 class Sliding:
@@ -171,12 +128,10 @@ class Sliding:
         rows = [(rigid * _MOTIONS + a, node[rigid] + a, np.ones(len(rigid))) for a in range(dim)]
         for k, met in self._met.items():
             mortar, own, among = interface.mortars[k], self._own[k], self._among[k]
-            x, one = self._x[k], sp.eye_array(2 * len(mortar.nodes), format="csr")
-            z = [Varying(x[:, axis], one[axis::2]) for axis in range(dim)]
-            n, known = met.normal, np.stack([part.value for part in met.normal], axis=1)[among]
+            z = of_positions(self._x[k])
+            n, known, gaps = met.normal, met.normals[among], met.gap
             across = -n[1], n[0]
             apart = [self._start[k] @ z[axis] - met.place[axis] for axis in range(dim)]
-            gaps = n[0] * met.place[0] + n[1] * met.place[1]
             slips = across[0] * apart[0] + across[1] * apart[1]
             angle = across[0].value * n[0] + across[1].value * n[1]
             faced = met.faced[among]
@@ -189,7 +144,7 @@ class Sliding:
             moved[own], turned[own] = 0.0, 0.0
             moved[own, 0, 0], moved[own, 1, 1] = faced, faced * side
             turned[own, 0, 2], turned[own, 1, 2] = sheared, -side * pressed
-            shift = x - mortar.x
+            shift = self._x[k] - mortar.x
             shift[mortar.slaves :] -= self._translations[k]
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
             for number, change in enumerate((gaps, slips, angle)):
@@ -203,12 +158,8 @@ class Sliding:
 
     def _place(self, pair: int, unknowns: PETSc.Vec, translations: Array) -> Array:
         """Positions (nodes, dim) of both sides of a pair, of all processes."""
-        mortar, field = self._interface.mortars[pair], self._interface.field
-        own = mortar.nodes - field.space.dofmap.index_map.local_range[0]
-        values = field.part(unknowns).array_r.reshape(-1, mortar.x.shape[1])
-        mine, moved = (own >= 0) & (own < len(values)), np.zeros_like(mortar.x)
-        moved[mine] = values[own[mine]]
-        self._interface.comm.Allreduce(MPI.IN_PLACE, moved, MPI.SUM)
+        mortar = self._interface.mortars[pair]
+        moved = self._interface.at_nodes(mortar.nodes, unknowns)
         moved[mortar.slaves :] += translations[pair]
         return np.asarray(mortar.x + moved)
 

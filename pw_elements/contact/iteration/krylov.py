@@ -339,7 +339,7 @@ def _apart(x: Array) -> list[int]:
 
 
 class KrylovTangent:
-    """A `ContactTangent` that assembles nothing; `supported` goes with it.
+    """What `Tangent` is with factors, by an iteration that assembles nothing; `supported` goes too.
 
     Unknowns are numbered as the nodes are, prescribed ones being zero; the free translations come
     last, on the last process.
@@ -399,6 +399,7 @@ class KrylovTangent:
         self._accuracy, self._size = _EXACT, 0.0
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Begins an increment at unknowns of this process."""
         begin, local = unknowns(), self._solution.array
         local[: len(begin)] = begin
         local[len(begin) :] = translations[: len(local) - len(begin)]
@@ -408,7 +409,10 @@ class KrylovTangent:
         return self._enclosed
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """A constant pressure that acts on nothing is singular."""
+        """As `Tangent` does; NotConverged if the iteration fails.
+
+        A constant pressure that acts on nothing is singular.
+        """
         more = accuracy == "more" and self._final
         self._accuracy = self._accuracy * _MORE if more else _EXACT
         forcing = _FORCING
@@ -436,7 +440,7 @@ class KrylovTangent:
         left = self._left(known, rest)
         reduced = forcing * left if accuracy == "rough" else 0.0
         stalled, lost = False, 0.0
-        while left > (target := self._target(left, reduced, forcing)) and not stalled:
+        while not stalled and not left <= (target := self._target(left, reduced, forcing)):
             self._ksp.setTolerances(rtol=0.0, atol=target)
             if self._size and not self._krylov.foreign:  # its options have been looked at
                 self._ksp.solve(rest, step)
@@ -446,9 +450,12 @@ class KrylovTangent:
             before, left = left, self._left(known, rest)
             self._size = max(self._size, x.norm())
             lost = self._krylov.round_off(self._size) + self._points.round_off + target
-            stalled = left >= (min(before, _STALLED * target) if left <= lost else _MORE * before)
+            # so it is where a factorisation has given no numbers
+            stalled = not left < (
+                min(before, _STALLED * target) if left <= lost else _MORE * before
+            )
         force = self._largest()
-        if stalled and left > lost:
+        if stalled and not left <= lost:
             raise self._krylov.not_converged(left / max(known.norm(), force))
         self._final = bool(left <= _EXACT * force or stalled)
         collect_garbage(known)

@@ -27,19 +27,16 @@ A node whose slip would turn back sticks for one iteration first: otherwise long
 c magnifies, let rows of nodes jump from one direction to the other and back.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.contact.interface import Interface
+from pw_elements.arrays import Array, Mask
+from pw_elements.contact.interface import RIGID, Interface
 from pw_elements.contact.model import Cone, projected
-from pw_elements.solvers import PreparedSolver
-
-Array = npt.NDArray[np.float64]
 
 OPEN, STICK, SLIP = 0, 1, 2
 # Of states alone: in rough contact with a deformable surface, and moved along it by supports
@@ -145,20 +142,20 @@ class Contact:
         }
 
 
-def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> ActiveSet:
+def sticking(closed: Mask, cone: Cone, tangents: int) -> ActiveSet:
     """The set in which closed nodes (n,) stick, or slip where there is no friction."""
     n = len(closed)
     status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
     return ActiveSet(status, np.zeros((n, tangents)), *np.zeros((3, n)))
 
 
-def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
+def mixed(keep: Mask, old: ActiveSet, new: ActiveSet) -> ActiveSet:
     """The old set where `keep` holds, the new one elsewhere."""
     pairs = zip(vars(old).values(), vars(new).values(), strict=True)
     return ActiveSet(*(np.where(keep, one.T, other.T).T for one, other in pairs))
 
 
-def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
+def frames(normal: Array, stated: Mask) -> Array:
     """Normals and tangents (n, dim, dim); components not stated have to be tangential."""
     free = np.eye(normal.shape[1]) * stated[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]
@@ -221,71 +218,6 @@ class Solved:
     unknowns: Array
     exact: bool  # whether the same system, solved again, would give nothing better
     final: bool  # whether it is exact enough to be the last of an increment
-
-
-class ContactTangent(Protocol):
-    """The matrix of any linearised law and all equations of equilibrium, bound to a solver.
-
-    Where it is `precise` all of its solutions are as exact as they can be.
-    """
-
-    precise: bool
-
-    @property
-    def solver(self) -> PreparedSolver:
-        """The solver of these systems, which counts what it does."""
-        ...
-
-    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
-        """Begins an increment, at unknowns of this process if these are of any use."""
-        ...
-
-    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """Solves for an active set, with right-hand sides of this process and of free translations.
-
-        Raises SingularSystem if there is no unique solution, NotConverged if an iteration fails.
-        """
-        ...
-
-    def encloses(self) -> bool:
-        """Whether a constant pressure in an incompressible body acts on contact points alone."""
-        ...
-
-    def release(self) -> None:
-        """Frees what does not go with the last reference, on all processes."""
-        ...
-
-
-class Place(Protocol):
-    """Gap, slip and force components, linear about a place in a, U and r."""
-
-    @property
-    def interface(self) -> Interface: ...  # contact points (m)
-
-    @property
-    def translations(self) -> Array: ...  # U there, (pairs, dim)
-
-    @property
-    def frame(self) -> Array: ...  # normals and tangents, (m, dim, dim)
-
-    @property
-    def gap(self) -> Array: ...  # (m,), infinite where nothing faces a point
-
-    def gaps(self, displacement: Array, translations: Array) -> Array:
-        """Gaps (m,) at displacements (m, dim) and translations (pairs, dim)."""
-        ...
-
-    def slips(self, displacement: Array, translations: Array) -> Array:
-        """Slip components (m, dim - 1) likewise."""
-        ...
-
-    def forces(self, force: Array, translations: Array) -> Array:
-        """Components (m, dim) along the frame of forces (m, dim)."""
-        ...
-
-    def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
-        """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -384,3 +316,50 @@ class Kinematics:
     def _from(self, translations: Array) -> Array:
         """Translations (n, dim) of the nodes' surfaces from the place of linearisation."""
         return (translations - self.translations)[self.interface.pair]
+
+
+@dataclass(frozen=True)
+class DeformedPlace:
+    """Gap, slip and force components where deformed nodes are, and their derivatives.
+
+    Nodes have p motions each, which are y = X + a - U for those that rigid surfaces face.
+    """
+
+    interface: Interface  # contact points (m)
+    translations: Array  # U there, (pairs, dim)
+    at: Array  # the motions without X, (m, p)
+    frame: Array  # normals and tangents, (m, dim, dim)
+    gap: Array  # (m,), infinite where nothing faces a node
+    slip: Array  # (m, dim - 1)
+    moved: Array  # derivatives of gap and slip by the motions, (m, dim, p)
+    turned: Array  # of the force components, by the turning of the frame, (m, dim, p)
+    jumped: Mask  # (m,), whether the normal has turned by a right angle since the start
+
+    def gaps(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
+        """Gaps (m,) there: a place is never seen from another one."""
+        return self.gap
+
+    def slips(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
+        """Slip components (m, dim - 1) likewise."""
+        return self.slip
+
+    def forces(self, force: Array, translations: Array) -> Array:  # noqa: ARG002
+        """Components (m, dim) along the frame of forces (m, dim)."""
+        return np.einsum("nab,nb->na", self.frame, force)
+
+    def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
+        """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
+        A, B, b = equations(active, scale)
+        E, C = A @ self.frame, A @ self.turned + B @ self.moved
+        gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
+        known = np.concatenate([gap[:, None], self.slip], axis=1)
+        c = b - np.einsum("nab,nb->na", B, known) + np.einsum("nab,nb->na", C, self.at)
+        to_nodes = np.swapaxes(self.frame, 1, 2)
+        E, C, c = to_nodes @ E, to_nodes @ C, np.einsum("nab,nb->na", to_nodes, c)
+        rigid = self.interface.faced == RIGID
+        D = np.where(rigid[:, None, None], C[:, :, : self.frame.shape[1]], 0.0)
+        return LinearisedLaw(E, C, D, c)
+
+
+# Gap, slip and force components, linear about a place in a, U and r
+Place: TypeAlias = Kinematics | DeformedPlace

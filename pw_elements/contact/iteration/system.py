@@ -28,7 +28,7 @@ from pw_elements.algebra import Reduction, free_pressure
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stated_mean
-from pw_elements.contact.iteration.law import Accuracy, ContactTangent, LinearisedLaw, Solved
+from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
 
@@ -243,7 +243,7 @@ class ContactSystem:
         if self.comm.allreduce(int(outside.any()), MPI.MAX):
             raise ValueError("the reduction moves a contact node to another process")
         self.hand_on(interface.force)
-        self.tangent: ContactTangent
+        self.tangent: Tangent | KrylovTangent
         self._motion = interface.motion
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
@@ -368,9 +368,13 @@ class ContactSystem:
 
 
 class Tangent:
-    """The assembled matrix of any active set and its factors, a `ContactTangent`."""
+    """The assembled matrix of any linearised law and all equations of equilibrium, and its factors.
 
-    precise = True
+    `encloses` tells whether a constant pressure in an incompressible body acts on contact points
+    alone.
+    """
+
+    precise = True  # all solutions are as exact as they can be
 
     def __init__(
         self,
@@ -413,7 +417,11 @@ class Tangent:
         take(self.matrix)
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """More than final is by factors of the very matrix."""
+        """Solves for an active set, with right-hand sides of this process and of free translations.
+
+        More than final is by factors of the very matrix. Raises SingularSystem if there is no
+        unique solution.
+        """
         combinations = np.concatenate([law.E, law.C, law.D], axis=2)
         pointers, columns, rows = self._place
         values = self._points.values(combinations)
