@@ -422,7 +422,7 @@ class _Foreign:
         self.failed: BaseException | None = None  # PETSc would make an error of its own of it
 
     def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
-        comm = right.comm.tompi4py()
+        comm, self.failed = right.comm.tompi4py(), None
 
         def of(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> Callable[[Array], Array]:
             x, y = right.duplicate(), right.duplicate()
