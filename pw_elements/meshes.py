@@ -1,6 +1,7 @@
 """Structured rectangles, their smooth images, and meshes of Gmsh and Abaqus with their sets."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -122,7 +123,9 @@ class TaggedMesh(NamedTuple):
         known = self.names[kind]
         own = known.get(name, known.get(name.upper(), ()))
         if not own:
-            raise ValueError(f"no set of {kind} is called {name}, but {', '.join(known) or 'none'}")
+            raise ValueError(
+                f"no set of {kind} is called {name}; known are {', '.join(known) or 'none'}"
+            )
         return tags.indices[np.isin(tags.values, own)]
 
 
@@ -157,8 +160,6 @@ def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
         path = Path(path)
         if path.suffix.lower() not in (".msh", ".inp"):
             raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
-        if not path.is_file():
-            raise FileNotFoundError(f"there is no file {path}")
     return from_gmsh(comm, path) if path.suffix.lower() == ".msh" else _from_abaqus(path, comm)
 
 
@@ -189,25 +190,22 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh
 
     if dim not in (None, 2, 3):
         raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
+    path = Path(source) if isinstance(source, str | Path) else None
     with collective(comm) as same:
-        from_file = isinstance(source, str | Path)
-        same["source"] = source if from_file else None  # a model is process 0's
-        if comm.rank == 0 and not (from_file or hasattr(source, "getPhysicalGroups")):
+        same["source"] = path  # a model is process 0's
+        if comm.rank == 0 and path is None and not hasattr(source, "getPhysicalGroups"):
             words = "it has to be a file's name, or gmsh.model"
             raise TypeError(f"the source is {arguments.described(source)}: {words}")
-        if comm.rank == 0 and from_file:
-            _open(gmsh, Path(source))
     names: Names = {}
-    try:
+    with ExitStack() as opened:
         with collective(comm):
             if comm.rank == 0:
+                if path is not None:
+                    _open(gmsh, path, opened)
                 dim = _checked_dimension(gmsh.model, dim)
                 names = _group_names(gmsh.model)
         dim, names = comm.bcast((dim, names))
         read = model_to_mesh(gmsh.model, comm, 0, gdim=dim)
-    finally:
-        if comm.rank == 0 and from_file:
-            gmsh.finalize()
     mesh, cell_tags, facet_tags = read[0], read[1], read[2]
     if facet_tags is None:  # DOLFINx 0.10 and later, of models without groups of facets
         none = np.empty(0, dtype=np.int32)
@@ -285,17 +283,17 @@ def _check(
         raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
 
 
-def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401
+def _open(gmsh: Any, path: Path, opened: ExitStack) -> None:  # noqa: ANN401
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     if gmsh.isInitialized():
         raise ValueError(f"Gmsh is at work: call gmsh.finalize() before {path} is read")
     gmsh.initialize(interruptible=False)
+    opened.callback(gmsh.finalize)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
         gmsh.open(str(path))
     except Exception as error:  # Gmsh's own
-        gmsh.finalize()
         raise ValueError(f"{path} cannot be read: {error}") from error
 
 
@@ -399,7 +397,10 @@ def _deck(path: Path) -> _Deck:
     element = basix.ufl.element("Lagrange", cell, degree)
     with_middles = np.array(element.entity_closure_dofs[dim - 1])
     sides: list[set[int]] = [{*map(int, facet)} for facet in corners]
-    side = [sides.index({order.index(int(k)) for k in face}) for face in FACES[cell]]
+    side = {
+        f"S{n}": sides.index({order.index(int(k)) for k in face})
+        for n, face in enumerate(FACES[cell], 1)
+    }
     number = {key: k for k, key in enumerate(own)}
     every = [*model.nodes]
     in_use = {every[k]: n for n, k in enumerate(used.tolist())}
@@ -422,8 +423,11 @@ def _deck(path: Path) -> _Deck:
         of = {made: [m[1:] for m in members if m[0] == made] for made in ("NSET", "ELSET")}
         found = [facet for made in of for facet in facets_of(made, [key for _, key in of[made]])]
         for face, key in of["ELSET"]:
-            if (k := number.get(key)) is not None:
-                found += [which[k, side[int(face[1:]) - 1]]] if face else [*which[k][outer[k]]]
+            if (k := number.get(key)) is None:
+                continue
+            if face and face not in side:
+                raise ValueError(f"{path}: a surface has faces {face}; a {cell} has {[*side]}")
+            found += [which[k, side[face]]] if face else [*which[k][outer[k]]]
         return found
 
     sets: dict[str, dict[str, Integers]] = {"cells": {}, "facets": {}}
