@@ -219,7 +219,8 @@ class ContactFields:
             (self.traction, seen.traction),
         ):
             if out is not None:
-                out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]
+                block = out.function_space.dofmap.index_map_bs
+                out.x.array.reshape(-1, block)[at] = values[at].reshape(-1, block)
 
     def functions(self) -> list[fem.Function]:
         """All functions, in the order of the attributes."""
