@@ -157,7 +157,7 @@ class LinearLevel:
             self._exchanged = galerkin_product(near.K, near.P) if near else None
         if self._exchanged is not None:
             add(self._matrix, -1.0, self._exchanged, within=again)
-        free = self._held.all_blocks()
+        free = self._held.blocks_at(np.arange(len(self._vertex_node)))
         part = None
         if self.springs is not None:
             part = galerkin_product(self.springs, self._P)
