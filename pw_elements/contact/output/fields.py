@@ -349,7 +349,7 @@ def _check_series(
         raise ValueError(f"{path}: the name of a VTX file ends in .bp")
     if not states:
         raise ValueError(f"{path}: there is no state to write")
-    if len(times) != len(states) or not np.all(np.diff(times) > 0) or not np.isfinite(times).all():
+    if len(times) != len(states) or not np.all(np.diff(times) > 0):
         raise ValueError(f"{path}: {len(states)} states need as many times, each after the last")
     cell, dim = space.mesh.topology.cell_name(), space.mesh.geometry.dim
     if space.ufl_element() != quadratic_element(cell, (dim,)):
