@@ -377,14 +377,13 @@ def _deck(path: Path) -> _Deck:
         raise ValueError(f"{path}: a mesh has plane or solid cells of one kind, here are {found}")
     ((cell, degree),) = kinds
     own = {key: nodes for key, (kind, nodes) in elements.items() if kind[0] == dim}
-    if lost := {node for nodes in own.values() for node in nodes} - {*model.nodes}:
+    used = {node for nodes in own.values() for node in nodes}
+    if lost := used - model.nodes.keys():
         raise ValueError(f"{path}: elements have the node {min(lost)[1]}, which is not there")
-    index = {key: k for k, key in enumerate(model.nodes)}
-    given = np.array([[index[node] for node in nodes] for nodes in own.values()])
-    used, cells = np.unique(given, return_inverse=True)
+    x = np.array([at for key, at in model.nodes.items() if key in used])
+    row = {key: k for k, key in enumerate(key for key in model.nodes if key in used)}
     order = _order(cell, degree)
-    cells = cells.reshape(given.shape)[:, order]
-    x = np.array([*model.nodes.values()])[used]
+    cells = np.array([[row[node] for node in nodes] for nodes in own.values()])[:, order]
     if dim == 2:
         _check_plane(str(path), x)
 
@@ -402,21 +401,20 @@ def _deck(path: Path) -> _Deck:
         for n, face in enumerate(FACES[cell], 1)
     }
     number = {key: k for k, key in enumerate(own)}
-    every = [*model.nodes]
-    in_use = {every[k]: n for n, k in enumerate(used.tolist())}
     by_corners = {tuple(row): k for k, row in enumerate(facets.tolist())}
     ends, skin = {*rows.ravel().tolist()}, {}
     for key, (made_as, nodes) in elements.items():
         if made_as[0] == dim - 1:
-            corner = sorted({in_use.get(node, -1) for node in nodes} & ends)
-            skin[key] = by_corners.get(tuple(corner), -1)
-    if -1 in skin.values():
-        alone = next(key[1] for key, facet in skin.items() if facet < 0)
-        raise ValueError(f"{path}: element {alone} is no facet of a cell; shells are not read")
+            corner = tuple(sorted({row.get(node, -1) for node in nodes} & ends))
+            if corner not in by_corners:
+                raise ValueError(
+                    f"{path}: element {key[1]} is no facet of a cell: shells are not read"
+                )
+            skin[key] = by_corners[corner]
 
     def facets_of(kind: str, members: list[Any]) -> list[int]:
         if kind == "NSET":
-            inside = np.isin(np.arange(len(x)), [in_use[key] for key in members if key in in_use])
+            inside = np.isin(np.arange(len(x)), [row[key] for key in members if key in row])
             return which[inside[cells[:, with_middles]].all(axis=2) & outer].tolist()
         if kind == "ELSET":
             return [skin[key] for key in members if key in skin]
