@@ -10,7 +10,6 @@ from mpi4py import MPI
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
@@ -23,14 +22,13 @@ from dolfinx.mesh import (
 )
 
 from pw_elements.abaqus import EDGES, FACES, Model
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import answer, arguments, collective, field, same_everywhere, vector
 
 __all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
 
-Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
-Integers = npt.NDArray[np.int64]
 Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
 Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
@@ -103,7 +101,7 @@ class TaggedMesh(NamedTuple):
     facet_tags: MeshTags
     names: Names
 
-    def cells(self, name: str) -> npt.NDArray[np.int32]:
+    def cells(self, name: str) -> Local:
         """Local numbers of the cells in a named set.
 
         Args:
@@ -111,7 +109,7 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("cells", self.cell_tags, name)
 
-    def facets(self, name: str) -> npt.NDArray[np.int32]:
+    def facets(self, name: str) -> Local:
         """Local numbers of the facets in a named set, as `boundary_measure` takes them.
 
         Args:
@@ -119,7 +117,7 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("facets", self.facet_tags, name)
 
-    def _find(self, kind: str, tags: MeshTags, name: str) -> npt.NDArray[np.int32]:
+    def _find(self, kind: str, tags: MeshTags, name: str) -> Local:
         known = self.names[kind]
         own = known.get(name, known.get(name.upper(), ()))
         if not own:
@@ -361,8 +359,8 @@ class _Deck(NamedTuple):
 
     kind: tuple[str, int]  # cell and degree
     x: Array  # (nodes, dim)
-    cells: Integers  # (n, nodes of each)
-    tags: dict[str, Integers]  # of "cells" (n, 1), of "facets" (n, facets of each)
+    cells: Indices  # (n, nodes of each)
+    tags: dict[str, Indices]  # of "cells" (n, 1), of "facets" (n, facets of each)
     names: Names
 
 
@@ -428,7 +426,7 @@ def _deck(path: Path) -> _Deck:
             found += [which[k, side[face]]] if face else [*which[k][outer[k]]]
         return found
 
-    sets: dict[str, dict[str, Integers]] = {"cells": {}, "facets": {}}
+    sets: dict[str, dict[str, Indices]] = {"cells": {}, "facets": {}}
     instance = {part: name for name, part in model.instances.items() if len(model.instances) > 1}
     for sort, named in model.sets.items():
         for (part, title), members in named.items():
@@ -455,9 +453,9 @@ def _order(cell: str, degree: int) -> list[int]:
     return [*range(len(corners)), *middles[: len(edges) * (degree - 1)]]
 
 
-def _numbered(sets: dict[str, Integers], count: int) -> tuple[Integers, dict[str, tuple[int, ...]]]:
+def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, dict[str, tuple[int, ...]]]:
     """Tags (count,) that tell in which of the sets each member is, from 1, and those of a set."""
-    codes: Integers = np.zeros(count, dtype=np.int64)
+    codes: Indices = np.zeros(count, dtype=np.int64)
     for members in sets.values():
         inside = np.isin(np.arange(count), members)
         codes = np.unique(2 * codes + inside, return_inverse=True)[1].astype(np.int64)

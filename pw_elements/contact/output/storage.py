@@ -16,13 +16,12 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import fields_of
-
-Array = npt.NDArray[np.float64]
 
 # Names of the arrays of places that belong to values
 _FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
@@ -179,9 +178,7 @@ def _rows(path: Path, stored: Array, space: fem.FunctionSpace) -> npt.NDArray[np
     return np.asarray(nearest)
 
 
-def _numbers(
-    stored: npt.NDArray[np.int64], row: npt.NDArray[np.intp], space: fem.FunctionSpace
-) -> npt.NDArray[np.int64]:
+def _numbers(stored: Indices, row: npt.NDArray[np.intp], space: fem.FunctionSpace) -> Indices:
     """Global numbers today of nodes (m,) with numbers of a file; negative ones stay."""
     numbers = np.minimum(stored, -1)
     _, mine, of_file = np.intersect1d(row, stored, return_indices=True)
