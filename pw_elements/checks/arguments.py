@@ -172,13 +172,18 @@ def components(name: str, value: object, size: int) -> Expr | Array:
     return value
 
 
+def sizes_of(space: fem.FunctionSpace) -> tuple[int, int]:
+    """Sizes of a space's vectors, own and global."""
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    return index_map.size_local * block, index_map.size_global * block
+
+
 def same_sizes(
     name: str, sizes: tuple[int, int], whose: str, other: fem.FunctionSpace | tuple[int, int]
 ) -> None:
     """Raises ValueError unless sizes, own and global, are those of another thing; local."""
     if isinstance(other, fem.FunctionSpace):
-        index_map, block = other.dofmap.index_map, other.dofmap.index_map_bs
-        other = (index_map.size_local * block, index_map.size_global * block)
+        other = sizes_of(other)
     if sizes[1] != other[1]:
         raise ValueError(
             f"{name} has {sizes[1]} degrees of freedom, {whose} has {other[1]}: all of them "
