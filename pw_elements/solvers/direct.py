@@ -41,9 +41,10 @@ class SingularSystem(RuntimeError):
 class FreePressure(SingularSystem):
     """The pressure of an incompressible body that is held all around is known up to a constant."""
 
-    def __str__(self) -> str:
-        return (
-            "an incompressible body whose whole boundary is held has a pressure that is known "
+    def __init__(self, words: str = "") -> None:
+        super().__init__(
+            words
+            or "an incompressible body whose whole boundary is held has a pressure that is known "
             'up to a constant: prescribe it at a vertex, prescribe(space, "pressure", where)'
         )
 
