@@ -54,8 +54,7 @@ def triangles(
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
     arguments.communicator(comm)
-    _check(lower, upper, divisions, pattern)
-    cells = [int(n) for n in divisions]
+    cells = _cells_of(lower, upper, divisions, pattern)
     return create_rectangle(comm, [lower, upper], cells, diagonal=DiagonalType[pattern])
 
 
@@ -78,8 +77,7 @@ def quadrilaterals(
         ValueError: for an empty rectangle or no divisions.
     """
     arguments.communicator(comm)
-    _check(lower, upper, divisions)
-    cells = [int(n) for n in divisions]
+    cells = _cells_of(lower, upper, divisions)
     return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
 
 
@@ -266,12 +264,12 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     return placed[:, :dim]
 
 
-def _check(
+def _cells_of(
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
     pattern: Pattern = "right",
-) -> None:
+) -> list[int]:
     if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
         raise ValueError(f"a rectangle from {lower} to {upper} has no area")
     numbers = vector("divisions", divisions, 2)
@@ -279,6 +277,7 @@ def _check(
         raise ValueError(f"divisions {divisions}: at least one in each direction")
     if pattern not in PATTERNS:
         raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
+    return [int(n) for n in numbers]
 
 
 def _open(gmsh: Any, path: Path, opened: ExitStack) -> None:  # noqa: ANN401

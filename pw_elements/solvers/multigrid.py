@@ -166,11 +166,9 @@ class LinearLevel:
         size = self._matrix.getDiagonal().sum() / columns[1]
         rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
         add(self._matrix, 1.0, rest, last=False, within=again)
-        if part is None:
-            part = rest
-        else:
+        if part is not None:
             add(part, 1.0, rest)
-        self._exchanged = part
+        self._exchanged = rest if part is None else part
         self._matrix.setBlockSize(self._block)
         if self._near_null is not None:
             self._matrix.setNearNullSpace(self._near_null)
