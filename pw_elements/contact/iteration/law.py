@@ -35,11 +35,10 @@ from typing import Literal, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import Cone, projected
 from pw_elements.solvers import PreparedSolver
-
-Array = npt.NDArray[np.float64]
 
 OPEN, STICK, SLIP = 0, 1, 2
 # Of states alone: in rough contact with a deformable surface, and moved along it by supports
@@ -145,20 +144,20 @@ class Contact:
         }
 
 
-def sticking(closed: npt.NDArray[np.bool_], cone: Cone, tangents: int) -> ActiveSet:
+def sticking(closed: Mask, cone: Cone, tangents: int) -> ActiveSet:
     """The set in which closed nodes (n,) stick, or slip where there is no friction."""
     n = len(closed)
     status = np.where(closed, np.where(cone.rough, STICK, SLIP), OPEN).astype(np.int8)
     return ActiveSet(status, np.zeros((n, tangents)), *np.zeros((3, n)))
 
 
-def mixed(keep: npt.NDArray[np.bool_], old: ActiveSet, new: ActiveSet) -> ActiveSet:
+def mixed(keep: Mask, old: ActiveSet, new: ActiveSet) -> ActiveSet:
     """The old set where `keep` holds, the new one elsewhere."""
     pairs = zip(vars(old).values(), vars(new).values(), strict=True)
     return ActiveSet(*(np.where(keep, one.T, other.T).T for one, other in pairs))
 
 
-def frames(normal: Array, stated: npt.NDArray[np.bool_]) -> Array:
+def frames(normal: Array, stated: Mask) -> Array:
     """Normals and tangents (n, dim, dim); components not stated have to be tangential."""
     free = np.eye(normal.shape[1]) * stated[:, None, :]
     projector = free - normal[:, :, None] * normal[:, None, :]

@@ -8,9 +8,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
 from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
     Accuracy,
@@ -24,8 +24,6 @@ from pw_elements.contact.iteration.policy import Policy, counted, same
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
 from pw_elements.solvers import SingularSystem
-
-Array = npt.NDArray[np.float64]
 
 # Violation of the law over the largest nodal contact force
 TOLERANCE = 1e-9

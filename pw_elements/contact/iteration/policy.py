@@ -13,9 +13,9 @@ from hashlib import blake2b
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.law import (
     HELD,
@@ -29,10 +29,6 @@ from pw_elements.contact.iteration.law import (
     sticking,
 )
 from pw_elements.contact.model import ContactState, FreeBody, NotFound
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 # Points around one, with it, by the dimension
 _NEIGHBOURS = {2: 3, 3: 7}
@@ -79,7 +75,7 @@ class EdgeRelease:
     def __init__(
         self,
         position: Array,
-        pair: npt.NDArray[np.int32],
+        pair: Local,
         chosen: Sequence[int],
         comm: MPI.Comm,
     ) -> None:
@@ -189,7 +185,7 @@ class LastHold:
     def __init__(
         self,
         free_motions: FreeMotions,
-        pair: npt.NDArray[np.int32],
+        pair: Local,
         pairs: int,
         comm: MPI.Comm,
     ) -> None:

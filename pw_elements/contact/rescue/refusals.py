@@ -26,10 +26,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.sparse.csgraph import connected_components
 
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
 from pw_elements.contact.iteration import (
     TOLERANCE,
@@ -54,9 +54,6 @@ from pw_elements.contact.model import (
 from pw_elements.contact.rescue.condensed import Budget, Condensation, without_active_sets
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.solvers import NotConverged, SolverReport
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 # Work of the loads over the sum of its parts' magnitudes: none below
 _ZERO_WORK = 1e-9
@@ -85,7 +82,7 @@ class Points:
 
     pair: Indices  # (m,)
     steepest: Array  # (m,), slope of the cone of friction at zero
-    turning: npt.NDArray[np.bool_]  # (m,), whether the normal turns with a free translation
+    turning: Mask  # (m,), whether the normal turns with a free translation
     normal: Array  # (m, k), v_n in each of k motions
     tangential: Array  # (m, dim, k), v_t
 
@@ -112,10 +109,10 @@ class Points:
     def clearance(self, velocity: Array) -> Array:
         return dual_clearance(self.steepest, self.normal @ velocity, self.tangential @ velocity)
 
-    def where(self, mask: npt.NDArray[np.bool_]) -> "Points":
+    def where(self, mask: Mask) -> "Points":
         return Points(*(values[mask] for values in vars(self).values()))
 
-    def _moved(self) -> npt.NDArray[np.bool_]:
+    def _moved(self) -> Mask:
         return (self.normal != 0) | np.any(self.tangential != 0, axis=1)
 
 
@@ -186,7 +183,7 @@ def gathered(increment: Increment, place: Kinematics, works: Array) -> Points:
     return Points(*ordered[:-1]).where(ordered[-1])
 
 
-def _turning(increment: Increment, place: Kinematics) -> npt.NDArray[np.bool_]:
+def _turning(increment: Increment, place: Kinematics) -> Mask:
     """Whether points' normals change with a free translation, (m,)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
