@@ -65,12 +65,13 @@ class Model:
             x = {(self.part, int(k)): [*map(float, at), 0.0][:3] for k, *at in rows}
             self.nodes |= x
             self._extend("NSET", given.get("NSET"), [*x])
-        elif keyword == "ELEMENT" and not re.fullmatch(NO_CELLS, given["TYPE"]):
+        elif keyword == "ELEMENT" and re.fullmatch(NO_CELLS, given["TYPE"]):
+            self._extend("ELSET", given.get("ELSET"), [])
+        elif keyword == "ELEMENT":
             kind = _kind(given["TYPE"])
-            numbers, step = [int(k) for row in rows for k in row], kind[3] + 1
-            if len(numbers) % step:
+            keys, step = [(self.part, int(k)) for row in rows for k in row], kind[3] + 1
+            if len(keys) % step:
                 raise ValueError(f"{given['TYPE']} has {step - 1} nodes: some here have others")
-            keys = [(self.part, k) for k in numbers]
             for start in range(0, len(keys), step):
                 self.elements[keys[start]] = kind, keys[start + 1 : start + step]
             self._extend("ELSET", given.get("ELSET"), keys[::step])
@@ -114,13 +115,13 @@ class Model:
 
 
 def _kind(name: str) -> tuple[int, str, int, int]:
-    reason = ""
     for pattern, known, others in TYPES:
         if match := re.fullmatch(pattern, name):
             if match[1] in known:
                 return known[match[1]]
-            reason = f", since DOLFINx has no cells with their nodes: mesh with {others}"
-    raise ValueError(f"elements {name} are not read{reason}")
+            reason = f"since DOLFINx has no cells with their nodes: mesh with {others}"
+            raise ValueError(f"elements {name} are not read, {reason}")
+    raise ValueError(f"elements {name} are not read")
 
 
 def _blocks(path: Path) -> Iterator[tuple[str, Params, Rows]]:
@@ -140,11 +141,9 @@ def _blocks(path: Path) -> Iterator[tuple[str, Params, Rows]]:
 def _lines(path: Path, within: tuple[Path, ...]) -> Iterator[str]:
     """Lines that say something, those of included files, too; a keyword's are one."""
     if not path.is_file() or path in within:
-        raise FileNotFoundError(f"there is no file {path} to include, or it includes itself")
+        raise FileNotFoundError(f"there is no file {path}, or it includes itself")
     text = re.sub(r"(?m)^\*\*.*$", "", path.read_text(errors="replace"))
     text = re.sub(r"(?m)^(\*.*,)[ \t]*\n", r"\1", text)
     for line in filter(None, map(str.strip, text.splitlines())):
-        if match := re.match(r"(?i)\*include.*input *= *\"?([^\",]+)", line):
-            yield from _lines(path.parent / match[1], (*within, path))
-        else:
-            yield line
+        match = re.match(r"(?i)\*include.*input *= *\"?([^\",]+)", line)
+        yield from _lines(path.parent / match[1], (*within, path)) if match else [line]

@@ -1,6 +1,7 @@
 """Structured rectangles, their smooth images, and meshes of Gmsh and Abaqus with their sets."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -9,7 +10,6 @@ from mpi4py import MPI
 import basix
 import basix.ufl
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import (
     CellType,
@@ -22,14 +22,13 @@ from dolfinx.mesh import (
 )
 
 from pw_elements.abaqus import EDGES, FACES, Model
+from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import answer, arguments, collective, field, same_everywhere, vector
 
 __all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
 
-Array = npt.NDArray[np.float64]
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
 PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
-Integers = npt.NDArray[np.int64]
 Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
 Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
@@ -55,8 +54,7 @@ def triangles(
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
     arguments.communicator(comm)
-    _check(lower, upper, divisions, pattern)
-    cells = [int(n) for n in divisions]
+    cells = _cells_of(lower, upper, divisions, pattern)
     return create_rectangle(comm, [lower, upper], cells, diagonal=DiagonalType[pattern])
 
 
@@ -79,8 +77,7 @@ def quadrilaterals(
         ValueError: for an empty rectangle or no divisions.
     """
     arguments.communicator(comm)
-    _check(lower, upper, divisions)
-    cells = [int(n) for n in divisions]
+    cells = _cells_of(lower, upper, divisions)
     return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
 
 
@@ -102,7 +99,7 @@ class TaggedMesh(NamedTuple):
     facet_tags: MeshTags
     names: Names
 
-    def cells(self, name: str) -> npt.NDArray[np.int32]:
+    def cells(self, name: str) -> Local:
         """Local numbers of the cells in a named set.
 
         Args:
@@ -110,7 +107,7 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("cells", self.cell_tags, name)
 
-    def facets(self, name: str) -> npt.NDArray[np.int32]:
+    def facets(self, name: str) -> Local:
         """Local numbers of the facets in a named set, as `boundary_measure` takes them.
 
         Args:
@@ -118,11 +115,13 @@ class TaggedMesh(NamedTuple):
         """
         return self._find("facets", self.facet_tags, name)
 
-    def _find(self, kind: str, tags: MeshTags, name: str) -> npt.NDArray[np.int32]:
+    def _find(self, kind: str, tags: MeshTags, name: str) -> Local:
         known = self.names[kind]
         own = known.get(name, known.get(name.upper(), ()))
         if not own:
-            raise ValueError(f"no set of {kind} is called {name}, but {', '.join(known) or 'none'}")
+            raise ValueError(
+                f"no set of {kind} is called {name}; known are {', '.join(known) or 'none'}"
+            )
         return tags.indices[np.isin(tags.values, own)]
 
 
@@ -157,8 +156,6 @@ def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
         path = Path(path)
         if path.suffix.lower() not in (".msh", ".inp"):
             raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
-        if not path.is_file():
-            raise FileNotFoundError(f"there is no file {path}")
     return from_gmsh(comm, path) if path.suffix.lower() == ".msh" else _from_abaqus(path, comm)
 
 
@@ -189,25 +186,22 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh
 
     if dim not in (None, 2, 3):
         raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
+    path = Path(source) if isinstance(source, str | Path) else None
     with collective(comm) as same:
-        from_file = isinstance(source, str | Path)
-        same["source"] = source if from_file else None  # a model is process 0's
-        if comm.rank == 0 and not (from_file or hasattr(source, "getPhysicalGroups")):
+        same["source"] = path  # a model is process 0's
+        if comm.rank == 0 and path is None and not hasattr(source, "getPhysicalGroups"):
             words = "it has to be a file's name, or gmsh.model"
             raise TypeError(f"the source is {arguments.described(source)}: {words}")
-        if comm.rank == 0 and from_file:
-            _open(gmsh, Path(source))
     names: Names = {}
-    try:
+    with ExitStack() as opened:
         with collective(comm):
             if comm.rank == 0:
+                if path is not None:
+                    _open(gmsh, path, opened)
                 dim = _checked_dimension(gmsh.model, dim)
                 names = _group_names(gmsh.model)
         dim, names = comm.bcast((dim, names))
         read = model_to_mesh(gmsh.model, comm, 0, gdim=dim)
-    finally:
-        if comm.rank == 0 and from_file:
-            gmsh.finalize()
     mesh, cell_tags, facet_tags = read[0], read[1], read[2]
     if facet_tags is None:  # DOLFINx 0.10 and later, of models without groups of facets
         none = np.empty(0, dtype=np.int32)
@@ -270,12 +264,12 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     return placed[:, :dim]
 
 
-def _check(
+def _cells_of(
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
     pattern: Pattern = "right",
-) -> None:
+) -> list[int]:
     if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
         raise ValueError(f"a rectangle from {lower} to {upper} has no area")
     numbers = vector("divisions", divisions, 2)
@@ -283,19 +277,20 @@ def _check(
         raise ValueError(f"divisions {divisions}: at least one in each direction")
     if pattern not in PATTERNS:
         raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
+    return [int(n) for n in numbers]
 
 
-def _open(gmsh: Any, path: Path) -> None:  # noqa: ANN401
+def _open(gmsh: Any, path: Path, opened: ExitStack) -> None:  # noqa: ANN401
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     if gmsh.isInitialized():
         raise ValueError(f"Gmsh is at work: call gmsh.finalize() before {path} is read")
     gmsh.initialize(interruptible=False)
+    opened.callback(gmsh.finalize)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
         gmsh.open(str(path))
     except Exception as error:  # Gmsh's own
-        gmsh.finalize()
         raise ValueError(f"{path} cannot be read: {error}") from error
 
 
@@ -363,8 +358,8 @@ class _Deck(NamedTuple):
 
     kind: tuple[str, int]  # cell and degree
     x: Array  # (nodes, dim)
-    cells: Integers  # (n, nodes of each)
-    tags: dict[str, Integers]  # of "cells" (n, 1), of "facets" (n, facets of each)
+    cells: Indices  # (n, nodes of each)
+    tags: dict[str, Indices]  # of "cells" (n, 1), of "facets" (n, facets of each)
     names: Names
 
 
@@ -379,14 +374,13 @@ def _deck(path: Path) -> _Deck:
         raise ValueError(f"{path}: a mesh has plane or solid cells of one kind, here are {found}")
     ((cell, degree),) = kinds
     own = {key: nodes for key, (kind, nodes) in elements.items() if kind[0] == dim}
-    if lost := {node for nodes in own.values() for node in nodes} - {*model.nodes}:
+    used = {node for nodes in own.values() for node in nodes}
+    if lost := used - model.nodes.keys():
         raise ValueError(f"{path}: elements have the node {min(lost)[1]}, which is not there")
-    index = {key: k for k, key in enumerate(model.nodes)}
-    given = np.array([[index[node] for node in nodes] for nodes in own.values()])
-    used, cells = np.unique(given, return_inverse=True)
+    x = np.array([at for key, at in model.nodes.items() if key in used])
+    row = {key: k for k, key in enumerate(key for key in model.nodes if key in used)}
     order = _order(cell, degree)
-    cells = cells.reshape(given.shape)[:, order]
-    x = np.array([*model.nodes.values()])[used]
+    cells = np.array([[row[node] for node in nodes] for nodes in own.values()])[:, order]
     if dim == 2:
         _check_plane(str(path), x)
 
@@ -399,34 +393,39 @@ def _deck(path: Path) -> _Deck:
     element = basix.ufl.element("Lagrange", cell, degree)
     with_middles = np.array(element.entity_closure_dofs[dim - 1])
     sides: list[set[int]] = [{*map(int, facet)} for facet in corners]
-    side = [sides.index({order.index(int(k)) for k in face}) for face in FACES[cell]]
+    side = {
+        f"S{n}": sides.index({order.index(int(k)) for k in face})
+        for n, face in enumerate(FACES[cell], 1)
+    }
     number = {key: k for k, key in enumerate(own)}
-    every = [*model.nodes]
-    in_use = {every[k]: n for n, k in enumerate(used.tolist())}
     by_corners = {tuple(row): k for k, row in enumerate(facets.tolist())}
     ends, skin = {*rows.ravel().tolist()}, {}
     for key, (made_as, nodes) in elements.items():
         if made_as[0] == dim - 1:
-            corner = sorted({in_use.get(node, -1) for node in nodes} & ends)
-            skin[key] = by_corners.get(tuple(corner), -1)
-    if -1 in skin.values():
-        alone = next(key[1] for key, facet in skin.items() if facet < 0)
-        raise ValueError(f"{path}: element {alone} is no facet of a cell; shells are not read")
+            corner = tuple(sorted({row.get(node, -1) for node in nodes} & ends))
+            if corner not in by_corners:
+                raise ValueError(
+                    f"{path}: element {key[1]} is no facet of a cell: shells are not read"
+                )
+            skin[key] = by_corners[corner]
 
     def facets_of(kind: str, members: list[Any]) -> list[int]:
         if kind == "NSET":
-            inside = np.isin(np.arange(len(x)), [in_use[key] for key in members if key in in_use])
+            inside = np.isin(np.arange(len(x)), [row[key] for key in members if key in row])
             return which[inside[cells[:, with_middles]].all(axis=2) & outer].tolist()
         if kind == "ELSET":
             return [skin[key] for key in members if key in skin]
         of = {made: [m[1:] for m in members if m[0] == made] for made in ("NSET", "ELSET")}
         found = [facet for made in of for facet in facets_of(made, [key for _, key in of[made]])]
         for face, key in of["ELSET"]:
-            if (k := number.get(key)) is not None:
-                found += [which[k, side[int(face[1:]) - 1]]] if face else [*which[k][outer[k]]]
+            if (k := number.get(key)) is None:
+                continue
+            if face and face not in side:
+                raise ValueError(f"{path}: a surface has faces {face}; a {cell} has {[*side]}")
+            found += [which[k, side[face]]] if face else [*which[k][outer[k]]]
         return found
 
-    sets: dict[str, dict[str, Integers]] = {"cells": {}, "facets": {}}
+    sets: dict[str, dict[str, Indices]] = {"cells": {}, "facets": {}}
     instance = {part: name for name, part in model.instances.items() if len(model.instances) > 1}
     for sort, named in model.sets.items():
         for (part, title), members in named.items():
@@ -453,9 +452,9 @@ def _order(cell: str, degree: int) -> list[int]:
     return [*range(len(corners)), *middles[: len(edges) * (degree - 1)]]
 
 
-def _numbered(sets: dict[str, Integers], count: int) -> tuple[Integers, dict[str, tuple[int, ...]]]:
+def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, dict[str, tuple[int, ...]]]:
     """Tags (count,) that tell in which of the sets each member is, from 1, and those of a set."""
-    codes: Integers = np.zeros(count, dtype=np.int64)
+    codes: Indices = np.zeros(count, dtype=np.int64)
     for members in sets.values():
         inside = np.isin(np.arange(count), members)
         codes = np.unique(2 * codes + inside, return_inverse=True)[1].astype(np.int64)

@@ -11,6 +11,7 @@ from pw_elements.checks.arguments import (
     number,
     of_type,
     positive,
+    sizes_of,
     vector,
     whole,
 )

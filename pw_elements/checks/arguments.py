@@ -11,15 +11,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from basix import ElementFamily
 from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.core.expr import Expr
 
+from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective, processes
-
-Array = npt.NDArray[np.float64]
 
 _MADE = "it was destroyed, or never set up"
 
@@ -134,7 +132,7 @@ def petsc_vector(name: str, value: object) -> None:
 def coefficient(
     name: str,
     value: object,
-    holds: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]],
+    holds: Callable[[Array], Mask],
     what: str,
     comm: MPI.Comm = MPI.COMM_SELF,
 ) -> float | Expr:
@@ -155,7 +153,7 @@ def coefficient(
     return value
 
 
-def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
+def known_values(value: float | Expr) -> Array:
     if isinstance(value, fem.Function):
         lagrange = value.function_space.element.basix_element.family is ElementFamily.P
         return value.x.array if lagrange else np.empty(0)
@@ -164,7 +162,7 @@ def known_values(value: float | Expr) -> npt.NDArray[np.float64]:
     return np.empty(0) if isinstance(value, Expr) else np.array([value])
 
 
-def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.float64]:
+def components(name: str, value: object, size: int) -> Expr | Array:
     if not isinstance(value, Expr):
         return vector(name, value, size)
     if value.ufl_shape != (size,):
@@ -174,13 +172,18 @@ def components(name: str, value: object, size: int) -> Expr | npt.NDArray[np.flo
     return value
 
 
+def sizes_of(space: fem.FunctionSpace) -> tuple[int, int]:
+    """Sizes of a space's vectors, own and global."""
+    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
+    return index_map.size_local * block, index_map.size_global * block
+
+
 def same_sizes(
     name: str, sizes: tuple[int, int], whose: str, other: fem.FunctionSpace | tuple[int, int]
 ) -> None:
     """Raises ValueError unless sizes, own and global, are those of another thing; local."""
     if isinstance(other, fem.FunctionSpace):
-        index_map, block = other.dofmap.index_map, other.dofmap.index_map_bs
-        other = (index_map.size_local * block, index_map.size_global * block)
+        other = sizes_of(other)
     if sizes[1] != other[1]:
         raise ValueError(
             f"{name} has {sizes[1]} degrees of freedom, {whose} has {other[1]}: all of them "

@@ -46,17 +46,7 @@ _LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", 
 # Of each open block, the errors that blocks within it have raised on how many processes
 _open: list[list[tuple[BaseException, int]]] = []
 # Attributes by which things know their processes, directly or by what they belong to
-_OWNERS = (
-    "comm",
-    "mesh",
-    "function_space",
-    "space",
-    "_space",
-    "u",
-    "spaces",
-    "displacement",
-    "offset",
-)
+_OWNERS = "comm mesh function_space space _space u spaces displacement offset"
 
 
 @contextmanager
@@ -152,7 +142,7 @@ def _communicator(thing: Any) -> MPI.Comm | None:  # noqa: ANN401
         return next(map(_communicator, thing), None)
     if isinstance(thing, type):
         return None
-    for name in _OWNERS:
+    for name in _OWNERS.split():
         if (owner := getattr(thing, name, None)) is not None:
             return _communicator(owner)
     return None
@@ -198,7 +188,7 @@ def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
         yield str(value).encode()
     elif isinstance(value, bytes):
         yield value
-    elif isinstance(value, np.ndarray | np.number | int | float) and _real(value):
+    elif isinstance(value, np.ndarray | np.generic | int | float) and _real(value):
         numbers = np.asarray(value, dtype=float) + 0.0  # zero has one sign
         yield from (repr(numbers.shape).encode(), numbers.tobytes())
     elif isinstance(value, np.ndarray):
@@ -252,7 +242,7 @@ def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
     elif not callable(value):  # a statement of the library or the user: its plain attributes
         own = is_dataclass(value) and type(value).__module__.startswith("pw_elements.")
         for name, part in getattr(value, "__dict__", {}).items():
-            plain = own or isinstance(part, str | int | float | np.number)
+            plain = own or isinstance(part, str | int | float | np.generic)
             if plain and name not in _LOCAL and not name.startswith("_"):
                 yield from (name, part)
 

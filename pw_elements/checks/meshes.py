@@ -31,10 +31,7 @@ from dolfinx.mesh import Mesh
 from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
+from pw_elements.arrays import Array, Indices, Mask
 
 # Smallest Jacobian determinant over the dim-th power of a cell's size
 _FLAT_DETERMINANT = 1e-10
@@ -153,7 +150,7 @@ class _Cells:
             self._refuse((cells > 2)[self.facets].any(axis=0), "share a facet with two others")
             self._refuse(crowded, "lie on the same side of a facet as their neighbour")
 
-    def _refuse_duplicates(self, suspects: Flags) -> None:
+    def _refuse_duplicates(self, suspects: Mask) -> None:
         numbers = self.mesh.geometry.index_map().local_to_global(
             self.vertices[suspects].ravel().astype(np.int32)
         )
@@ -165,7 +162,7 @@ class _Cells:
         wrong[suspects] = [tuple(row) in several for row in numbers]
         self._refuse(wrong, "have the same vertices as another cell")
 
-    def _refuse(self, wrong: Flags, what: str) -> None:
+    def _refuse(self, wrong: Mask, what: str) -> None:
         comm = self.mesh.comm
         if comm.allreduce(bool(wrong.any()), MPI.LOR):
             places = np.concatenate(comm.allgather(self.middle[wrong]))
@@ -223,7 +220,7 @@ class _Surface:
                 "their neighbours lie on them, and the mesh is torn apart there"
             )
 
-    def _contains(self, facet: Indices, x: Array) -> Flags:
+    def _contains(self, facet: Indices, x: Array) -> Mask:
         """Whether facets (n,) have points x (n, dim) on them, their rims included."""
         middle, near = self._middle[facet], _NEAR * self._radius[facet]
         normal = self.area[facet] / np.linalg.norm(self.area[facet], axis=1)[:, None]

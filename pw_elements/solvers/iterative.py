@@ -33,7 +33,7 @@ from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.checks import arguments, collective, same_everywhere, sizes_of
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
     Direct,
@@ -422,7 +422,7 @@ class _Foreign:
         self.failed: BaseException | None = None  # PETSc would make an error of its own of it
 
     def solve(self, ksp: PETSc.KSP, right: PETSc.Vec, solution: PETSc.Vec) -> None:
-        comm = right.comm.tompi4py()
+        comm, self.failed = right.comm.tompi4py(), None
 
         def of(apply: Callable[[PETSc.Vec, PETSc.Vec], None]) -> Callable[[Array], Array]:
             x, y = right.duplicate(), right.duplicate()
@@ -593,7 +593,7 @@ def auto_solver(
         raise ValueError(f'solver {solver!r}: use Direct(), Iterative() or "auto"')
     if supports is None:
         return Direct()
-    mesh, dofs = supports.space.mesh, _unknowns(supports)
+    mesh, dofs = supports.space.mesh, sizes_of(supports.space)[1]
     if mesh.geometry.dim < 3 or dofs < (_MANY_FOR_MODES if modes else _MANY):
         return Direct()
     small = in_contact is not None and dofs < _MANY_LOOSE and not is_hybrid(supports.space)
@@ -620,7 +620,7 @@ def with_fallback(
         if supports is None or solver not in (None, "auto"):
             raise
         comm = supports.space.mesh.comm
-        needed, left = memory_of_factors(_unknowns(supports)), free_memory(comm)
+        needed, left = memory_of_factors(sizes_of(supports.space)[1]), free_memory(comm)
         if not _SPARE_MEMORY * needed <= left:
             raise NotConverged(
                 f'{failure}. "auto" does not use Direct() with {left / 1e9:.2g} GB left'
@@ -628,8 +628,3 @@ def with_fallback(
     memory = f"factors take some {needed / 1e9:.2g} of {left / 1e9:.2g} GB"
     told(comm, logging.INFO, f"auto: Iterative gave up, Direct goes on; {memory}")
     return compute(Direct())  # whatever the first attempt took has been freed
-
-
-def _unknowns(supports: Supports) -> int:
-    dofmap = supports.space.dofmap
-    return int(dofmap.index_map.size_global * dofmap.index_map_bs)

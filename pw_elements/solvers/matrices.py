@@ -214,11 +214,8 @@ class Projection:
         rest[at] += self._weight[:, :, None] * self._held
         return some, blocks, rest
 
-    def all_blocks(self) -> Array:
-        return self.blocks_at(np.arange(len(self._free)))
-
     def blocks_at(self, some: Indices) -> Array:
-        """The same at some nodes (k,), in ascending order."""
+        """Projectors onto what is free at some nodes (k,), in ascending order."""
         every = np.tile(np.eye(self._block), (len(some), 1, 1))
         nodes, free, _ = self.blocks()
         mine = np.isin(nodes, some)

@@ -13,6 +13,7 @@ import numpy as np
 from dolfinx import fem, la
 
 from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.checks import sizes_of
 from pw_elements.solvers.matrices import (
     Masked,
     Projection,
@@ -49,10 +50,8 @@ def linear_space(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices]:
 def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, PETSc.Mat]:
     """Linear functions on a space's mesh, and the matrix of their values at its nodes."""
     linear, _ = linear_space(space)
-    sizes = (
-        each.dofmap.index_map.size_local * each.dofmap.index_map_bs for each in (space, linear)
-    )
-    return linear, interpolation_matrix(linear, space, *(np.ones(n, dtype=bool) for n in sizes))
+    free = (np.ones(sizes_of(each)[0], dtype=bool) for each in (space, linear))
+    return linear, interpolation_matrix(linear, space, *free)
 
 
 def interpolation_matrix(
@@ -84,9 +83,7 @@ def interpolation_matrix(
     data = np.broadcast_to(weight[:, None], shape)[some]
     indptr = np.zeros(owned * block + 1, dtype=PETSc.IntType)
     np.cumsum(some.sum(axis=2).ravel(), out=indptr[1:])
-    sizes = tuple(
-        (m.size_local * block, m.size_global * block) for m in (space.dofmap.index_map, index_map)
-    )
+    sizes = sizes_of(space), sizes_of(linear)
     P = PETSc.Mat().createAIJ(sizes, csr=(indptr, indices, data), comm=space.mesh.comm)
     coarse, fine = P.createVecs()
     fine.setArray(free.astype(float))
@@ -100,10 +97,9 @@ def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
     block, dim = linear.dofmap.index_map_bs, linear.mesh.geometry.dim
     if block != dim or dim == 1:
         return None
-    index_map = linear.dofmap.index_map
-    sizes = (index_map.size_local * block, index_map.size_global * block)
+    sizes = sizes_of(linear)
     places = PETSc.Vec().createMPI(sizes, bsize=block, comm=linear.mesh.comm)
-    places.setArray(linear.tabulate_dof_coordinates()[: index_map.size_local, :dim].ravel())
+    places.setArray(linear.tabulate_dof_coordinates()[: sizes[0] // dim, :dim].ravel())
     return PETSc.NullSpace().createRigidBody(places)
 
 
@@ -157,7 +153,7 @@ class LinearLevel:
             self._exchanged = galerkin_product(near.K, near.P) if near else None
         if self._exchanged is not None:
             add(self._matrix, -1.0, self._exchanged, within=again)
-        free = self._held.all_blocks()
+        free = self._held.blocks_at(np.arange(len(self._vertex_node)))
         part = None
         if self.springs is not None:
             part = galerkin_product(self.springs, self._P)
@@ -170,11 +166,9 @@ class LinearLevel:
         size = self._matrix.getDiagonal().sum() / columns[1]
         rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
         add(self._matrix, 1.0, rest, last=False, within=again)
-        if part is None:
-            part = rest
-        else:
+        if part is not None:
             add(part, 1.0, rest)
-        self._exchanged = part
+        self._exchanged = rest if part is None else part
         self._matrix.setBlockSize(self._block)
         if self._near_null is not None:
             self._matrix.setNearNullSpace(self._near_null)

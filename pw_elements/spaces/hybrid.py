@@ -14,7 +14,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import collective
+from pw_elements.checks import collective, sizes_of
 
 # What a constant pressure does, over the largest stiffness, that is round-off
 NOTHING = 1e-10
@@ -59,7 +59,7 @@ class SubSpace:
         index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
         nodes = index_map.size_local + index_map.num_ghosts
         numbers = np.arange(nodes * block, dtype=np.int32).reshape(nodes, block)
-        return cls(space, numbers, _sizes(space))
+        return cls(space, numbers, sizes_of(space))
 
     @classmethod
     def pressure(cls, space: fem.FunctionSpace) -> "SubSpace":
@@ -72,11 +72,11 @@ class SubSpace:
         unknowns = np.zeros((index_map.size_local + index_map.num_ghosts, block), dtype=np.int32)
         cells = space.sub(number).dofmap.list
         unknowns[alone.dofmap.list.ravel()] = cells.reshape(-1, block)
-        return cls(alone, unknowns, _sizes(space))
+        return cls(alone, unknowns, sizes_of(space))
 
     @property
     def sizes(self) -> tuple[int, int]:
-        return _sizes(self.space)
+        return sizes_of(self.space)
 
     @property
     def is_all(self) -> bool:
@@ -114,11 +114,6 @@ class SubSpace:
         pointers = np.arange(len(columns) + 1, dtype=PETSc.IntType)
         csr = (pointers, columns, np.ones(len(columns)))
         return PETSc.Mat().createAIJ((self.sizes, self.rows), csr=csr, comm=comm)
-
-
-def _sizes(space: fem.FunctionSpace) -> tuple[int, int]:
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    return index_map.size_local * block, index_map.size_global * block
 
 
 def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:

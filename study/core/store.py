@@ -104,7 +104,7 @@ def sweep(out: Path) -> None:
     It writes into the folder itself, and into folders in it.
     """
     for path in [*Path(out).glob(f".*{_UNFINISHED}"), *Path(out).glob(f"*/.*{_UNFINISHED}")]:
-        written = re.fullmatch(rf"\..+\.[0-9a-f]{{16}}\.([0-9]+){_UNFINISHED}", path.name)
+        written = re.fullmatch(rf"\..+\.[0-9a-f]{{16}}\.([0-9]{{1,9}}){_UNFINISHED}", path.name)
         if not written or path.is_symlink() or not path.is_file():
             continue
         try:

@@ -232,7 +232,7 @@ def test_files_that_cannot_be_written(tmp_path):
         ((path, []), "no state to write"),
         ((path, states, [0.0]), "as many times"),
         ((path, states, [1.0, 1.0]), "each after the last"),
-        ((path, states, [1.0, np.inf]), "each after the last"),
+        ((path, states, [1.0, np.inf]), "finite"),
     ):
         with pytest.raises(ValueError, match=message):
             write(arguments[0], arguments[1], block.body, *arguments[2:])

@@ -100,7 +100,7 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
     other = plain.under()
     assert ContactFields.of(other.undeformed, plain.body).body_pressure is None
     other.save(other.undeformed, tmp_path / "plain.npz")
-    with pytest.raises(ValueError, match="has the state of a body without pressure"):
+    with pytest.raises(ValueError, match="has the state of a problem without pressure"):
         problem.load(tmp_path / "plain.npz")
 
 

@@ -8,7 +8,16 @@ from dolfinx.mesh import CellType, create_unit_cube
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from pw_elements import Direct, Iterative, Spaces
-from pw_elements.contact import STICK, ContactPair, FreeBody, Motion, NotFound, Plane, solve_contact
+from pw_elements.contact import (
+    STICK,
+    ContactPair,
+    ContactProblem,
+    FreeBody,
+    Motion,
+    NotFound,
+    Plane,
+    solve_contact,
+)
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -172,6 +181,13 @@ def test_another_krylov_method_has_the_states_of_the_direct_solver():
         states = solve_contact(*arguments, solver=Foreign())
         compare(states, solve_contact(*arguments, solver=Direct()))
         assert states[-1].report.method == "GMRES by SciPy"
+    failing, tries = Foreign(), iter([0])
+    failing.iterate = lambda *args: Foreign().iterate(*args) if next(tries, 1) else 1 / 0
+    problem = ContactProblem(plate[0], *plate[2:], solver=failing)
+    load, motions = plate[1][0], plate[3].motions[:1]
+    with pytest.raises(ZeroDivisionError):
+        problem.step(problem.undeformed, load, motions)
+    problem.step(problem.undeformed, load, motions)  # what has failed is forgotten
     lacking = Foreign()
     lacking.iterate = None
     with pytest.raises(TypeError, match="iterate"):

@@ -379,8 +379,8 @@ def test_pressures_of_uniform_compression(kind, tmp_path):
     for field, exact in ((fields.pressure, nominal), (fields.true_pressure, nominal / area)):
         assert np.abs(field.x.array[top.node] / exact - 1).max() < 1e-7
     axes = plot(state, body)
-    texts = axes.figure.axes[-1].get_ylabel() if solid else axes.get_legend().texts[-1].get_text()
-    assert texts == "nominal pressure"
+    label = axes.child_axes[0].get_ylabel() if solid else axes.get_legend().texts[-1].get_text()
+    assert label == "nominal pressure"
     if vtx.library() is not None:
         write(tmp_path / "block.bp", [problem.undeformed, state], body)
         (_, first), (_, last) = vtx.read(tmp_path / "block.bp")

@@ -157,7 +157,9 @@ def test_a_deck_has_its_sets_cells_and_curved_sides(tmp_path):
     assert part.names["cells"] == {"LOWER": (1,), "UPPER": (2,), "BOTH": (2, 1)}
     assert len(part.cells("both")) == 2
     assert part.cell_tags.find(1).tolist() == part.cells("LOWER").tolist()
-    with pytest.raises(ValueError, match="no set of cells is called TOP, but LOWER, UPPER, BOTH"):
+    with pytest.raises(
+        ValueError, match="no set of cells is called TOP; known are LOWER, UPPER, BOTH"
+    ):
         part.cells("TOP")
 
 
@@ -252,8 +254,11 @@ REFUSED = [
     (r"\*NGEN: this is not read", CELLS + "*NGEN\n1, 2\n"),
     ("node 77, which is not there", CELLS.replace("9, 7, 8", "9, 7, 77")),
     ("ELSET NOWHERE is not defined", CELLS + "*Surface, name=a\nnowhere, S1\n"),
+    (r"has faces SPOS; a triangle has \['S1', 'S2', 'S3'\]",
+     CELLS + "*Surface, name=a\n1, SPOS\n"),
+    (r"has faces S0; ", CELLS + "*Surface, name=a\n1, S0\n"),
     ("not lie in one plane", CELLS.replace("1., 1.,", "1., 1., 1.")),
-    ("no file .*other.inp to include", "*Include, input=other.inp\n"),
+    ("no file .*other.inp, or it includes itself", "*Include, input=other.inp\n"),
     ("COMBINE is not read", CELLS + "*Surface, name=a, combine=union\n"),
     ("cells of one kind, here are none", "*Node\n1, 0., 0.\n"),
     ("quadrilaterals of degree 1 and triangles of degree 2",
@@ -271,7 +276,10 @@ def test_what_is_not_read_is_named(tmp_path, words, text):
 
 def test_linear_cells_and_masses_are_read_and_left_out(tmp_path):
     text = "*Node\n1, 0, 0\n2, 2, 0\n3, 2, 1\n4, 0, 1\n*Element, type=CPE4R\n1, 1, 2, 3, 4\n"
-    part = read(tmp_path, text + "*Element, type=MASS, elset=m\n7, 2\n*Surface, name=up\n1, S3\n")
+    part = read(
+        tmp_path,
+        text + "*Element, type=MASS, elset=m\n7, 2\n*Elset, elset=n\nm\n*Surface, name=up\n1, S3\n",
+    )
     assert volume(part) == pytest.approx(2)
     assert mesh_midpoints(part.mesh)[part.facets("UP")].tolist() == [[1, 1]]
     with pytest.raises(ValueError, match=re.escape("end with .msh (Gmsh) or .inp")):

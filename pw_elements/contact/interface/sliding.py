@@ -204,7 +204,7 @@ class SlidingMortar:
         covered = np.bincount(one, length, minlength=len(self._one))[one]
         some = (length > 0) & (covered > _COVERED)
         one, other, nodes = one[some], other[some], nodes[some]
-        units = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
+        units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
         corners = [
             tuple(Varying(x[node, axis], unit[axis]) for axis in (0, 1))
             for node, unit in zip(nodes.T, units, strict=True)

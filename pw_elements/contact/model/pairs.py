@@ -31,11 +31,10 @@ class Motion:
     force: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        if np.ndim(np.asarray(self.translation)) != 1:
-            raise ValueError(f"translation {self.translation!r} of a motion: it has to be a vector")
+        for name, given in vars(self).items():
+            if np.ndim(given) != 1 and (given is not None or name == "translation"):
+                raise ValueError(f"{name} {given!r} of a motion: it has to be a vector")
         force = np.zeros(len(self.translation)) if self.force is None else self.force
-        if np.ndim(force) != 1:
-            raise ValueError(f"force {force!r} of a motion: it has to be a vector")
         if len(force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
         for component, (moved, pushed) in enumerate(zip(self.translation, force, strict=True)):

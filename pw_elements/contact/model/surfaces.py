@@ -133,10 +133,8 @@ class Parabola:
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) along the axis."""
-        s = x - np.asarray(self.apex)
-        return (np.sum(s[:, :-1] ** 2, axis=1) / (2 * self.radius) - s[:, -1]) * np.sign(
-            self.radius
-        )
+        s, radius = x - np.asarray(self.apex), self.radius
+        return np.sign(radius) * (np.sum(s[:, :-1] ** 2, axis=1) / (2 * radius) - s[:, -1])
 
     def normal(self, x: Points) -> Points:
         """The axis (n, dim), from the rigid surface into the body, at any points x (n, dim)."""

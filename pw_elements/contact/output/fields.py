@@ -16,7 +16,7 @@ import ufl
 from dolfinx import fem, io
 
 from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import arguments, collective, same_everywhere, vector
+from pw_elements.checks import arguments, collective, same_everywhere, sizes_of, vector
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
@@ -219,7 +219,8 @@ class ContactFields:
             (self.traction, seen.traction),
         ):
             if out is not None:
-                out.x.array.reshape(n, -1)[at] = values.reshape(n, -1)[at]
+                block = out.function_space.dofmap.index_map_bs
+                out.x.array.reshape(-1, block)[at] = values[at].reshape(-1, block)
 
     def functions(self) -> list[fem.Function]:
         """All functions, in the order of the attributes."""
@@ -260,15 +261,11 @@ def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
     """Raises an error on all processes if a state's nodes are not those of a space."""
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    first, last = index_map.local_range
+    first, last = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective(space.mesh.comm):
         arguments.of_type("state", state, ContactState, _STATE)
-        alike = state.displacement.getSizes() == (
-            index_map.size_local * block,
-            index_map.size_global * block,
-        )
+        alike = state.displacement.getSizes() == sizes_of(space)
         for pair in state.pairs if alike else ():
             mine = (pair.node >= first) & (pair.node < last)
             away = np.abs(x[pair.node[mine] - first] - pair.position[mine])
@@ -348,7 +345,7 @@ def _check_series(
         raise ValueError(f"{path}: the name of a VTX file ends in .bp")
     if not states:
         raise ValueError(f"{path}: there is no state to write")
-    if len(times) != len(states) or not np.all(np.diff(times) > 0) or not np.isfinite(times).all():
+    if len(times) != len(states) or not np.all(np.diff(times) > 0):
         raise ValueError(f"{path}: {len(states)} states need as many times, each after the last")
     cell, dim = space.mesh.topology.cell_name(), space.mesh.geometry.dim
     if space.ufl_element() != quadratic_element(cell, (dim,)):

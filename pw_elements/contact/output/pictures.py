@@ -79,6 +79,7 @@ def plot(
 
     arguments.of_type("body", body, Body, "pressures need the body's surface measure")
     arguments.flag("opposite", opposite)
+    arguments.of_type("unit", unit, str, 'it has to be a string, such as "MPa"')
     with collective(body.spaces.mesh.comm):
         check_axes(axes)
     check_state(state, body.spaces.displacements.trial)

@@ -16,16 +16,15 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import fields_of
 
-Array = npt.NDArray[np.float64]
-
 # Names of the arrays of places that belong to values
-_NODES = {"displacement": "nodes", "pressure": "pressure_nodes"}
+_FIELDS = {"displacement": "nodes", "pressure": "pressure_nodes"}
 # What of a state is written as it is, and by its own numbers
 _PLAIN = ("iterations", "unique", "increment", "free")
 _OF_NUMBERS = {
@@ -54,15 +53,9 @@ def write_state(
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
     arrays: dict[str, npt.NDArray] = {}
-    known = [
-        (name, _NODES[name], field.space, field.part(state.unknowns).array_r)
-        for name, field in zip(_NODES, fields_of(space), strict=False)
-    ]
-    known += [
-        (*_names(k), of, values)
-        for k, (of, values) in enumerate(zip(history, state.history, strict=True))
-    ]
-    for name, nodes, of, values in known:
+    known = [field.part(state.unknowns).array_r for field in fields_of(space)]
+    parts = zip(_parts(space, history), [*known, *state.history], strict=True)
+    for (name, nodes, of), values in parts:
         places = _places(of)
         given = comm.gather((places, values.reshape(-1, of.dofmap.index_map_bs)[: len(places)]))
         if comm.rank == 0:
@@ -72,8 +65,8 @@ def write_state(
         for k, pair in enumerate(state.pairs):
             arrays |= {f"{name}_{k}": values for name, values in vars(pair).items()}
         numbers = {name: getattr(state, name) for name in _PLAIN}
-        parts = {name: getattr(state, name) for name in _OF_NUMBERS}
-        numbers |= {name: None if part is None else vars(part) for name, part in parts.items()}
+        told = {name: getattr(state, name) for name in _OF_NUMBERS}
+        numbers |= {name: None if part is None else vars(part) for name, part in told.items()}
         numbers |= {"orientations": sorted(state.orientations)}
         numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
         arrays |= {f"{_PROBLEM}{name}": values for name, values in (problem or {}).items()}
@@ -122,25 +115,27 @@ def read_state(
     except Exception as failed:  # of whatever kind: any bytes may be in a file
         said = str(failed) or type(failed).__name__
         raise ValueError(f"{path} holds no contact state: {said}") from None
-    fields = dict(zip(_NODES, fields_of(space), strict=False))
-    if missing := fields.keys() - arrays.keys():
-        raise ValueError(f"{path} has the state of a body without {missing.pop()}")
-    if any(_names(k)[0] not in arrays for k in range(len(history))):
-        raise ValueError(f"{path} has the state of a problem with less history")
-    row = {name: _rows(path, arrays[_NODES[name]], field.space) for name, field in fields.items()}
-    for name, own in (problem or {}).items():
+    parts = _parts(space, history)
+    if missing := [name for name, _, _ in parts if name not in arrays]:
+        raise ValueError(
+            f"{path} has the state of a problem without {missing[0].partition('_')[0]}"
+        )
+    row = {name: _rows(path, arrays[nodes], of) for name, nodes, of in parts}
+    own = {name: arrays[name][row[name]].ravel() for name in row}
+    for name, known in (problem or {}).items():
         stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
-        size = np.abs(own[np.isfinite(own)]).max(initial=0.0)
-        if stored.shape != own.shape or not np.allclose(stored, own, rtol=0, atol=_SAME * size):
+        near = _SAME * np.abs(known[np.isfinite(known)]).max(initial=0.0)
+        if stored.shape != known.shape or not np.allclose(stored, known, rtol=0, atol=near):
             raise ValueError(f"{path} has the state of a problem with another {name}")
-    moved = fields["displacement"]
+    fields = fields_of(space)
+    moved = fields[0]
     for pair in pairs:
         pair |= {
             name: _numbers(pair[name], row["displacement"], moved.space)
             for name in ("node", "faced", "opposite")
         }
     unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
-    spread = [field.spread(arrays[name][row[name]].ravel()) for name, field in fields.items()]
+    spread = [field.spread(own[name]) for name, field in zip(_FIELDS, fields, strict=False)]
     unknowns.setArray(np.sum(spread, axis=0))
     values = {name: numbers[name] for name in _PLAIN}
     given = {name: numbers[name] for name in _OF_NUMBERS}
@@ -148,22 +143,22 @@ def read_state(
     values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
     values["orientations"] = frozenset(numbers["orientations"])
     values["pairs"] = tuple(PairState(**pair) for pair in pairs)
-    values["history"] = tuple(_read(path, arrays, k, of) for k, of in enumerate(history))
+    values["history"] = tuple(_with_ghosts(of, own[name]) for name, _, of in parts[len(fields) :])
     return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
 
 
-def _names(number: int) -> tuple[str, str]:
-    """Arrays of a function of the history, and of its places."""
-    return f"history_{number}", f"history_nodes_{number}"
+def _parts(
+    space: fem.FunctionSpace, history: Sequence[fem.FunctionSpace]
+) -> list[tuple[str, str, fem.FunctionSpace]]:
+    """Arrays of values and of their places, and the space, of all functions of a state."""
+    fields = zip(_FIELDS.items(), fields_of(space), strict=False)
+    functions = [(f"history_{k}", f"history_nodes_{k}", of) for k, of in enumerate(history)]
+    return [(name, nodes, field.space) for (name, nodes), field in fields] + functions
 
 
-def _read(
-    path: Path, arrays: dict[str, npt.NDArray], number: int, space: fem.FunctionSpace
-) -> Array:
-    """Values on this process, ghosts too, of a function of the history."""
-    name, nodes = _names(number)
-    found, rows = fem.Function(space), _rows(path, arrays[nodes], space)
-    found.x.array[: len(rows) * space.dofmap.index_map_bs] = arrays[name][rows].ravel()
+def _with_ghosts(space: fem.FunctionSpace, own: Array) -> Array:
+    found = fem.Function(space)
+    found.x.array[: len(own)] = own
     found.x.scatter_forward()
     return found.x.array.copy()
 
@@ -183,9 +178,7 @@ def _rows(path: Path, stored: Array, space: fem.FunctionSpace) -> npt.NDArray[np
     return np.asarray(nearest)
 
 
-def _numbers(
-    stored: npt.NDArray[np.int64], row: npt.NDArray[np.intp], space: fem.FunctionSpace
-) -> npt.NDArray[np.int64]:
+def _numbers(stored: Indices, row: npt.NDArray[np.intp], space: fem.FunctionSpace) -> Indices:
     """Global numbers today of nodes (m,) with numbers of a file; negative ones stay."""
     numbers = np.minimum(stored, -1)
     _, mine, of_file = np.intersect1d(row, stored, return_indices=True)

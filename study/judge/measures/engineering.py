@@ -128,14 +128,15 @@ def _apart(standard: Stored, new: Stored, name: str) -> float:
 
 def _answers(results: Results) -> list[tuple[str, str, str]]:
     """Problem, cell and prefix of every answer."""
-    return sorted(
-        {
-            (one.parameters["problem"], one.parameters["element"].split("-")[1], name[:-6])
-            for one in results.section("W")
-            for name in one.scalars
-            if name.endswith("answer")
-        }
-    )
+    found = {
+        (one.parameters["problem"], one.parameters["element"].split("-")[1], name[:-6])
+        for one in results.section("W")
+        for name in one.scalars
+        if name.endswith("answer")
+    }
+    if not found:
+        raise MissingResult("section W has no answers: run ./run study W")
+    return sorted(found)
 
 
 def _found(
