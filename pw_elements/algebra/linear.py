@@ -90,6 +90,7 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
         collect_garbage(K)
     full = reduction.expand(solution)
     full.setAttr("report", report)
+    full.setAttr("mesh", Assembled.of(K).mesh)  # whose communicator copies of the vector need
     return full
 
 

@@ -88,11 +88,16 @@ class SubSpace:
         return self.unknowns[: self.space.dofmap.index_map.size_local]
 
     def part(self, values: PETSc.Vec) -> PETSc.Vec:
-        """The field's vector in a vector of all unknowns."""
-        if self.is_all:
-            return values
-        own = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
-        own.setArray(values.array_r[self.owned.ravel()])
+        """The field's vector in a vector of all unknowns; both keep the space.
+
+        PETSc's vectors outlive a mesh, but not its communicator, by which their copies are made.
+        """
+        own = values
+        if not self.is_all:
+            own = PETSc.Vec().createMPI(self.sizes, comm=values.comm)
+            own.setArray(values.array_r[self.owned.ravel()])
+        for vector in (values, own):
+            vector.setAttr("space", self.space)
         return own
 
     def spread(self, values: Array) -> Array:
