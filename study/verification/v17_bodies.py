@@ -37,6 +37,7 @@ FRICTION, GAP, CURVATURE, DEPTH = 0.3, 0.01, 1.2, 0.15
 ELEMENTS = 10  # of the slave, that the die slides over
 PRESSED, SLID = 4, 16  # increments
 EDGE = 2  # nodes at each end of the contact that do not count
+PRESSED_LEAST = 1e-9  # of the largest nodal force: less is round-off, of either sign
 INNER = 0.3  # of the master's largest nodal force, below which its nodes do not count
 ROUND_OFF = 1e-12  # of the law, over the largest force
 # Rings: radii, distance at first, and way; cells round and across
@@ -359,7 +360,7 @@ def _along(bodies: Rubber, node: Indices, force: Array, edge: int) -> float:
     """Median of mid-side forces over the mean of their neighbours', in the order of places."""
     order = np.argsort(bodies.x[node, 0])
     force, corner = force[order], bodies.corner[node[order]]
-    inner = np.flatnonzero(force > 0)[edge:-edge]
+    inner = np.flatnonzero(force > PRESSED_LEAST * force.max())[edge:-edge]
     middle = inner[~corner[inner]]
     return float(np.median(2 * force[middle] / (force[middle - 1] + force[middle + 1])))
 
