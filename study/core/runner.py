@@ -4,6 +4,7 @@ import logging
 import math
 import sys
 import time
+from collections import Counter
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass
@@ -168,18 +169,20 @@ class _Progress:
     def __init__(self, cases: list[Case]) -> None:
         sections = [case.section for case in cases]
         self.open = {section: sections.count(section) for section in dict.fromkeys(sections)}
-        self.total = dict(self.open)
         self.seconds: dict[str, list[float]] = {section: [] for section in self.open}
+        self.lost: dict[str, Counter[str]] = {section: Counter() for section in self.open}
 
     def ended(self, case: Case, done: Done | None) -> None:
         self.open[case.section] -= 1
         if done and not done.error:
             self.seconds[case.section].append(done.seconds)
+        else:  # a case whose process was killed has not failed
+            self.lost[case.section]["failed" if done else "unfinished"] += 1
         while self.open and not next(iter(self.open.values())):
             section = next(iter(self.open))
             del self.open[section]
             seconds = self.seconds[section]
-            lost = f", {failed} failed" if (failed := self.total[section] - len(seconds)) else ""
+            lost = "".join(f", {count} {how}" for how, count in self.lost[section].items())
             computed = f"{len(seconds)} computed in {sum(seconds):.1f} s{lost}"
             _say(f"{section:4} {title(section)}: {computed}")
 

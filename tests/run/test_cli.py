@@ -388,12 +388,12 @@ def test_longest_cases_come_first_by_an_earlier_run(run, out, monkeypatch):
 
 
 def test_sections_are_told_in_their_order_whichever_ends_first(capsys):
-    cases = [Case("7.1", "a", print), Case("7.1", "b", print), Case("7.2", "c", print)]
+    cases = [*(Case("7.1", name, print) for name in "abd"), Case("7.2", "c", print)]
     progress = _Progress(cases)
     for case in reversed(cases):
-        progress.ended(case, Done(1.5) if case.name != "a" else None)
+        progress.ended(case, {"a": None, "d": Done(error="no")}.get(case.name, Done(1.5)))
     assert capsys.readouterr().err.splitlines() == [
-        "7.1  Simple structure with two elements: 1 computed in 1.5 s, 1 failed",
+        "7.1  Simple structure with two elements: 1 computed in 1.5 s, 1 failed, 1 unfinished",
         "7.2  Elastic block on a rigid surface: 1 computed in 1.5 s",
     ]
 
