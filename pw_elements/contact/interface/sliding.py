@@ -19,11 +19,12 @@ Facets see each other along the slave's normals, interpolated between nodes, whe
 of the chord between both neighbours: so integrals have continuous derivatives as nodes slide by
 each other, but for the ends of the master.
 
-Duals are negative in places, so that single nodes of the master draw at the edge of contact: by 4 %
-of the peak below a die where meshes are alike, 1 % on a master twice as coarse, 14 % on one twice
-as fine. With w in their place nothing draws, and an even pressure arrives as well; but then a force
-acts at the mean place of its weight, not at its node, and moments of both sides, which duals keep
-to 2e-5 of all, are 1.5e-3 apart. Where the master is the coarser side, the slave sees its kinks.
+Duals are negative in places, so that single nodes of the master draw at the edge of contact, by a
+few per cent of the peak where the master is as fine as the slave or finer, hardly where it is
+coarser: section V17 of the study. With w in their place nothing draws, and an even pressure arrives
+as well; but then a force acts at the mean place of its weight, not at its node, and the moments of
+both sides, which duals nearly keep, are apart. Where the master is the coarser side, the slave sees
+its kinks.
 """
 
 from collections.abc import Sequence
