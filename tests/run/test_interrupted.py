@@ -64,11 +64,12 @@ class Run:
 
     def workers(self):
         """Return the processes that have begun to work."""
-        return [
-            process
-            for process in self.processes()
-            if b"spawn_main" in (Path("/proc") / str(process) / "cmdline").read_bytes()
-        ]
+        found = []
+        for process in self.processes():
+            with suppress(OSError):  # it has just ended
+                if b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes():
+                    found.append(process)
+        return found
 
     def wait(self, seconds=1800):
         return self.process.wait(seconds)
