@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from pw_elements.contact import ContactPair, NoEquilibrium
 from pw_elements.contact.model import MatchingNodes
 from tests.contact.residuals import _contact_nodes, _supports
-from tests.oracle.search import Branch, Increment
+from tests.oracle.search import Increment
 
 Array = npt.NDArray[np.float64]
 
@@ -151,83 +151,6 @@ def _turned(pair: ContactPair, x: Array, place: Array, free: npt.NDArray[np.bool
     here = shape.normal(x - place)
     moves = np.where(free, rng.uniform(-1, 1, (20, len(place))), 0.0) * extent
     return max(float(np.abs(shape.normal(x - place - move) - here).max()) for move in moves)
-
-
-# -- searches ---------------------------------------------------------------------------------
-
-
-def contradictions(increment: Increment, branches: tuple[Branch, ...]) -> dict[str, float]:
-    """What a search's proof lacks, each as a small number if it lacks nothing.
-
-    That its branches hold each set of statuses once; that each one's multipliers make a number
-    of -1 of all motions of the contact nodes and free surfaces; and that they are of the sign
-    which the law of the statuses asks for.
-
-    Returns:
-        "cover": how many sets of statuses are left out or there twice; "signs": wrong multipliers
-        over the largest; "motions": what the sum changes by in motions of a thousand times those
-        under the loads, over one.
-    """
-    found = {"cover": float(_uncovered([branch.allowed for branch in branches]))}
-    found |= {"signs": 0.0, "motions": 0.0}
-    rest = np.abs([increment.normal[:, -1], increment.shear[:, -1]]).max() / increment.stiffness
-    length = 1e3 * max(rest, np.abs(increment.gap[increment.faced, -1]).max())
-    for branch in branches:
-        total = branch.normal @ increment.normal + branch.shear @ increment.shear
-        total += np.where(increment.faced, branch.gap, 0.0) @ increment.gap
-        total += branch.slip @ increment.slip + branch.total @ increment.balance
-        lack = max(abs(total[-1] + 1), length * np.abs(total[:-1]).sum())
-        found["motions"] = max(found["motions"], lack)
-        found["signs"] = max(found["signs"], _wrong_sign(increment, branch))
-    return {name: float(value) for name, value in found.items()}
-
-
-def contradicts(found: dict[str, float]) -> bool:
-    """Whether what `contradictions` finds leaves the proof as it is."""
-    return found["cover"] == 0 and found["signs"] < 1e-9 and found["motions"] < 0.5
-
-
-def _uncovered(allowed: list[npt.NDArray[np.bool_]]) -> int:
-    """Sets of statuses that no branch has, and pairs of branches that have one in common."""
-    boxes = np.array(allowed)
-    every = boxes.any(axis=0).sum(axis=1)
-    size = sum(int(np.prod(box.sum(axis=1).astype(object))) for box in boxes)
-    twice = 0
-    for k in range(1, len(boxes)):
-        common = np.any(boxes[:k] & boxes[k], axis=2).all(axis=1)
-        twice += int(common.sum())
-    return abs(int(np.prod(every.astype(object))) - size) + twice
-
-
-def _wrong_sign(increment: Increment, branch: Branch) -> float:
-    """Largest multiplier of the wrong sign over the largest of its kind."""
-    wrong = [0.0]
-    size = np.hypot(branch.normal, branch.shear).max() or 1.0
-    widest, steepest = np.abs(branch.gap).max() or 1.0, np.abs(branch.slip).max() or 1.0
-    slides = np.any(increment.shear != 0, axis=1)
-    for i, statuses in enumerate(branch.allowed):
-        mu, gap, slip = increment.mu[i], branch.gap[i] / widest, branch.slip[i] / steepest
-        rough = mu > 0 and increment.faced[i] and slides[i]
-        rays = {1: [0.0], 2: [], 3: []}
-        if rough:
-            rays = {1: [-mu, mu], 2: [-mu], 3: [mu]}
-        elif statuses[2:].any():
-            wrong.append(np.inf)
-        if not increment.faced[i]:
-            wrong += [abs(gap), np.inf if statuses[1:].any() else 0.0]
-        if statuses[0]:
-            wrong += [-gap, abs(slip)]
-        for status in np.flatnonzero(statuses[1:]) + 1:
-            for ray in rays[int(status)]:
-                force = branch.normal[i] + ray * branch.shear[i]
-                wrong.append(-force / size / np.hypot(1, ray))
-        if statuses[2]:
-            wrong.append(-slip)
-        if statuses[3]:
-            wrong.append(slip)
-        if not rough:
-            wrong.append(abs(slip))
-    return max(wrong)
 
 
 def linear_increment(problem, states) -> Increment:

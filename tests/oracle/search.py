@@ -1,4 +1,4 @@
-"""A search of all statuses of contact nodes in the plane: a state, or the proof that none exists.
+"""A search of all statuses of contact nodes in the plane for a state.
 
 Branch and bound. A branch allows each node some of the four statuses: open, sticking, slipping
 forwards or backwards along its tangent. What these have in common is linear in the motions z:
@@ -10,14 +10,7 @@ forwards or backwards along its tangent. What these have in common is linear in 
 
 and so on. A linear program asks by how much these conditions are violated at the least. If they
 can all hold, Newton's method tries from there, and a node at which r_n g, or the friction's work,
-is wrong has its statuses divided between two branches. If they cannot, the branch is closed, and
-the program's multipliers say why: a combination of the conditions that is negative for every z,
-
-    sum (normal r_n + shear r_t + gap g + slip v) + sum total (R - P) = -1,
-
-while each term is positive or zero by the law, or zero by balance. Where all branches are closed
-no state exists. That is arithmetic, and is checked as such by `tests/oracle/proofs.py`: round-off
-could undo it only at motions that are `HUGE` times those of the loads.
+is wrong has its statuses divided between two branches. If they cannot, the branch is closed.
 """
 
 from collections.abc import Iterator
@@ -28,14 +21,12 @@ from scipy.optimize import linprog
 
 # Sets of statuses that a branch may allow, and into which two of them each is divided
 ANY, OPENED, CLOSED, NOT_FORWARDS, FORWARDS, STICKING, BACKWARDS = range(7)
-ALLOWED = np.array([*map(list, ("1111", "1000", "0111", "0101", "0010", "0100", "0001"))]) == "1"
 DIVIDED = {
     ANY: (OPENED, CLOSED),
     CLOSED: (NOT_FORWARDS, FORWARDS),
     NOT_FORWARDS: (STICKING, BACKWARDS),
 }
 CLOSES, NONE = 1e-7, 1e-9  # violation over the largest force that closes a branch, and that is none
-HUGE = 1e3  # motions, over those of the loads, up to which round-off leaves a closed branch closed
 CANDIDATES, NEWTON_STEPS, ATTEMPTS = 3, 8, 200
 MOST = 2_500_000  # linear programs times nodes squared: some ten seconds
 TOLERANCES = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
@@ -66,69 +57,32 @@ class Increment:
     stiffness: float
 
 
-@dataclass(frozen=True)
-class Branch:
-    """Statuses of all nodes (n) of which none makes a state, and multipliers that say why.
-
-    Args:
-        allowed: (n, 4): open, sticking, slipping forwards and backwards; smooth nodes are open or
-            "sticking", which is closed.
-        normal, shear, gap, slip: (n,).
-        total: (b,), of the balances.
-    """
-
-    allowed: np.ndarray
-    normal: np.ndarray
-    shear: np.ndarray
-    gap: np.ndarray
-    slip: np.ndarray
-    total: np.ndarray
-
-
-@dataclass(frozen=True)
-class Found:
-    """A state z (k,), or all branches closed; neither if the search ended too early to tell."""
-
-    z: np.ndarray | None = None
-    closed: tuple[Branch, ...] = ()
-
-
-def search(increment: Increment, most: float = MOST) -> Found:
-    """Searches all statuses, with so many linear programs times nodes squared at most."""
+def search(increment: Increment, most: float = MOST) -> np.ndarray | None:
+    """A state z (k,), if one is found by so many linear programs times nodes squared at most."""
     conditions = _Conditions(increment)
     most = most / max(1, len(conditions.faced)) ** 2
     root = np.zeros(len(conditions.faced), dtype=np.int8)
     first = conditions.least(root)
-    if first is None or first.closed:
-        return Found(closed=first.closed if first else ())
-    waiting, closed = [(root, first.z)], ()
+    waiting = [] if first is None else [(root, first)]
     programs, attempts = 1, 0
-    while waiting:
+    while waiting and programs <= most:
         codes, z = waiting.pop()
         if attempts < ATTEMPTS:
             attempts += 1
             state = _newton(increment, z)
             if state is not None:
-                return Found(state)
+                return state
         options = []
         for k in conditions.worst(codes, z):
             tried = [(part, conditions.least(part)) for part in _parts(codes, k)]
             programs += len(tried)
-            if any(least is None for _, least in tried):
-                return Found()
-            left = [(part, least.z) for part, least in tried if not least.closed]
+            left = [(part, least) for part, least in tried if least is not None]
             if len(left) < len(tried):
-                closed += sum((least.closed for _, least in tried), ())
                 options = left
                 break
             options = options or left
-        else:
-            if not options:
-                return Found()  # nothing is wrong, and yet it is no state
-        if programs > most:
-            return Found()
         waiting += sorted(options, key=lambda option: -conditions.wrong(*option).sum())
-    return Found(closed=closed)
+    return None
 
 
 def _parts(codes: np.ndarray, node: int) -> Iterator[np.ndarray]:
@@ -192,14 +146,6 @@ def _obeys(increment: Increment, z: np.ndarray, rough: np.ndarray) -> bool:
         np.abs(lack),
     ]
     return all(line.max(initial=0.0) <= NONE * size for line in lines)
-
-
-@dataclass(frozen=True)
-class _Least:
-    """A z of least violation, and the branch if that closes it."""
-
-    z: np.ndarray
-    closed: tuple[Branch, ...] = ()
 
 
 class _Conditions:
@@ -269,11 +215,8 @@ class _Conditions:
         always = np.ones(len(self._value) - 5 * nodes, dtype=bool)
         return np.append(least.ravel(), always), np.append(most.ravel(), always)
 
-    def least(self, codes: np.ndarray) -> _Least | None:
-        """The z at which the conditions of a branch are violated least.
-
-        None if HiGHS fails, or if round-off might undo what closes the branch.
-        """
+    def least(self, codes: np.ndarray) -> np.ndarray | None:
+        """The z at which the conditions of a branch are violated least; None closes the branch."""
         least, most = self._limits(codes)
         sign = np.repeat((1.0, -1.0), (least.sum(), most.sum()))
         row = np.concatenate([np.flatnonzero(least), np.flatnonzero(most)])
@@ -286,36 +229,8 @@ class _Conditions:
             method="highs-ds",
             options=TOLERANCES,
         )
-        if not best.success:  # HiGHS gives up at times
-            return None
-        z = self._length * best.x[:n]
-        if best.fun <= CLOSES:
-            return _Least(z)
-        multiplier = np.zeros(len(self._value))
-        np.add.at(multiplier, row, sign * np.maximum(0.0, -best.ineqlin.marginals))
-        why = self._closed(codes, multiplier)
-        return None if why is None else _Least(z, (why,))
-
-    def _closed(self, codes: np.ndarray, multiplier: np.ndarray) -> Branch | None:
-        """The proof that multipliers of the conditions give, if they do."""
-        constant, slope = multiplier @ self._value, multiplier @ self._slope
-        if not -constant > HUGE * np.abs(slope).sum():
-            return None
-        faced, nodes = self.faced, len(self._away)
-        parts = np.split(multiplier / -constant / self.force, np.cumsum([len(faced)] * 5))
-        pressed, gap, forwards, backwards, slip, rest = parts
-        normal, shear, gaps, slips = np.zeros((4, nodes))
-        normal[faced] = pressed + self._mu * (forwards + backwards)
-        shear[faced] = forwards - backwards
-        away, smooth = np.flatnonzero(self._away), np.flatnonzero(self._smooth)
-        normal[away] += rest[: len(away)]
-        shear[smooth] += rest[len(away) : len(away) + len(smooth)]
-        gaps[faced], slips[faced] = gap, slip
-        allowed = np.tile(ALLOWED[OPENED], (nodes, 1))
-        allowed[faced] = ALLOWED[codes]
-        allowed[faced[~self._rough], 2:] = False  # smooth nodes have two statuses only
-        c, total = self._increment.stiffness, rest[len(away) + len(smooth) :]
-        return Branch(allowed, normal, shear, c * gaps, c * slips, total)
+        # HiGHS gives up at times
+        return self._length * best.x[:n] if best.success and best.fun <= CLOSES else None
 
     def wrong(self, codes: np.ndarray, z: np.ndarray) -> np.ndarray:
         """What each node's law is violated by, beyond the conditions of a branch; (n,)."""

@@ -14,9 +14,9 @@ from pw_elements.contact import ContactPair, Motion, NoEquilibrium, NotFound, No
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, Elastic, at
 from tests.contact.residuals import Step, _supports, residuals, worst
-from tests.oracle.proofs import contradictions, contradicts, linear_increment
+from tests.oracle.proofs import linear_increment
 from tests.oracle.random_contact import problem
-from tests.oracle.search import Found, search
+from tests.oracle.search import search
 
 
 class Pressed(Elastic):
@@ -104,19 +104,13 @@ def test_library_finds_a_state_where_trying_all_statuses_does_and_nowhere_else(s
     assert min(np.abs(found - z).max() for z in KINDS[seed]) < 1e-8 * np.abs(found).max()
 
 
-def refused(seed, kind):
-    stated = problem(seed)
-    with pytest.raises(kind) as caught:
-        stated.solve()
-    assert type(caught.value) is kind
-    return stated, caught.value
-
-
 @pytest.mark.parametrize("seed", [103, 762])
 def test_loose_bodies_are_told(seed):
     """The state attached has no forces and open gaps everywhere, so that others do, too."""
-    stated, error = refused(seed, NotUnique)
-    assert "the body is loose" in str(error)
+    stated = problem(seed)
+    with pytest.raises(NotUnique, match="the body is loose") as caught:
+        stated.solve()
+    error = caught.value
     steps = [Step.of(state) for state in (*error.states, error.state)]
     rng = np.random.default_rng(seed)
     x = stated.space.tabulate_dof_coordinates()[:, : steps[-1].displacement.shape[1]]
@@ -141,35 +135,5 @@ def test_search_finds_a_state_where_trying_all_statuses_does_and_nowhere_else(se
         conditions=[prescribe(one.space, axis, at(1, 0.0)) for axis in (0, 1)],
         pairs=[one.pair],
     )
-    increment = linear_increment(stated, [])
-    found = search(increment)
-    assert (found.z is not None) == bool(KINDS[seed]) == (not found.closed)
-    assert not found.closed or contradicts(contradictions(increment, found.closed))
-
-
-def test_closed_branches_contradict_the_law_and_hold_all_statuses():
-    """Statics alone do not rule an equilibrium out here, but elasticity does."""
-    stated, error = refused(276, NotFound)
-    increment = linear_increment(stated, error.states)
-    branches = search(increment).closed
-    assert contradicts(contradictions(increment, branches))
-    # what is no proof is not taken for one
-    assert not contradicts(contradictions(increment, branches[1:]))
-    assert not contradicts(contradictions(increment, (*branches, branches[0])))
-    stretched = replace(branches[0], normal=1.001 * branches[0].normal)
-    assert not contradicts(contradictions(increment, (stretched, *branches[1:])))
-    wider = branches[-1].allowed | branches[-1].allowed.any(axis=1, keepdims=True)
-    widened = replace(branches[-1], allowed=wider)
-    assert not contradicts(contradictions(increment, (*branches[:-1], widened)))
-    # a search that is not finished proves nothing
-    assert search(increment, most=30_000) == Found()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1310, 2276])
-def test_other_searches_prove_it_too(seed):
-    stated, error = refused(seed, NotFound)
-    increment = linear_increment(stated, error.states)
-    branches = search(increment).closed
-    assert branches
-    assert contradicts(contradictions(increment, branches))
+    found = search(linear_increment(stated, []))
+    assert (found is not None) == bool(KINDS[seed])

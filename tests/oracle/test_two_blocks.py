@@ -71,7 +71,7 @@ class Blocks:
             seen.faced,
             seen.scale.mean(),
         )
-        return search(stated).z is not None
+        return search(stated) is not None
 
 
 @pytest.mark.random
