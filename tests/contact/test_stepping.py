@@ -92,22 +92,6 @@ def test_a_load_step_that_fails_leaves_the_state_before_it():
     assert state.pairs[0].force[0] == pytest.approx(-200.0)
 
 
-def test_what_a_step_refuses():
-    coarse = Block(2)
-    other = coarse.problem(coarse.pair(0.3)).undeformed
-    bad = BLOCK.pressure.copy()
-    bad.set(np.nan)
-    start, load = PROBLEM.undeformed, BLOCK.pressure
-    for arguments, message in (
-        ((other, load), "the state belongs to other contact nodes"),
-        ((start, bad), "the load is not finite"),
-        ((start, load, [None, None]), "2 motions for 1 contact pairs"),
-        ((start, load, [Motion((0, 0, 0))]), "the motion of contact pair 0 is not 2-D"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            PROBLEM.step(*arguments)
-
-
 def test_files_that_are_no_state_of_this_problem(tmp_path):
     path = tmp_path / "state.npz"
 

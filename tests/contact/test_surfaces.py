@@ -3,7 +3,7 @@ from decimal import Decimal, getcontext
 import numpy as np
 import pytest
 
-from pw_elements.contact import FlatPunch, Motion, Parabola, Plane, SignedDistance, Sphere
+from pw_elements.contact import FlatPunch, Parabola, Plane, SignedDistance, Sphere
 from tests.contact.polyline import Polyline
 
 RANDOM = np.random.default_rng(5)
@@ -55,22 +55,6 @@ def test_flat_punch_ends_at_its_edge():
     punch = FlatPunch((1.0, 2.0, 0.0), (0, 0, -1), 0.5)
     x = np.array([[1.5, 2.0, -0.1], [1.51, 2.0, -0.1], [1.3, 2.3, 0.0], [1.4, 2.4, 0.0]])
     assert punch.gap(x) == pytest.approx([0.1, np.inf, 0.0, np.inf])
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: Plane((0, 0), (0, 0)), "finite length"),
-        (lambda: Parabola((0, 0), 0.0), "radius = 0"),
-        (lambda: Sphere((0, 0), -1.0), "has to be positive"),
-        (lambda: FlatPunch((0, 0), (0, 1), 0.0), "half_width"),
-        (lambda: Sphere((0, 0), 1.0).normal(np.zeros((1, 2))), "normal .* is not defined"),
-        (lambda: Motion((0, 0), (1,)), "differ in length"),
-    ],
-)
-def test_surfaces_that_are_none(build, message):
-    with pytest.raises(ValueError, match=message):
-        build()
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -26,6 +26,7 @@ from pw_elements import (
     Direct,
     Material,
     Reduction,
+    Sibling,
     Spaces,
     SurfaceNodes,
     as_function,
@@ -177,6 +178,7 @@ class World:
         self.held = Reduction.dirichlet(self.U, self.left)
         self.a = solve(self.K, self.f, self.held)
         self.u, self.v = ufl.TrialFunction(self.U), ufl.TestFunction(self.U)
+        self.x = ufl.SpatialCoordinate(self.mesh)[0]
         self.short = PETSc.Vec().createSeq(7)
         facets = exterior_facet_indices(self.mesh.topology)
         self.tags = meshtags(self.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
@@ -191,6 +193,20 @@ class World:
         body = Body(self.standard, STEEL, PLANE)
         load = assemble_vector(body.body_load((0.0, -1.0)))
         return assemble_matrix(body.stiffness()), load, assemble_matrix(body.mass())
+
+    @cached_property
+    def revolved(self):
+        return Body(self.spaces, STEEL, "axisymmetric")
+
+    @cached_property
+    def parts_of_another(self):
+        cells = np.arange(16, dtype=np.int32)
+        return meshtags(self.other, 2, cells, cells % 2)
+
+    @cached_property
+    def state_of_twin(self):
+        K, _, held, U = self.larger
+        return ContactProblem(K, held, ContactPair(below, FLOOR), U).undeformed
 
     @cached_property
     def larger(self):
@@ -540,6 +556,19 @@ REFUSED = [
     ("hybrid spaces are of no", lambda w: Body(Spaces.hybrid(w.mesh), Material(1.0, 0.4), PLANE)),
     ("poissons_ratio = 0.0:", lambda w: Body(Spaces.hybrid(w.mesh), Material(1.0, 0.0), STRAIN)),
     ("the space has no pressure", lambda w: split(w.U, w.f)),
+    ("the normal of a surface is not", lambda w: Sphere((0, 0), 1.0).normal(np.zeros((1, 2)))),
+    ("the state belongs to other contact nodes", lambda w: w.problem.step(w.state_of_twin, w.f)),
+    ("one of the mass and the stiffness belongs to the symmetric",
+     lambda w: w.modes(K=Sibling.of(w.standard.trial).matrix(w.galerkin[0]), M=w.galerkin[2])),
+    ("the mass was made with other weight functions", lambda w: w.modes(M=w.galerkin[2])),
+    ("the mass is one in axisymmetric, the stiffness in plane stress",
+     lambda w: w.modes(M=assemble_matrix(w.revolved.mass()))),
+    ("the load is one in axisymmetric, the stiffness in plane stress",
+     lambda w: solve(w.K, assemble_vector(w.revolved.body_load(UP)), w.held)),
+    ("the force transfer T exists", lambda w: Sibling.of(w.spaces.test)),
+    ("parts", lambda w: Spaces.hybrid(w.mesh, w.parts_of_another)),
+    ("the depth or thickness is not", lambda w: w.flux(depth=-1 - w.x)),
+    ("the depth or thickness is not", lambda w: w.flux(depth=ufl.max_value(w.x - 9, 0.0))),
 ]
 # fmt: on
 
