@@ -17,7 +17,6 @@ from dolfinx.mesh import (
     create_interval,
     create_rectangle,
     create_unit_cube,
-    create_unit_square,
     meshtags,
 )
 
@@ -29,7 +28,6 @@ from pw_elements import (
     assemble_vector,
     boundary_measure,
     cell_measure,
-    reactions,
     solve,
 )
 from pw_elements.meshes import curved
@@ -42,8 +40,8 @@ from pw_elements.spaces import (
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
 from study.discretisation import one_cut
 from study.matrices import dense
-from tests.contact.cases import PW, Elastic, at
-from tests.library.random_meshes import Grid, points_within, same_nodes, structured
+from tests.contact.cases import PW
+from tests.library.random_meshes import Grid, points_within, structured
 from tests.oracle.elements import ELEMENTS, gauss, shapes
 
 
@@ -70,21 +68,6 @@ def test_slopes_are_those_of_the_values(cell):
         assert within.mean() > 0.9
         difference = (above - below) / (2 * step)
         assert np.abs(slope - difference)[within].max() < 1e-11
-
-
-def test_integrates_to_a_quarter_and_a_half_of_an_edge():
-    mesh = create_unit_square(MPI.COMM_SELF, 1, 1)
-    for element, vertex, middle in [
-        (macro_element("triangle"), 1 / 4, 1 / 2),
-        (quadratic_element("triangle"), 1 / 6, 2 / 3),
-    ]:
-        W = fem.functionspace(mesh, element)
-        x = ufl.SpatialCoordinate(mesh)
-        below = ufl.conditional(ufl.lt(x[1], 1e-9), 1.0, 0.0)
-        load = fem.assemble_vector(fem.form(below * ufl.TestFunction(W) * ufl.ds)).array
-        nodes = fem.locate_dofs_geometrical(W, lambda x: np.isclose(x[1], 0))
-        nodes = nodes[np.argsort(W.tabulate_dof_coordinates()[nodes][:, 0])]
-        assert load[nodes] == pytest.approx([vertex, middle, vertex], abs=1e-14)
 
 
 def test_serendipity_is_nodal_and_holds_the_right_polynomials():
@@ -216,26 +199,6 @@ def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():
     volume = 1 / 6
     assert np.abs(f - volume * np.repeat([1 / 32, 7 / 48], (4, 6))).max() < 1e-16
     assert np.abs(M.sum(axis=1) - f).max() < 1e-16
-
-
-def test_forces_and_displacements_do_not_depend_on_the_order_of_vertices():
-    grid, force, largest = tetrahedra(3), np.array([0.3, -0.5, 1.0]), {}
-    for name, spaces in (("twelve", PW), ("one", one_cut)):
-        solved, first = [], None
-        for seed in range(4):
-            mesh = grid.renumbered(seed).mesh() if seed else grid.mesh()
-            body = Elastic(mesh, spaces, "solid", 1.0)
-            f = body.weight(force)
-            a = solve(body.K, f, body.clamped(at(2, 0.0)))
-            first = body.x if first is None else first
-            order = same_nodes(body.x, first)
-            solved.append([v.array.reshape(-1, 3)[order] for v in (a, reactions(body.K, a, f), f)])
-        largest[name] = [
-            max(np.abs(other - ours).max() for other in others) / np.abs(ours).max()
-            for ours, *others in zip(*solved, strict=True)
-        ]
-    assert max(largest["twelve"]) < 2e-13
-    assert min(largest["one"]) > 1e-3
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 5, 8, 12, 15])

@@ -35,11 +35,10 @@ from pw_elements import (
     test_space,
     vibration_modes,
 )
-from pw_elements.meshes import curved, mapped, triangles
+from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import SubSpace
 from pw_elements.spaces.hybrid import mixed_element
 from study.verification.t_identity import distorted
-from study.verification.v15_layers import error, layered
 from tests.contact.cases import PW, Elastic, at
 
 COMM = MPI.COMM_SELF
@@ -173,14 +172,6 @@ def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solve
 def test_displacements_alone_warn_near_incompressibility(caplog, method, nu, state, warned):
     Body(method(create_unit_square(COMM, 2, 2)), Material(1.0, nu), state)
     assert ("in displacements alone: they lock" in caplog.text) is warned
-
-
-def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
-    mesh = layered(COMM, CellType.triangle)
-    assert error(Spaces.hybrid, mesh, split_pressure=True) < 1e-12
-    assert "the pressure is continuous" not in caplog.text
-    assert error(Spaces.hybrid, mesh, split_pressure=False) > 1e-3
-    assert "the pressure is continuous" in caplog.text
 
 
 def test_a_split_pressure_has_to_be_tied_and_needs_factors():
@@ -453,49 +444,6 @@ def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method,
     force = rubber.forces(problem)[np.isclose(x[:, 0], size)].sum(axis=0)
     expected = mu * (stretch**2 - stretch**-2) * size / stretch
     assert force == pytest.approx([expected, 0.0], abs=1e-8 * expected)
-
-
-def quarter_ring(method, n):
-    """Force, over its exact value, that widens the hole of an incompressible ring to 3/2."""
-    angle = np.pi / 2
-
-    def around(x):
-        r, a = 1 + x[:, 0], angle * x[:, 1]
-        return np.column_stack([r * np.cos(a), r * np.sin(a), 0 * a])
-
-    mesh = curved(triangles(COMM, (0.0, 0.0), (1.0, 1.0), (n, n)), around)
-    rubber = Rubber(MAKERS[method](mesh))
-    share = fem.Constant(mesh, 0.5)
-
-    def hole(x):
-        return np.hypot(x[0], x[1]) < 1 + 1e-9
-
-    conditions = [prescribe(rubber.space, k, lambda x, k=k: np.isclose(x[k], 0.0)) for k in (0, 1)]
-    moved = fem.Function(rubber.fields[0].space)
-    x = moved.function_space.tabulate_dof_coordinates()
-    at = np.flatnonzero(hole(x.T))
-    dofs = (at[:, None] * 2 + (0, 1)).ravel().astype(np.int32)
-    own = rubber.fields[0].unknowns[at].ravel().astype(np.int32)
-    conditions.append(fem.dirichletbc(moved, [own, dofs], rubber.space.sub(0)))
-
-    def widen(to):
-        moved.x.array[dofs] = (to * share.value * x[at, :2]).ravel()
-
-    problem = PetrovGalerkinProblem(rubber.residual, rubber.w, conditions)
-    problem.solve(widen, increments=3)
-    forces = rubber.forces(problem)[at]
-    push = np.sum(forces * x[at, :2])  # on radii of 1
-    inner, outer = 1.5, np.sqrt(1.5**2 + 3) / 2
-    pressure = np.log(inner / outer) - (inner**-2 - outer**-2) / 2
-    return push / (pressure * 1.5 * angle)
-
-
-@pytest.mark.parametrize("method", MAKERS)
-def test_a_ring_is_widened_by_the_pressure_that_is_known(method):
-    coarse, fine = (abs(quarter_ring(method, n) - 1) for n in (4, 8))
-    # piecewise-linear weights are radial up to second order
-    assert fine < (1e-3 if method == "new" else 1e-5)
-    assert coarse / fine > (2**1.9 if method == "new" else 2**3.8)
 
 
 def pressed(method, dim):

@@ -16,7 +16,6 @@ from dolfinx.mesh import (
 )
 
 from pw_elements import Body, Material, Reduction, assemble_matrix, assemble_scalar, solve
-from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, triangles
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -66,19 +65,6 @@ def test_lame_tube_in_axisymmetry(method):
         errors.append(np.hypot(a[:, 0] - exact, a[:, 1]).max() / exact.max())
     assert errors[1] < 1e-4
     assert errors[0] / errors[1] > 2**2.7
-
-
-def test_mass_and_loads_add_up():
-    mesh = mapped(square(), distorted)
-    area = assemble_scalar(1.0 * ufl.dx(domain=mesh))
-    for method in (GALERKIN, PW):
-        body = Elastic(mesh, method, "plane stress", thickness=0.5, material=MATERIAL)
-        ones = body.M.createVecRight()
-        ones.set(1.0)
-        assert (body.M * ones).sum() == pytest.approx(2 * 2.0 * 0.5 * area, rel=1e-13)
-        assert body.weight((0.0, -3.0)).sum() == pytest.approx(-3 * 0.5 * area, rel=1e-13)
-        corner = lambda x: np.isclose(x[0], 0) & (x[1] == x[1].max())  # noqa: E731
-        assert nodal_load(body.space, corner, (2.0, 1.0)).sum() == 3.0
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from pw_elements.contact import (
     Parabola,
     Plane,
     SignedDistance,
-    Sphere,
     solve_contact,
 )
 from pw_elements.contact.interface import nodal_interface
@@ -106,20 +105,6 @@ def test_closed_edges_lie_on_a_curved_surface(cell):
     assert inner.sum() > 2
     assert gap[inner] == pytest.approx(0.0, abs=1e-12)
     assert (gap[~inner] > 1e-6).any()
-
-
-def test_closed_edges_lie_on_a_sphere():
-    ball = ContactPair(at(1, 1.0), Sphere((1.0, 3.0), 2.0), motions=[Motion((0.02, -0.06))])
-    state, u = Block("triangle").touched(ball)
-    (found,) = state.pairs
-    shape, place = Sphere((1.02, 2.94), 2.0), found.position
-    gap = shape.gap(place) + np.sum(shape.normal(place) * u, axis=1)
-    between = np.flatnonzero(found.status != OPEN)[1:-1]
-    assert len(between) > 0
-    # but for tangential displacements times the turn of normals along an edge; nodal gaps on
-    # the coefficients would leave h^2/(32 R) = 4e-3
-    assert np.abs(gap[between]).max() < 2e-4
-    assert state.residuals.largest() < 1e-9
 
 
 def test_what_does_not_belong_together_is_refused():

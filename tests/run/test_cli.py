@@ -1,14 +1,10 @@
 """The command line: what is computed, kept and reported, and with which exit status."""
 
-import errno
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -24,7 +20,6 @@ from tests.study.toystudy import claim, install, started
 ROOT = Path(__file__).parents[2]
 
 BUILD = study.report.build
-PATIENCE = 1800  # seconds, to tell hung from slow
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:pydyf")
@@ -207,15 +202,6 @@ def test_what_only_reads_tells_what_is_outdated_or_missing(run, toy, out, capsys
     assert "outdated" not in capsys.readouterr().err
 
 
-def test_many_outdated_results_are_counted(run, toy, capsys, monkeypatch):
-    run()
-    monkeypatch.setattr(study.command, "NAMED", 1)
-    change(toy / "toy" / "common.py", "2.0", "3.0")
-    capsys.readouterr()
-    assert run("check") == 0
-    assert "2 are outdated: 1/a and 1 more; run ./run study 1\n" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -249,11 +235,6 @@ def test_mistake_in_the_claims_is_noticed_before_any_work(run, toy, capsys):
     assert started(toy) == 0
 
 
-def test_options_may_stand_between_sections(toy, out):
-    assert main(["1", "--jobs", "1", "2", "--out", str(out)]) == 0
-    assert started(toy) == 2
-
-
 @pytest.mark.usefixtures("report")
 def test_figures_that_fail_are_1_and_do_not_cost_the_report(run, out, monkeypatch):
     draw = study.command.draw_figures
@@ -271,81 +252,6 @@ def test_two_processes_do_the_same_as_one(run, toy, out):
     workers = (toy / "log").read_text().split()[2:]
     assert len(workers) == 2
     assert str(os.getpid()) not in workers
-
-
-DRIVER = """
-import signal
-import sys
-from pathlib import Path
-sys.path.insert(0, sys.argv[1])
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
-    import pytest
-    from tests.study.toystudy import install
-    folder = Path(sys.argv[2])
-    with pytest.MonkeyPatch.context() as patch:
-        install(folder, patch)
-        one = folder / "toy" / "one.py"
-        one.write_text(one.read_text().replace("2.5)", "2.5, do='sleep')"))
-        from study.command import main
-        sys.exit(main(["1", "--jobs", sys.argv[3], "--out", str(folder / "results")]))
-"""
-
-
-@contextmanager
-def driven(folder, jobs):
-    """The toy study in a process of its own, once its second case has begun; and its workers."""
-    driver = folder / "driver.py"
-    driver.write_text(DRIVER)
-    command = [sys.executable, str(driver), str(ROOT), str(folder), jobs]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        waited(lambda: started(folder) == 2 and (folder / "results" / "1" / "a.json").exists())
-        yield process, [int(worker) for worker in (folder / "log").read_text().split()]
-
-
-def waited(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-@pytest.mark.parametrize("jobs", ["1", "2"])
-def test_interrupt_is_130_and_ends_the_workers(tmp_path, jobs):
-    with driven(tmp_path, jobs) as (process, workers):
-        if jobs == "2":  # a terminal interrupts the workers, too; they leave it to the main process
-            os.kill(workers[1], signal.SIGINT)
-            time.sleep(0.3)
-            assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
-    assert errors.splitlines()[-1] == "study: interrupted; the results so far are kept"
-    assert "Traceback" not in errors
-    assert json.loads((tmp_path / "results" / "1" / "a.json").read_text())["case"] == "a"
-    assert not any(map(lives, workers))
-
-
-def test_main_process_that_is_killed_takes_its_workers_along(tmp_path):
-    with driven(tmp_path, "2") as (process, workers):
-        process.kill()
-        waited(lambda: not any(map(lives, workers)))
-
-
-def lives(process):
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def test_command_line_starts_and_refuses_in_a_process_of_its_own():
-    command = [sys.executable, "-m", "study", "no-such-section"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert re.fullmatch(
-        "study: there is no section no-such-section; there are I, .*\n", done.stderr
-    )
 
 
 def test_figures_are_drawn_where_the_results_are(tmp_path, monkeypatch):
@@ -416,16 +322,6 @@ def test_killed_worker_costs_its_own_case_only(run, toy, out, capsys):
     assert run("1", jobs=2) == 1
     assert "unfinished: 1/b\n" in capsys.readouterr().err
     assert Results(out).cases("1") == ["a", "c"]
-
-
-def test_full_disk_is_2_and_one_sentence(run, monkeypatch, capsys):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device", "results/.claims.json.7")
-
-    monkeypatch.setattr("study.judge.claims.write", full)
-    assert run("1") == 2
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "study: results/.claims.json.7: No space left on device"
 
 
 @pytest.mark.parametrize("command", ["check", "3 --jobs 2"])

@@ -37,29 +37,11 @@ def test_code_of_the_page_runs(page, tmp_path):
     assert names
 
 
-def test_what_has_to_be_told_has_a_page():
-    told = {path.stem for path in (DOCS / "how-to").glob("*.md")}
-    assert told == {
-        "index",
-        "meshes",
-        "materials",
-        "which-method",
-        "results",
-        "friction",
-        "foreign-mesh",
-        "two-bodies",
-        "press-fit",
-        "impact",
-        "buckling",
-        "large-strains",
-        "restart",
-        "parallel",
-        "solvers",
-        "paraview",
-        "coupling",
-    }
+def test_every_how_to_is_in_the_index():
+    pages = {path.stem for path in (DOCS / "how-to").glob("*.md")} - {"index"}
     listed = (DOCS / "how-to" / "index.md").read_text()
-    assert all(f"\n{page}\n" in listed for page in told - {"index"})
+    assert len(pages) >= 16
+    assert all(f"\n{page}\n" in listed for page in pages)
 
 
 def test_links_within_the_guide_lead_somewhere():

@@ -106,6 +106,24 @@ def test_interrupt_at_any_moment_is_one_line(tmp_path, request, twice):
         assert status == 0 or (status, run.told()[-1]) == (130, INTERRUPTED)
 
 
+def test_interrupt_keeps_what_there_is_and_a_killed_main_process_takes_its_workers_along(tmp_path):
+    out = tmp_path / "results"
+    run = Run(out, "V1")
+    while not (before := [path.name for path in out.rglob("[!.]*.json")]):
+        assert run.process.poll() is None
+        time.sleep(0.02)
+    os.killpg(run.process.pid, signal.SIGINT)
+    assert (run.wait(), run.told()[-1]) == (130, INTERRUPTED)
+    assert not run.survivors()
+    assert {*before} <= {f"{key.partition('/')[2]}.json" for key in numbers(out)}
+    run = Run(out, "V1", "--force")
+    while not run.workers():
+        time.sleep(0.02)
+    run.process.kill()
+    run.wait()
+    assert not run.survivors()
+
+
 @pytest.mark.random
 def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
     """Main process or worker, at random; half of the results is to be computed each time.

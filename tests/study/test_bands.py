@@ -47,13 +47,6 @@ def test_envelope_encloses_every_line_within_the_first():
     assert low.min() == pytest.approx(min(np.nanmin(values) for _, values in lines))
 
 
-def test_envelope_merges_places_that_round_off_made_two():
-    line = np.array([0.0, 0.1 + 0.2, 1.0])
-    x, low, high = envelope([(line, line), (np.array([0.0, 0.3, 1.0]), line + 1)])
-    assert len(x) == 3
-    assert high - low == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize(("standard", "shares"), [(True, (1, 4, 1)), (False, (1.5, 3, 1.5))])
 def test_test_functions_along_a_line(standard, shares):
     """They sum to one; one edge's integrals are those of the element, over its length."""

@@ -213,13 +213,6 @@ def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
     assert not (tmp_path / "drawn").exists()
 
 
-def test_scripts_come_in_the_order_of_their_numbers(tmp_path, monkeypatch):
-    for name in ("fig10", "fig9", "fig02", "mesh", "style", "__main__"):
-        (tmp_path / f"{name}.py").write_text("")
-    monkeypatch.setattr(figures, "__path__", [str(tmp_path)])
-    assert scripts() == ["fig02", "fig9", "fig10", "mesh"]
-
-
 def test_every_script_has_what_the_frame_asks_for():
     for name in scripts():
         module = import_module(f"figures.{name}")
@@ -258,21 +251,3 @@ def test_side_passes_through_its_middle_node_whatever_the_numbering():
         assert len(ends) == 3
         assert next(side for side in sides if tuple(side[4]) == (1, 0.3))[:, 0].max() == 2
         assert len(corners) == len(middles) == 3
-
-
-@pytest.mark.parametrize("corners", [[0, 1, 3, 2], [0, 1, 2, 3]])
-def test_quadrilateral_is_drawn_around_not_across(corners):
-    x = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], float)
-    sides, _ = drawn(x, [corners])
-    lengths = [np.linalg.norm(side[-1] - side[0]) for side in sides]
-    assert lengths == pytest.approx([1, 1, 1, 1])
-
-
-def test_clouds_of_points_are_images_of_few_colours(out, script):
-    script("toy_cloud", '**LOOK["pw-T6"]', '"o", label="cloud"')
-    cloud = np.linspace(0, 1, 500)
-    store(out, "a", 2.5, x=cloud)
-    assert draw_all(out, complete=False)
-    svg = (out / "figures" / "toy_cloud.svg").read_text()
-    assert svg.count("data:image/png;base64,") == 1
-    assert svg.count("<use") < 100

@@ -11,7 +11,7 @@ from pypdf import PdfReader
 from study import report, texts
 from study.core.store import MissingResult, Results, StudyError
 from study.report import build, render
-from study.texts import italics, numbers, statements
+from study.texts import numbers, statements
 from study.texts.statements import names_section
 from tests.study.toystudy import reported
 
@@ -112,20 +112,6 @@ def test_figures_tables_and_references_are_numbered_as_they_come(out, text):
     assert html.index('id="ref-guo"') < html.index('id="ref-paper"')
 
 
-@pytest.mark.parametrize(
-    ("caption", "written"),
-    [
-        ("half width a, r < 0.8 a", "half width <i>a</i>, <i>r</i> &lt; 0.8 <i>a</i>"),
-        ("(b) a block at x = 0 (ν = 0.3)", "(b) a block at <i>x</i> = 0 (<i>ν</i> = 0.3)"),
-        ("E₂/E₁, p₀ over r/a, 1 m", "<i>E</i>₂/<i>E</i>₁, <i>p</i>₀ over <i>r</i>/<i>a</i>, 1 m"),
-        ("T times Hertz's, a T6's H1", "<b><i>T</i></b> times Hertz&#39;s, a T6&#39;s H1"),
-        ("A node's (L ≠ R), Fig. 3b", "A node&#39;s (<b><i>L</i></b> ≠ <b><i>R</i></b>), Fig. 3b"),
-    ],
-)
-def test_symbols_in_captions_are_italic(caption, written):
-    assert italics(caption) == written
-
-
 def test_statements_have_grade_anchor_and_numbers(out, text):
     html = text('{{ statements() }}<p id="grades">{{ graded() }}</p>', out)
     rows = {one.split('"')[0]: one for one in html.split('<tr id="claim-')[1:]}
@@ -158,16 +144,6 @@ def test_numbers_of_statements_are_written_with_units(row, asked, found):
     row = {"unit": "", **row}
     assert statements.wanted(row).unescape().replace("\u202f", " ") == asked
     assert statements.found(row).replace("\u202f", " ") == found
-
-
-def test_text_can_call_for_numbers_and_curves(out, text):
-    html = text(
-        '<p>{{ num(s("1/a", "y")) }}, {{ pct(0.00314) }}, {{ 0.5 | fixed(2) }}, '
-        '{{ 71415 | count }}</p><p id="last">{{ curves("1/a")["x"][1] }}</p>',
-        out,
-    )
-    assert "2.550\u202f×\u202f10<sup>9</sup>, 0.31\u202f%, 0.50, 71\u202f415</p>" in html
-    assert '<p id="last">2.0</p>' in html
 
 
 def test_what_is_missing_is_listed(out, text, tmp_path):

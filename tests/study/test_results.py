@@ -14,7 +14,7 @@ from study.core.store import Stored
 from study.judge.claims import load_claims
 from study.judge.measures.general import largest
 from study.judge.measures.stored_cases import like, matching
-from study.units import KN_M, N_MM, NONE, SI, UNSTATED, units_of
+from study.units import KN_M, N_MM, NONE, SI, UNSTATED
 from study.vocabulary import ELEMENTS
 from tests.study.computed_results import listed
 
@@ -169,15 +169,6 @@ def test_eigenvalues_of_the_column_are_in_the_units_of_its_modulus(results):
     ):
         assert results[key].parameters["youngs_modulus"] == modulus
         assert results[key].units["omega2_1"] == unit
-
-
-def test_scalar_that_no_pattern_knows_gets_no_unit():
-    kinds = {"force_*": "force", "*_x": "length", "omega2": "1/s²"}
-    assert units_of(["force_x", "place_x", "omega2", "odd"], kinds, SI) == {
-        "force_x": "N",
-        "place_x": "m",
-        "omega2": "1/s²",
-    }
 
 
 def test_measures_select_by_parameters_or_by_names(results):

@@ -14,7 +14,6 @@ import pw_elements
 import pw_elements.contact
 from study.core.cases import SECTIONS
 from study.core.store import Results
-from study.paper.items import ITEMS
 from study.site import evidence, gallery, reference
 from study.texts import HEADS
 from tests.study.browser import dead
@@ -79,18 +78,6 @@ def test_every_section_has_its_words_and_one_group():
     assert sorted(listed) == sorted(SECTIONS)
 
 
-def test_a_joint_figure_shows_its_items():
-    figures = {item.number: item for item in ITEMS if item.kind == "figure"}
-    shown = [number for number, item in figures.items() if evidence._shows("fig07_08", item)]
-    assert shown == ["7", "8"]
-
-
-def test_headings_of_texts_become_the_pages_own():
-    page = evidence._as_markdown("<p>a</p><h3>Method of <b>T</b></h3><p>b &lt; c</p><h4>x</h4>")
-    assert re.findall(r"^#+ .*", page, re.MULTILINE) == ["## Method of T", "### x"]
-    assert "<p>b &lt; c</p>" in page
-
-
 def test_examples_are_in_the_gallery_with_title_and_text():
     every = gallery.examples()
     assert {one.name for one in every} == {*gallery.ORDER}
@@ -116,20 +103,6 @@ def test_mathematics_of_statements_is_set():
         "new T6: 0.4 ≤ x, ν = 0 on 8 × 8, K<sub>PW</sub> = T K<sup>T</sup>"
     )
     assert evidence.typeset("menu & 2 x") == "menu &amp; 2 x"
-
-
-@pytest.mark.parametrize(
-    ("value", "tol", "written"),
-    [
-        (0.998516, 0.02, "0.999"),
-        (3.3e-11, 2.0, "3.3"),
-        (218.892, 5.0, "218.9"),
-        (800.0, 1e-6, "800"),
-    ],
-)
-def test_a_computed_number_has_the_digits_that_count(value, tol, written):
-    row = {"measured": value, "value": 1.0, "tol": tol, "relation": "="}
-    assert evidence._computed(row).startswith(written)
 
 
 def test_sections_that_a_text_names_are_links():
