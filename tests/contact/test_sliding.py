@@ -49,16 +49,19 @@ def test_derivatives_are_those_of_central_differences(revolved):
     met, h = mortar.meet(x), 1e-6
     force = np.random.default_rng(5).normal(size=(mortar.slaves, 2))
     assert 0 < met.faced.sum() < len(met.faced)
-    assert np.abs(met.parts().sum(axis=1) - met.faced).max() < 1e-13
+    assert np.abs(met.parts.sum(axis=1) - met.faced).max() < 1e-13
+    start = mortar.start(x + np.random.default_rng(7).normal(size=x.shape) * 0.01)
 
-    def quantities(met):
-        at = [part.value for pair in (met.normal, met.place) for part in pair]
-        return [(met.parts().T @ force).ravel(), *at]
+    def quantities(x):
+        met = mortar.meet(x)
+        angles = np.arctan2(met.normals[:, 1], met.normals[:, 0])
+        slip, _ = met.motions(start, x)
+        return [(met.parts.T @ force).ravel(), met.places.ravel(), met.gaps, slip, angles]
 
-    known = [met.turned(force), *(part.slope for pair in (met.normal, met.place) for part in pair)]
+    known = [met.turned(force), met.changes, *met.motions(start, x)[1]]
     for k in range(x.size):
         step = h * np.eye(x.size)[k].reshape(x.shape)
-        ends = [quantities(mortar.meet(x + sign * step)) for sign in (1, -1)]
+        ends = [quantities(x + sign * step) for sign in (1, -1)]
         for slope, ahead, behind in zip(known, *ends, strict=True):
             column = slope.toarray()[:, k]
             assert np.abs((ahead - behind) / (2 * h) - column).max() < 1e-7 * abs(slope).max()
@@ -81,7 +84,7 @@ def test_linear_fields_are_handed_on_and_seen_exactly():
     met = mortar.meet(x)
     linear = x[:, 0] * 3 - 1
     assert np.abs((met.rows @ linear)[met.faced]).max() < 1e-12
-    assert np.abs(met.gap.value[met.faced] - 0.02).max() < 1e-13
+    assert np.abs(met.gaps[met.faced] - 0.02).max() < 1e-13
 
 
 def cone(state):

@@ -21,4 +21,4 @@ from pw_elements.contact.interface.operators import (
     Interface,
     NoContactStated,
 )
-from pw_elements.contact.interface.sliding import SlidingMortar, of_positions
+from pw_elements.contact.interface.sliding import SlidingMortar

@@ -425,7 +425,7 @@ def sliding_points(
     mortar.kept[near] = free[near]
     met = mortar.meet(mortar.x)
     among = np.searchsorted(one.nodes, own)
-    gap = np.where(met.faced, met.gap.value, np.inf)[among]
+    gap = np.where(met.faced, met.gaps, np.inf)[among]
     points = replace(
         _points(body, node, cone, None),
         faced=np.full_like(own, DEFORMABLE),

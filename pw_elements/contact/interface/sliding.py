@@ -27,8 +27,7 @@ both sides, which duals nearly keep, are apart. Where the master is the coarser 
 its kinks.
 """
 
-from collections.abc import Sequence
-from copy import copy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -46,11 +45,11 @@ _COVERED = 1e-6
 
 
 class Varying:
-    """Numbers (n,) and derivatives (n, k), sparse or not: differentiation in forward mode."""
+    """Numbers (n,) and derivatives (n, k): automatic differentiation in forward mode."""
 
     __array_ufunc__ = None  # arrays leave operations to this class
 
-    def __init__(self, value: Array, slope: Any) -> None:  # noqa: ANN401
+    def __init__(self, value: Array, slope: Array) -> None:
         self.value, self.slope = value, slope
 
     def __add__(self, other: "Numbers") -> "Varying":
@@ -60,18 +59,16 @@ class Varying:
 
     def __mul__(self, other: "Numbers") -> "Varying":
         if isinstance(other, Varying):
-            slope = _times(self.slope, other.value) + _times(other.slope, self.value)
+            slope = self.slope * other.value[:, None] + other.slope * self.value[:, None]
             return Varying(self.value * other.value, slope)
-        return Varying(self.value * other, _times(self.slope, other))
+        return Varying(self.value * other, (self.slope.T * other).T)
 
     def __pow__(self, power: float) -> "Varying":
-        return Varying(self.value**power, _times(self.slope, power * self.value ** (power - 1)))
+        rise = power * self.value ** (power - 1)
+        return Varying(self.value**power, self.slope * rise[:, None])
 
-    def __getitem__(self, rows: Indices | slice) -> "Varying":
+    def __getitem__(self, rows: Indices) -> "Varying":
         return Varying(self.value[rows], self.slope[rows])
-
-    def __rmatmul__(self, matrix: sp.csr_array) -> "Varying":
-        return Varying(matrix @ self.value, matrix @ self.slope)
 
     def __neg__(self) -> "Varying":
         return self * -1.0
@@ -93,21 +90,6 @@ Numbers: TypeAlias = Varying | Array | float
 Vector: TypeAlias = tuple[Any, Any]  # of numbers
 
 
-def of_positions(x: Array) -> tuple[Varying, ...]:
-    """Components of positions (n, dim), with derivatives by all of them."""
-    dim, one = x.shape[1], sp.eye_array(x.size, format="csr")
-    return tuple(Varying(x[:, axis].copy(), one[axis::dim]) for axis in range(dim))
-
-
-def _times(slope: Any, factor: Array | float) -> Any:  # noqa: ANN401
-    each = np.broadcast_to(factor, slope.shape[:1])
-    if isinstance(slope, np.ndarray):
-        return slope * each[:, None]
-    scaled = copy(slope)  # of the same pattern, which needs no check
-    scaled.data = slope.data * np.repeat(each, np.diff(slope.indptr))
-    return scaled
-
-
 def _cross(a: Vector, b: Vector) -> Any:  # noqa: ANN401
     return a[0] * b[1] - a[1] * b[0]
 
@@ -116,54 +98,68 @@ def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
     return a[0] * b[0] + a[1] * b[1]
 
 
-def _sums(index: Indices, n: int) -> sp.csr_array:
-    """Matrix (n, len(index)) that adds entries up by their index."""
-    ones, column = np.ones(len(index)), np.arange(len(index))
-    return sp.csr_array(sp.coo_array((ones, (index, column)), (n, len(index))))
+def _stacked(numbers: Sequence[Varying]) -> tuple[Array, Array]:
+    """Values (q, j) and derivatives (q, j, k) of numbers (q,) with derivatives (q, k)."""
+    parts = ([v.value for v in numbers], [v.slope for v in numbers])
+    return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)
+
+
+def _matrix(values: Array, row: Indices, column: Indices, shape: tuple[int, int]) -> sp.csr_array:
+    """Sums of values by their places, which are of the values' shape or broadcast to it."""
+    where = tuple(np.broadcast_to(place, values.shape).ravel() for place in (row, column))
+    return sp.csr_array(sp.coo_array((values.ravel(), where), shape))
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Slave nodes (m) and what they face, with derivatives by all positions (2 (m + k),).
+    """Slave nodes (m), what they face, and derivatives by all positions, n = m + k nodes.
 
     Args:
         faced: (m,), which nodes face anything.
-        normal: out of the master, unit vectors of numbers (m,).
-        place: S x, components (m,) each; zero where nothing is faced.
-        rows: S, (m, m + k).
-        handed: entries of the master's parts (k) of forces at the slave's nodes, with
-        entry: both their numbers.
+        normals: (m, 2), out of the master, unit vectors.
+        places: S x, (m, 2); zero where nothing is faced.
+        rows: S, (m, n).
+        parts: (m, k), of a force at each slave node those that the master's get, in sum one.
+        areas: A, (m,).
+        angles: (m, 2 n), derivative of the normals' angles.
+        changes: (2 m, 2 n), derivative of S x.
+        turned: gives the derivative (2 k, 2 n) of the master's parts of fixed forces (m, 2).
     """
 
     faced: Mask
-    normal: Vector
-    place: Vector
+    normals: Array
+    places: Array
     rows: sp.csr_array
-    handed: Varying
-    entry: tuple[Indices, Indices]
+    parts: sp.csr_array
+    areas: Array
+    angles: sp.csr_array
+    changes: sp.csr_array
+    turned: Callable[[Array], sp.csr_array]
 
     @property
-    def normals(self) -> Array:
-        """Their values (m, 2)."""
-        return np.stack([part.value for part in self.normal], axis=1)
+    def tangents(self) -> Array:
+        """Unit vectors (m, 2), normals turned to the left."""
+        return np.stack([-self.normals[:, 1], self.normals[:, 0]], axis=1)
 
     @property
-    def gap(self) -> Varying:
+    def gaps(self) -> Array:
         """n·S x, (m,); zero where nothing is faced."""
-        return _dot(self.normal, self.place)
+        return np.asarray(np.sum(self.normals * self.places, axis=1))
 
-    def parts(self) -> sp.csr_array:
-        """Parts (m, k) of a force at each slave node that the master's get, in sum one."""
-        m, k = len(self.faced), self.rows.shape[1] - len(self.faced)
-        return sp.csr_array(sp.coo_array((self.handed.value, self.entry), (m, k)))
+    def motions(self, start: sp.csr_array, x: Array) -> tuple[Array, list[sp.csr_array]]:
+        """Slip (m,) since S was `start`; derivatives (m, 2 n) of gap, slip and normals' angle."""
+        n, t, m = self.normals, self.tangents, len(self.faced)
+        apart = start @ x - self.places
 
-    def turned(self, force: Array) -> sp.csr_array:
-        """Derivative (2 k, 2 (m + k)) of the master's parts of fixed forces (m, 2)."""
-        (slave, master), k = self.entry, self.rows.shape[1] - len(self.faced)
-        to_nodes = _sums(master, k)
-        each = [to_nodes @ _times(self.handed.slope, part[slave]) for part in force.T]
-        order = np.arange(2 * k).reshape(2, k).T.ravel()
-        return sp.csr_array(sp.vstack(each, "csr")[order])
+        def along(direction: Array) -> sp.csr_array:
+            node = np.arange(m)[:, None]
+            return _matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
+
+        moved = sp.csr_array(sp.kron(start, sp.eye_array(2))) - self.changes
+        gap = along(n) @ self.changes
+        gap += sp.diags_array(np.sum(t * self.places, axis=1)) @ self.angles
+        slip = along(t) @ moved - sp.diags_array(np.sum(n * apart, axis=1)) @ self.angles
+        return np.sum(t * apart, axis=1), [gap, slip, self.angles]
 
 
 class SlidingMortar:
@@ -193,8 +189,82 @@ class SlidingMortar:
         self._before[b], self._behind[a] = a, b
 
     def meet(self, x: Array) -> Meeting:
-        """Where nodes are at positions (m + k, 2)."""
-        n, m = len(x), self.slaves
+        """Where nodes are at positions (n, 2)."""
+        n, m, f = len(x), self.slaves, len(self._one)
+        one, nodes, (W, dW), (Q, dQ) = self._segments(x)
+        own, theirs = nodes[:, 1:3], nodes[:, 4:]
+        local = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 12)  # columns of derivatives
+        # integrals W_aa, W_ab and W_bb of each facet, and what of them is in its ends' areas
+        whole = np.zeros((f, 3))
+        np.add.at(whole, one, W)
+        lumped = np.array([[1, 1, 0], [0, 1, 1]])
+        integral = 3 * np.arange(f)[:, None] + np.arange(3)
+        areas_of = _matrix(
+            np.tile(lumped, (f, 1, 1)), self._one[:, :, None], integral[:, None], (m, 3 * f)
+        )
+        areas = areas_of @ whole.ravel()
+        faced = areas > 0
+        over = 1 / (areas + ~faced)
+        rise = _matrix(dW, integral[one][:, :, None], local[:, None], (3 * f, 2 * n))
+        # duals over areas, which depend on five numbers each: a's at a and b, and b's
+        given = np.column_stack([whole[one], areas[own]])
+        units = np.tile(np.eye(5)[:, None], (len(given), 1))
+        aa, ab, bb, A, B = (Varying(given[:, v], units[v]) for v in range(5))
+        determinant = aa * bb - ab**2.0
+        a_over, b_over = (aa + ab) / (determinant * A), (ab + bb) / (determinant * B)
+        duals, bent = (
+            each.reshape(-1, 2, 2, *each.shape[2:])
+            for each in _stacked([bb * a_over, -ab * a_over, -ab * b_over, aa * b_over])
+        )
+        parts = _matrix(duals @ Q, own[:, :, None], theirs[:, None] - m, (m, n - m))
+
+        def turned(force: Array) -> sp.csr_array:
+            row = (2 * (theirs - m)[:, :, None] + np.arange(2))[..., None]
+            direct = np.einsum("qjx,qji,qikc->qkxc", force[own], duals, dQ)
+            through = np.einsum("qjx,qjiv,qik->qkxv", force[own], bent, Q)
+            variable = np.concatenate([integral[one], 3 * f + own], axis=1)[:, None, None]
+            rises = sp.vstack([rise, areas_of @ rise])
+            by_variable = _matrix(through, row, variable, (2 * (n - m), 3 * f + m))
+            return _matrix(direct, row, local[:, None, None], (2 * (n - m), 2 * n)) + (
+                by_variable @ rises
+            )
+
+        D, dD = (v[:, [[0, 1], [1, 2]]] for v in (W, dW))
+        rows = sp.diags_array(over) @ (
+            _matrix(D, own[:, :, None], own[:, None], (m, n))
+            - _matrix(Q, own[:, :, None], theirs[:, None], (m, n))
+        )
+        places = rows @ x
+        away = x[own][:, None] - places[own][:, :, None]  # (q, 2, 2, 2), of i from j's place
+        changed = np.einsum("qjic,qjix->qjxc", dD, away)
+        changed -= np.einsum("qjkc,qkx->qjxc", dQ, x[theirs])
+        row = (2 * own[:, :, None] + np.arange(2))[..., None]
+        changed = changed * over[own][:, :, None, None]
+        changes = _matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
+        changes += sp.kron(rows, sp.eye_array(2))
+        normals, angles = self._normals(x)
+        return Meeting(faced, normals, places, rows, parts, areas, angles, changes, turned)
+
+    def _normals(self, x: Array) -> tuple[Array, sp.csr_array]:
+        """Unit normals (m, 2), and the derivative (m, 2 n) of their angles."""
+        chord = x[self._behind] - x[self._before]
+        across = np.stack([-chord[:, 1], chord[:, 0]], axis=1)
+        node = np.arange(self.slaves)[:, None]
+        turn = across / np.sum(chord**2, axis=1, keepdims=True)
+        turn[~self.kept.all(axis=1)] = 0.0
+        ends = np.stack([self._behind, self._before], axis=1)
+        column = 2 * ends[:, :, None] + np.arange(2)
+        signed = turn[:, None] * np.array([1, -1])[:, None]
+        shape = len(chord), x.size
+        normals = np.stack(self._unit(tuple(across.T), slice(None)), axis=1)
+        return normals, _matrix(signed, node[:, :, None], column, shape)
+
+    def _segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
+        """Segments (q): slaves' facets, six nodes each, and integrals with their derivatives.
+
+        Nodes are those before, at and behind the slave's facet, and at the master's. Integrals are
+        W_aa, W_ab, W_bb, (q, 3), and Q, (q, 2, 2), derivatives (..., 12) by the nodes' positions.
+        """
         one, other = self._pairs(x)
         (a, b), (c, d) = self._one[one].T, self._other[other].T
         nodes = np.stack([self._before[a], a, b, self._behind[b], c, d], axis=1)
@@ -204,58 +274,15 @@ class SlidingMortar:
         length = np.maximum(0.0, np.minimum(high, 1.0) - np.maximum(low, -1.0)) / 2
         covered = np.bincount(one, length, minlength=len(self._one))[one]
         some = (length > 0) & (covered > _COVERED)
-        one, other, nodes = one[some], other[some], nodes[some]
+        one, nodes = one[some], nodes[some]
         units: Any = np.eye(12).reshape(6, 2, 1, 12) + np.zeros((len(one), 1))
         corners = [
             tuple(Varying(x[node, axis], unit[axis]) for axis in (0, 1))
             for node, unit in zip(nodes.T, units, strict=True)
         ]
-        # derivatives by positions of six nodes each become those by all
-        columns = (2 * nodes[:, :, None] + np.arange(2)).ravel()
-        pattern = columns, np.arange(0, 12 * len(one) + 1, 12)
-        W, Q = (
-            [
-                Varying(v.value, sp.csr_array((v.slope.ravel(), *pattern), (len(one), 2 * n)))
-                for v in each
-            ]
-            for each in self._integrals(corners, nodes, (low[some] < -1, high[some] > 1))
-        )
-        to_facets: Any = _sums(one, len(self._one))
-        z = of_positions(x)
-        W = [to_facets @ v for v in W]
-        chord = [part[self._behind] - part[self._before] for part in z]
-        normal = self._unit((-chord[1], chord[0]), slice(None))
-        (a, b), (c, d) = self._one.T, self._other[other].T
-        facets = (_sums(a, m), _sums(b, m))
-        area = facets[0] @ (W[0] + W[1]) + facets[1] @ (W[1] + W[2])
-        faced = area.value > 0
-        over = (area + ~faced) ** -1.0
-        pairs = [(a, a, W[0]), (a, b, W[1]), (b, a, W[1]), (b, b, W[2])]
-        pairs += [
-            (s[one], t, -Q[2 * i + j]) for i, s in enumerate((a, b)) for j, t in enumerate((c, d))
-        ]
-        place: list[Any] = [0.0, 0.0]
-        for s, t, value in pairs:
-            for axis in (0, 1):
-                place[axis] = _sums(s, m) @ (value * z[axis][t]) + place[axis]
-        values = np.concatenate([v.value * over.value[s] for s, _, v in pairs])
-        where = np.concatenate([s for s, _, _ in pairs]), np.concatenate([t for _, t, _ in pairs])
-        rows = sp.csr_array(sp.coo_array((values, where), (m, n)))
-        sums = W[0] + W[1], W[1] + W[2]
-        determinant = W[0] * W[2] - W[1] ** 2.0 + (W[0].value == 0)
-        a_over, b_over = sums[0] / determinant * over[a], sums[1] / determinant * over[b]
-        # of a's traction at a and b, and of b's
-        own = [[W[2] * a_over, -W[1] * a_over], [-W[1] * b_over, W[0] * b_over]]
-        parts, slave, master = [], [], []
-        for j, s in enumerate((a, b)):
-            for k, t in enumerate((c, d)):
-                parts.append(own[j][0][one] * Q[k] + own[j][1][one] * Q[2 + k])
-                slave.append(s[one])
-                master.append(t - m)
-        entry = np.concatenate(slave), np.concatenate(master)
-        return Meeting(
-            faced, normal, (place[0] * over, place[1] * over), rows, _joined(parts), entry
-        )
+        W, Q = self._integrals(corners, nodes, (low[some] < -1, high[some] > 1))
+        value, slope = _stacked(Q)
+        return one, nodes, _stacked(W), (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12))
 
     def start(self, x: Array) -> sp.csr_array:
         """S_0, (m, m + k), at positions (m + k, 2)."""
@@ -265,7 +292,7 @@ class SlidingMortar:
         away = x[lone][:, None] - first
         along = np.clip(np.sum(away * edge, axis=2) / np.sum(edge**2, axis=1), 0.0, 1.0)
         nearest = np.linalg.norm(away - along[..., None] * edge, axis=2).argmin(axis=1)
-        share = np.take_along_axis(along, nearest[:, None], axis=1)[:, 0]
+        share = along[np.arange(len(lone)), nearest]
         ends = self._other[nearest]
         column = np.concatenate([lone, ends[:, 0], ends[:, 1]])
         value = np.concatenate([np.ones(len(lone)), share - 1, -share])
@@ -292,8 +319,7 @@ class SlidingMortar:
         one = np.repeat(np.arange(len(own)), [len(near) for near in found])
         other = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
         (a, b), edge = self._one.T, np.diff(x[self._other], axis=1)[:, 0]
-        chords = x[self._behind] - x[self._before]
-        n = np.stack(self._unit((-chords[:, 1], chords[:, 0]), slice(None)), axis=1)
+        n, _ = self._normals(x)
         out = edge[:, ::-1] * [1, -1] / np.linalg.norm(edge, axis=1, keepdims=True)
         facing = np.sum((n[a] + n[b])[one] * out[other], axis=1) > -2 * FACING
         return one[facing], other[facing]
@@ -352,20 +378,22 @@ class SlidingMortar:
         apart = place[0] - c[0][each], place[1] - c[1][each]
         edge = (d[0] - c[0])[each], (d[1] - c[1])[each]
         along = _cross(apart, direction) / _cross(edge, direction)
-        w, sums = ((1 - at) * 0.5, (1 + at) * 0.5), _sums(each, q)
-        own = [sums @ (measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
-        return own, [sums @ (measure * w_i * v) for w_i in w for v in (1 - along, along)]
+        w = (1 - at) * 0.5, (1 + at) * 0.5
+
+        def integral(v: Varying) -> Varying:
+            parts = (
+                values.reshape(q, len(_PLACES), *values.shape[1:]) for values in vars(v).values()
+            )
+            return Varying(*(part.sum(axis=1) for part in parts))
+
+        own = [integral(measure * w[i] * w[j]) for i, j in ((0, 0), (0, 1), (1, 1))]
+        return own, [integral(measure * w_i * v) for w_i in w for v in (1 - along, along)]
 
 
 def _where(fixed: Mask, value: float, numbers: Varying) -> Varying:
     """A value where it is fixed, and numbers elsewhere, which may be none where it is."""
     slope = np.where(fixed[:, None], 0.0, numbers.slope)
     return Varying(np.where(fixed, value, numbers.value), slope)
-
-
-def _joined(parts: Sequence[Varying]) -> Varying:
-    slope = sp.csr_array(sp.vstack([part.slope for part in parts], "csr"))
-    return Varying(np.concatenate([part.value for part in parts]), slope)
 
 
 def _directed(trace: Trace) -> Indices:

@@ -36,7 +36,7 @@ from ufl.algorithms import extract_elements
 
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface, of_positions
+from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import DeformedPlace, frames
 from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
@@ -89,7 +89,7 @@ class Sliding:
         m, (_, dofs), dim = len(interface.node), interface.field.sizes, interface.position.shape[1]
         entries = [(np.arange(m), interface.node, np.ones(m))]
         for k, met in self._met.items():
-            mortar, parts = interface.mortars[k], sp.coo_array(met.parts()[self._among[k]])
+            mortar, parts = interface.mortars[k], sp.coo_array(met.parts[self._among[k]])
             node = mortar.nodes[mortar.slaves :][parts.col]
             entries.append((self._own[k][parts.row], node, -parts.data))
         row, column, value = (np.concatenate(each) for each in zip(*entries, strict=True))
@@ -128,18 +128,12 @@ class Sliding:
         rows = [(rigid * _MOTIONS + a, node[rigid] + a, np.ones(len(rigid))) for a in range(dim)]
         for k, met in self._met.items():
             mortar, own, among = interface.mortars[k], self._own[k], self._among[k]
-            z = of_positions(self._x[k])
-            n, known, gaps = met.normal, met.normals[among], met.gap
-            across = -n[1], n[0]
-            apart = [self._start[k] @ z[axis] - met.place[axis] for axis in range(dim)]
-            slips = across[0] * apart[0] + across[1] * apart[1]
-            angle = across[0].value * n[0] + across[1].value * n[1]
-            faced = met.faced[among]
+            slips, motions = met.motions(self._start[k], self._x[k])
+            known, tangent, faced = met.normals[among], met.tangents[among], met.faced[among]
             frame[own] = frames(known, interface.equation[own] >= 0)
-            tangent = np.stack([-known[:, 1], known[:, 0]], axis=1)
             side = np.sum(frame[own, 1] * tangent, axis=1)
-            gap[own] = np.where(faced, gaps.value[among], np.inf)
-            slip[own, 0] = np.where(faced, side * slips.value[among], 0.0)
+            gap[own] = np.where(faced, met.gaps[among], np.inf)
+            slip[own, 0] = np.where(faced, side * slips[among], 0.0)
             pressed, sheared = (np.sum(part * force[own], axis=1) for part in (known, tangent))
             moved[own], turned[own] = 0.0, 0.0
             moved[own, 0, 0], moved[own, 1, 1] = faced, faced * side
@@ -147,10 +141,10 @@ class Sliding:
             shift = self._x[k] - mortar.x
             shift[mortar.slaves :] -= self._translations[k]
             dofs = (mortar.nodes[:, None] * dim + np.arange(dim)).ravel()
-            for number, change in enumerate((gaps, slips, angle)):
-                part = sp.coo_array(change.slope[among])
+            for number, change in enumerate(motions):
+                part = sp.coo_array(change[among])
                 rows.append((own[part.row] * _MOTIONS + number, dofs[part.col], part.data))
-                at[own, number] = change.slope[among] @ shift.ravel()
+                at[own, number] = change[among] @ shift.ravel()
         row, column, value = (np.concatenate(each) for each in zip(*rows, strict=True))
         shape = (m * _MOTIONS, interface.field.sizes[1])
         self.motion = interface.rows(sp.csr_matrix((value, (row, column)), shape))
