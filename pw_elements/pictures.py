@@ -44,6 +44,7 @@ _OUTLINES = {6: [0, 5, 1, 3, 2, 4], 9: [0, 4, 1, 6, 3, 7, 2, 5]}
 # Parts of an edge of a facet in space, each with one colour
 _PARTS = 4
 _GREY = (0.78, 0.82, 0.86)
+_FAR = 1e150  # beyond, areas overflow
 # Of the unit normal's component towards the eye; below it nothing is seen of a face
 _EDGE_ON = 1e-9
 # From where light comes, to the right of the eye and above it; what is in the shade of it
@@ -98,8 +99,8 @@ def draw(
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a field that is not a scalar, a displacement that is not a vector, a scale
-            or view that is not finite, a function of another mesh, or cells of another kind.
+        ValueError: for a field that is not a scalar, a displacement that is no vector, one, a scale
+            or a view that is not finite, a function of another mesh, or cells of another kind.
     """
     arguments.mesh(mesh)
     with collective(mesh.comm):
@@ -172,6 +173,9 @@ def _faces(
     if displacement is not None:
         place = place + fem.Constant(mesh, float(scale)) * displacement
     moved = _in_cells(mesh, place, (dim,))
+    with collective(mesh.comm):
+        if not np.all(np.abs(moved) < _FAR):
+            raise ValueError("the displacement times scale is not finite, or off any picture")
     field = np.zeros(moved.shape[:2]) if values is None else _in_cells(mesh, values, ())
     known = np.isfinite(field)  # on the axis of rotation u_r / r is 0 / 0
     mean = np.where(known, field, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)

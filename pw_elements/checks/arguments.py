@@ -123,7 +123,7 @@ def matrix(name: str, value: object) -> None:
 
 
 def petsc_vector(name: str, value: object) -> None:
-    of_type(name, value, PETSc.Vec, "assemble_vector(form) makes a PETSc vector")
+    of_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
     assert isinstance(value, PETSc.Vec)
     if value.handle == 0 or value.getType() is None:
         raise ValueError(f"{name} is an empty vector: {_MADE}")

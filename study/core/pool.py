@@ -65,8 +65,7 @@ class Pool:
         self._count = 0
         self._idle: list[_Worker] = []
         self._busy: dict[Channel, tuple[_Worker, Task]] = {}
-        # PETSc takes it for a crash and aborts; a pipe to a worker that died is no reason
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        _ignore_broken_pipes()
 
     def submit(self, task: Task) -> None:
         """Add a task."""
@@ -152,6 +151,11 @@ class _Worker:
         self._process.join()
 
 
+def _ignore_broken_pipes() -> None:
+    """PETSc takes them for a crash and aborts; a process that was killed is no reason."""
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+
+
 def one_line(error: BaseException) -> str:
     """Return an exception and its place in one line."""
     lines = str(error).strip().splitlines()
@@ -166,9 +170,10 @@ def _work(channel: Channel) -> None:
     while True:
         try:
             outcome = _done(channel)
+            _ignore_broken_pipes()  # once a task may have imported PETSc
+            channel.send(outcome)
         except (EOFError, OSError):
             return
-        channel.send(outcome)
 
 
 def _done(channel: Channel) -> object:

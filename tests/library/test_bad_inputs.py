@@ -528,6 +528,7 @@ REFUSED = [
     ("the function f belongs to another mesh", lambda w: draw(w.other, w.function(1.0))),
     ("values", lambda w: draw(w.mesh, ufl.SpatialCoordinate(w.mesh))),
     ("scale = nan", lambda w: draw(w.mesh, scale=NAN)),
+    ("the displacement times scale", lambda w: draw(w.mesh, None, w.function(NAN, w.U))),
     ("view", lambda w: draw(w.mesh, view=(1, 2, 3))),
     ("limits", lambda w: draw(w.mesh, limits=(1,))),
     ("the vector of reactions has 90 degrees of", lambda w: w.flux(r=w.f)),

@@ -43,7 +43,7 @@ from tests.contact.iterative import Solid
 from tests.library.faces import ROOT, calls, otherwise, public
 from tests.parallel import run_on
 
-# Seconds that a file of scenarios may take, within which a process that waits is found
+# Seconds that a list of scenarios may take, within which a process that waits is found
 WAITING = 60
 
 COMM = MPI.COMM_WORLD
@@ -368,7 +368,7 @@ def ends(comm, call):
 
 def test_an_error_on_one_process_ends_all_with_the_same_words(request):
     errors = ERRORS if request.config.getoption("--nightly") else ERRORS[:1]
-    assert run_on(3, said, errors, limit=WAITING) == [[]] * 3
+    assert run_on(3, said, errors, limit=len(errors) * WAITING) == [[]] * 3
 
 
 def differing(comm, most):

@@ -1,6 +1,7 @@
 """The study as it is started: Ctrl-C, kills and a full disk, at moments that nobody chose."""
 
 import json
+import multiprocessing
 import os
 import random
 import re
@@ -15,6 +16,7 @@ import pytest
 
 from study.command import main
 from study.core.jit import unblocked
+from study.core.pool import _work
 from study.core.store import Results, sweep, write_whole
 from tests.run.full_disk import REFUSED
 from tests.study.toystudy import install
@@ -164,6 +166,13 @@ def test_random_kills_lose_nothing_and_leave_nobody(tmp_path, request):
     assert run.wait() == 0, run.told()
     assert numbers(out) == expected
     assert [path.name for path in out.rglob(".*")] == []
+
+
+def test_a_worker_whose_main_process_has_gone_says_nothing():
+    ours, theirs = multiprocessing.Pipe()
+    ours.send(("math:sqrt", (4.0,)))
+    ours.close()
+    _work(theirs)  # and nobody takes what it has done
 
 
 def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(tmp_path):

@@ -287,7 +287,8 @@ def write(
         write("punch.bp", states, body)
 
     The file (in fact a folder) is in ADIOS2's VTX format, which keeps quadratic functions and
-    curved cells: open it with ParaView's "ADIOS2 VTX Reader". Anything of this name is replaced.
+    curved cells: open it with ParaView's "ADIOS2 VTX Reader". One of this name is replaced when the
+    new one is whole; a process killed in that moment leaves both, in hidden folders beside it.
 
     Args:
         path: ends in ".bp".
@@ -330,10 +331,12 @@ def write(
                 if path.exists():
                     path.rename(old)
                 unfinished.rename(path)
-                shutil.rmtree(old, ignore_errors=True)
     finally:
         if comm.rank == 0:
-            shutil.rmtree(unfinished, ignore_errors=True)
+            if old.exists() and not path.exists():
+                old.rename(path)
+            for folder in (unfinished, old):
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _check_series(
