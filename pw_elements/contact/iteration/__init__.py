@@ -31,6 +31,12 @@ from pw_elements.contact.iteration.newton import (
 from pw_elements.contact.iteration.policy import (
     Policy,
     initial_active_set,
+    resumed,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
-from pw_elements.contact.iteration.system import ContactSystem, border_columns, local_rows
+from pw_elements.contact.iteration.system import (
+    ContactSystem,
+    Tangent,
+    border_columns,
+    local_rows,
+)

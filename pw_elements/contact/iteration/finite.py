@@ -166,8 +166,9 @@ class DeformedKinematics:
     ) -> None:
         self._interface, self._sliding = interface, sliding
         self._start = past.displacement - past.translations[interface.pair]
-        gap, self._normal, _ = interface.closest(self._start)
+        gap, self._normal, self._bend = interface.closest(self._start)
         self._point = interface.position + self._start - gap[:, None] * self._normal
+        self._gap = gap
 
     def __call__(self, translations: Array, displacement: Array, force: Array) -> DeformedPlace:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
@@ -199,6 +200,17 @@ class DeformedKinematics:
             s > _RIGHT_ANGLE,
         )
         return place if self._sliding is None else self._sliding.into(place, force)
+
+    def by_start(self, place: DeformedPlace) -> Array:
+        """Derivatives (m, dim - 1, dim) of a place's slip by the motions where it began."""
+        normal, tangents = place.frame[:, 0], place.frame[:, 1:]
+        s = np.linalg.norm(normal - self._normal, axis=1) / 2
+        factor, rise = _arc(np.minimum(s, _FARTHEST))
+        point = np.eye(normal.shape[1]) - self._normal[:, :, None] * self._normal[:, None, :]
+        point -= self._gap[:, None, None] * self._bend  # of the closest point there
+        turning = np.einsum("na,nab->nb", normal, self._bend) / 4
+        turned = (rise / factor)[:, None, None] * place.slip[:, :, None] * turning[:, None]
+        return -factor[:, None, None] * (tangents @ point) - turned
 
     def passed(self, place: DeformedPlace) -> Mask:
         """Points (m,) whose normals have turned over, on a straight way through the surface."""
@@ -283,7 +295,7 @@ class FiniteEquilibrium:
     ) -> None:
         self._body, self._system, self._reduction, self._guard = body, system, reduction, guard
         self._sliding = sliding
-        self._at, self._reached = start.copy(), False
+        self._at = start.copy()
         self._field = SubSpace.displacements(body.u.function_space)
         self.offset = reduction.offset
         # coordinates' round-off, as forces
@@ -292,6 +304,11 @@ class FiniteEquilibrium:
         body.take(start)
         if guard.smallest() <= 0:
             raise NotFound.at("cells at {} are turned inside out at the start", guard.places())
+        kept = reduction.right.createVecRight()
+        kept.set(1.0)
+        away = np.abs(start.array_r - self.offset.array_r)[(reduction.right * kept).array_r == 0]
+        away = system.comm.allreduce(away.max(initial=0.0), MPI.MAX)
+        self._reached = bool(away <= ROUND_OFF * guard.extent)  # what supports prescribe
         self._arrive()
 
     def take(self, reduced: PETSc.Vec) -> float:
@@ -329,6 +346,12 @@ class FiniteEquilibrium:
         """Right-hand side f of the linear equations, reduced; the system gets their matrix."""
         return self._linear().load
 
+    @property
+    def tangent(self) -> PETSc.Mat:
+        """K there, (n, n)."""
+        self._linear()
+        return self._tangent
+
     def _arrive(self) -> None:
         """Takes the residual where the body is."""
         self._forces = self._body.forces()
@@ -349,6 +372,7 @@ class FiniteEquilibrium:
                 more.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
                 K, motion = more, self._sliding.motion
             self._system.renew(K, motion)
+            self._tangent = K
             load = K.createVecLeft()
             K.mult(self._at, load)
             load.axpy(-1.0, self._forces)

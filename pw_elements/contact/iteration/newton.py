@@ -161,9 +161,14 @@ class Increment:
         self.nearest: tuple[Iterate, float] | None = None
         self.supported = self.system.motions(equilibrium.offset)  # the points' motion, (m, dim)
 
-    def kinematics(self, translations: Array, displacement: Array, force: Array) -> Kinematics:
-        """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
-        free = np.isnan(self.prescribed)
+    def kinematics(
+        self, translations: Array, displacement: Array, force: Array, every: bool = False
+    ) -> Kinematics:
+        """Linearisation at translations (pairs, dim), motions and forces (m, dim).
+
+        It is one in `every` translation or in the free ones.
+        """
+        free: Array = np.isnan(np.full_like(self.prescribed, np.nan) if every else self.prescribed)
         past = self.past.displacement - self.past.translations[self.interface.pair]
         place = Kinematics.at(self.interface, past, translations, free, displacement, force)
         if self._stated == 1:

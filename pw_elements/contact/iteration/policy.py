@@ -333,7 +333,7 @@ def initial_active_set(
     if guess is not None:
         firsts = [_transferred(guess, place)]
     elif before.increment:
-        first, just = _resumed(before, place), idle[place.interface.pair]
+        first, just = resumed(before, place), idle[place.interface.pair]
         landed = _touching(place)
         smooth = np.where(landed.status == STICK, SLIP, landed.status).astype(np.int8)
         firsts = [mixed(just, some, first) for some in (replace(landed, status=smooth), landed)]
@@ -362,7 +362,8 @@ def _touching(place: Kinematics) -> ActiveSet:
     return sticking(closed, interface.cone, place.frame.shape[1] - 1)
 
 
-def _resumed(before: ContactState, place: Kinematics) -> ActiveSet:
+def resumed(before: ContactState, place: Kinematics) -> ActiveSet:
+    """The active set that a state ended with."""
     local, pairs = place.interface.local, before.pairs
     status = local([pair.status for pair in pairs])
     direction = local([pair.direction for pair in pairs])

@@ -311,15 +311,29 @@ class ContactSystem:
     ) -> Solution:
         """Solves equilibrium under a reduced load with the law at every contact point."""
         self.solved += 1
-        loads, right = self._read(load), self._spread_load(load)
-        stated = self._own >= 0
-        right[self._own[stated]] = (np.einsum("nab,nb->na", law.E, loads) + law.c)[stated]
-        balance = totals + self.totals(loads)
+        right, balance = self.right(load, law, totals)
         found = self.tangent.solve(right, balance, law, accuracy)
         reduced = load.duplicate()
         reduced.setArray(found.unknowns[: len(right)])
         free = self.comm.bcast(found.unknowns[len(right) :], self.comm.size - 1)
         return Solution(reduced, np.array(free), found.exact, found.final)
+
+    def right(self, load: PETSc.Vec, law: LinearisedLaw, totals: Array) -> tuple[Array, Array]:
+        """Right-hand sides of this process' equations, and of free translations."""
+        loads, right = self._read(load), self._spread_load(load)
+        stated = self._own >= 0
+        right[self._own[stated]] = (np.einsum("nab,nb->na", law.E, loads) + law.c)[stated]
+        return right, totals + self.totals(loads)
+
+    def weighed(self, force: Array) -> PETSc.Vec:
+        """Weights of equations, reduced, whose sum is that of forces by weights (m, dim)."""
+        stated, weights = self._own >= 0, self.reduction.left.createVecRight()
+        weights.array[self._own[stated]] = (force * self._flexible)[stated]
+        return weights
+
+    def at_points(self, equations: Array) -> Array:
+        """What this process' equations have at those of the points, (m, dim); 0 without any."""
+        return np.where(self._own >= 0, equations[self._own], 0.0)
 
     def forces(self, residual: PETSc.Vec) -> tuple[Array, float]:
         """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
@@ -353,8 +367,7 @@ class ContactSystem:
 
     def _read(self, equations: PETSc.Vec) -> Array:
         """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""
-        local = equations.array_r
-        return np.where(self._own >= 0, local[self._own] * self._flexible, 0.0)
+        return self.at_points(equations.array_r) * self._flexible
 
     def _spread_load(self, equations: PETSc.Vec) -> Array:
         """What `_read` takes is taken out of all other equations: (I - H L) x on this process."""
@@ -388,7 +401,7 @@ class Tangent:
         self._comm: MPI.Comm = matrix.comm.tompi4py()
         self.matrix, self._points, self._borders = matrix, points, borders
         self._first, self._place = first, points.place(first)
-        self.solver = solver.prepare(matrix)
+        self._solver, self.solver = solver, solver.prepare(matrix)
         self.encloses = enclosed
         self._factorised: Array | None = None
 
@@ -422,13 +435,7 @@ class Tangent:
         More than final is by factors of the very matrix. Raises SingularSystem if there is no
         unique solution.
         """
-        combinations = np.concatenate([law.E, law.C, law.D], axis=2)
-        pointers, columns, rows = self._place
-        values = self._points.values(combinations)
-        self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
-        self.matrix.assemble()
-        known = self.matrix.createVecRight()
-        known.setArray(np.append(right, balance[: self._borders]))
+        combinations, known = self._stand(law), self._known(right, balance)
         if accuracy == "more":
             self._factorised = None
         solution = self._corrected(known, combinations)
@@ -437,6 +444,28 @@ class Tangent:
         solution = self.solver.solve(known)
         self._factorised = combinations
         return Solved(np.asarray(solution.array_r), exact=True, final=True)
+
+    def solve_transposed(self, right: Array, balance: Array, law: LinearisedLaw) -> Array:
+        """Solves with the transposed matrix: all weights of this process' equations."""
+        self._stand(law)
+        solver = self._solver.prepare(self.matrix.transpose(PETSc.Mat()))
+        weights = np.array(solver.solve(self._known(right, balance)).array_r)
+        solver.release()
+        return weights
+
+    def _stand(self, law: LinearisedLaw) -> Array:
+        """Puts a law into the matrix; gives its combinations, side by side (m, dim, ...)."""
+        combinations = np.concatenate([law.E, law.C, law.D], axis=2)
+        pointers, columns, rows = self._place
+        values = self._points.values(combinations)
+        self.matrix.setValuesIJV(pointers, columns, values, rowmap=rows)
+        self.matrix.assemble()
+        return combinations
+
+    def _known(self, right: Array, balance: Array) -> PETSc.Vec:
+        known = self.matrix.createVecRight()
+        known.setArray(np.append(right, balance[: self._borders]))
+        return known
 
     def _corrected(self, right: PETSc.Vec, combinations: Array) -> PETSc.Vec | None:
         """A few rows that differ from the last factorisation's are cheaper to correct."""

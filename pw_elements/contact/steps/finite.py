@@ -9,6 +9,8 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TypeAlias
 
+from petsc4py import PETSc
+
 import numpy as np
 from dolfinx import fem
 
@@ -32,6 +34,7 @@ from pw_elements.contact.iteration import (
     sticking,
 )
 from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, NotFound
+from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.progress import doing
 from pw_elements.solvers import LinearSolver
@@ -62,7 +65,7 @@ class FiniteStepping:
     ) -> None:
         self.solver, self._conditions, self._most = solver, conditions, max_iterations
         self._body, self._callback = problem.system, callback
-        self._constants = problem.form.constants()
+        self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
         self._reduction = reduction.equilibrated(problem.system.matrix)
         self._whole = problem.u.function_space
         self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
@@ -124,16 +127,8 @@ class FiniteStepping:
     ) -> ContactState:
         """The state at a target, in one piece."""
         interface, translations = self.interface, goal.translations
-        reduction = replace(self._reduction, offset=prescribed(self._whole, self._conditions)[1])
-        past, sliding = Reference.of(state, interface), None
-        if interface.mortars:
-            sliding = Sliding(interface, state.unknowns, past.translations, translations)
-        start = state.unknowns, sliding
-        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, *start)
-        kinematics = DeformedKinematics(interface, past, sliding)
-        increment = Increment(
-            system, equilibrium, translations, goal.totals, past, deformed=kinematics
-        )
+        increment, _, kinematics = self._begun(state, goal, system, state.unknowns)
+        past = increment.past
         moved = np.where(np.isnan(translations), state.translations, translations)
         way = (moved - state.translations)[interface.pair]
         closed = interface.local([pair.status for pair in state.pairs]) != OPEN
@@ -158,6 +153,37 @@ class FiniteStepping:
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
         found = contact_state(increment, now, 0, state, system.report, None)
         return replace(found, unique=None, orientations=frozenset(signs[-1:]))
+
+    def _begun(
+        self, state: ContactState, goal: Target, system: ContactSystem, at: PETSc.Vec
+    ) -> tuple[Increment, FiniteEquilibrium, DeformedKinematics]:
+        """The equations from a state to a target, the body being at all unknowns (n,)."""
+        interface, past, sliding = self.interface, Reference.of(state, self.interface), None
+        if interface.mortars:
+            sliding = Sliding(interface, state.unknowns, past.translations, goal.translations)
+        reduction = replace(self._reduction, offset=self.prescribed())
+        equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, at, sliding)
+        kinematics = DeformedKinematics(interface, past, sliding)
+        increment = Increment(
+            system, equilibrium, goal.translations, goal.totals, past, deformed=kinematics
+        )
+        return increment, equilibrium, kinematics
+
+    def prescribed(self) -> PETSc.Vec:
+        """Prescribed displacements (n,) as conditions have them now."""
+        return prescribed(self._whole, self._conditions)[1]
+
+    def linearised(self, part: Part) -> Linearised:
+        """The equations at the end of a part, where it leaves u, constants and conditions."""
+        self._apply(part.load, part.share)
+        system, goal = self._bound(part.state.free), Target.reached(part.state)
+        begun = self._begun(part.before, goal, system, part.state.unknowns)
+        increment, equilibrium, kinematics = begun
+        now = Reference.of(part.state, self.interface)
+        place = kinematics(now.translations, now.displacement, now.force)
+        found = increment.seen(part.state.unknowns, now.translations, place)
+        by_start = kinematics.by_start(place)
+        return Linearised(increment, found, equilibrium.tangent, self._reduction, by_start)
 
     def _bound(self, free: Free) -> ContactSystem:
         """The system for these free translations; one factorisation is kept."""

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
@@ -21,6 +22,7 @@ from pw_elements.algebra import (
     check_problem,
     is_finite,
 )
+from pw_elements.arrays import Array
 from pw_elements.checks import arguments, check_mesh, collective, positive, same_everywhere, whole
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
@@ -35,6 +37,14 @@ from pw_elements.contact.model import (
 )
 from pw_elements.contact.output import read_state, write_state
 from pw_elements.contact.steps.finite import FiniteStepping, Loading
+from pw_elements.contact.steps.sensitivity import (
+    Derivatives,
+    Output,
+    Parameter,
+    checked_outputs,
+    checked_parameters,
+    parts_of,
+)
 from pw_elements.contact.steps.stepping import MULTIPLE, REMEDIES, Callback, Remedy, Stepping
 from pw_elements.progress import bar, doing, told
 from pw_elements.solvers import (
@@ -43,6 +53,7 @@ from pw_elements.solvers import (
     Solver,
     auto_solver,
     collect_garbage,
+    is_matrix_free,
     with_fallback,
 )
 from pw_elements.spaces import is_hybrid
@@ -460,6 +471,80 @@ class ContactProblem:
             return self._stepping.step(state, load, moved, guess)
 
         return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
+
+    @same_everywhere
+    def sensitivity(
+        self,
+        states: Sequence[ContactState],
+        outputs: Output | Sequence[Output],
+        parameters: Parameter | Sequence[Parameter],
+        loads: Sequence[Loading | None] = (),
+        weights: npt.ArrayLike | None = None,
+    ) -> Array:
+        """Derivatives of a history's results by what it has been computed from.
+
+            states = [problem.undeformed]
+            for place in path:
+                states.append(problem.step(states[-1], motions=Motion(place)))
+            outputs, friction = [("force", 0, 0), ("force", 0, 1)], ("friction", 0)
+            forces_by = problem.sensitivity(states, outputs, [shear_modulus, friction])
+
+        They are those of the discrete solution as long as no contact node changes its status, by
+        the tangents at the ends of all increments and of their `substates`. One per parameter is
+        carried along the history; or, if the outputs are weighted, all at once back along it.
+
+        Args:
+            states: the first one is fixed, each of the others is the end of a step from the one
+                before.
+            outputs: of each state: a functional of u; a vector (n,) of weights of all unknowns; or
+                a component of a pair's total force, ("force", pair, axis), or translation,
+                ("translation", pair, axis).
+            parameters: a scalar `fem.Constant` of residual, conditions and functionals, the same in
+                all steps; ("friction", pair), the coefficient of Coulomb's law; or something with
+                its rates in all states, the first one included: (constant, rates), ("motion", pair,
+                rates (states, dim)) of translations, and of forces in free components, and (vector,
+                rates (states,)) of nodal loads. Between states rates change as shares do.
+            loads: as steps have had them, of a residual; none by default.
+            weights: (states - 1, outputs) of the outputs.
+
+        Returns:
+            Derivatives (states - 1, outputs, parameters); of the weighted sum (parameters,).
+
+        Raises:
+            TypeError, ValueError: for arguments that make no derivatives, a problem with
+                `history`, two bodies at large sliding, an iterative solver, states that are not
+                ends of such steps, and contact nodes that are about to change their status.
+        """
+        if self._histories:
+            raise ValueError(
+                "the residual has a history that `update` changes in its own way: there are no "
+                "derivatives of that"
+            )
+        states = _each(states, ContactState, "a state")
+        for state in states:
+            check_belongs(state, self.undeformed, "a state")
+        steps = len(states) - 1
+        if steps < 1 or len(loads) not in (0, steps):
+            raise ValueError(
+                f"{len(states)} states and {len(loads)} loads: give the states at the start and at "
+                "the end of each step, and the load of each or none"
+            )
+        increments, known = self._finite or self._stepping, (self._space, self._finite is not None)
+        if is_matrix_free(increments.solver) or increments.interface.mortars:
+            raise ValueError(
+                "there are no derivatives of two bodies at large sliding, nor by an iterative "
+                "solver: use Direct()"
+            )
+        out = checked_outputs(outputs, len(self.pairs), *known)
+        by = checked_parameters(parameters, len(states), self.pairs, *known)
+        parts = list(parts_of(states, loads or [None] * steps))
+        derivatives = Derivatives(increments, self._finite, parts, out, by)
+        if weights is None:
+            return derivatives.direct()
+        weights = np.asarray(weights, dtype=float)
+        if weights.shape != (steps, len(out)):
+            raise ValueError(f"weights of the shape {weights.shape}, outputs of {steps, len(out)}")
+        return derivatives.adjoint(weights)
 
     @same_everywhere
     def release(self) -> None:

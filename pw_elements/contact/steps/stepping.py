@@ -49,6 +49,7 @@ from pw_elements.contact.iteration import (
     contact_state,
     initial_active_set,
     newton,
+    resumed,
 )
 from pw_elements.contact.model import (
     NOTHING_DONE,
@@ -60,6 +61,7 @@ from pw_elements.contact.model import (
     NotFound,
 )
 from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, rescue
+from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, hush, told
 from pw_elements.solvers import (
@@ -109,6 +111,14 @@ class Target:
             np.array([rest if m is None else m.prescribed() for m in each]),
             np.array([rest if m is None else m.forces() for m in each]),
         )
+
+    @classmethod
+    def reached(cls, state: ContactState, load: PETSc.Vec | None = None) -> "Target":
+        """What a state is the end of."""
+        translations = state.translations
+        for at in state.free:
+            translations[at] = np.nan
+        return cls(load, translations, np.array([pair.force for pair in state.pairs]))
 
     @property
     def free(self) -> Free:
@@ -442,6 +452,19 @@ class Stepping:
         if reporter:
             reporter.violation = increment.violation(now)
         return self._ended(increment, now, state, before)
+
+    def linearised(self, part: Part) -> Linearised:
+        """The equations at the end of a part."""
+        state, interface = part.state, self.interface
+        goal = Target.reached(state, held_by(state, self._K, interface).load)
+        system, _ = self._bound(state.free)
+        stated = 1.0 if part.start.increment else part.share
+        equilibrium = LinearEquilibrium.of(system, self._K, goal.load, stated)
+        past, end = Reference.of(part.before, interface), Reference.of(state, interface)
+        increment = Increment(system, equilibrium, goal.translations, goal.totals, past, stated)
+        place = increment.kinematics(end.translations, end.displacement, end.force, every=True)
+        now = increment.solve(resumed(state, place), place)
+        return Linearised(increment, now, self._K, self._reduction, -place.frame[:, 1:])
 
     def _begun(
         self, state: ContactState, target: Target, guess: ContactState | None = None

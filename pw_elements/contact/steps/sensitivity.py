@@ -1,0 +1,481 @@
+"""Derivatives of what a history results in by what it has been computed from.
+
+The state x = (u, U) at the end of increment k, unknowns and free translations, depends on data p
+and on where the increment began, since slip counts from there. With the tangent A of the law's
+active set at the end,
+
+    A_k dx_k = b_k dp - P_k dx_k-1.
+
+One parameter takes a back-substitution in each increment, forwards. Weights w of all states, in
+J = sum w_k·x_k, take one in each, backwards, whatever the number of parameters:
+
+    A_k^T l_k = w_k - P_k+1^T l_k+1,    dJ/dp = sum l_k·b_k.
+
+Both are exact for the discrete problem as long as no node changes its status, for then A is the
+derivative of its equations: P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
+doi:10.1002/nme.1620371408.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Literal, Protocol, TypeAlias
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from ufl.algorithms import expand_derivatives
+
+from pw_elements.algebra import Reduction
+from pw_elements.arrays import Array
+from pw_elements.checks import arguments, listed
+from pw_elements.contact.interface import Interface
+from pw_elements.contact.iteration import (
+    Increment,
+    Iterate,
+    LinearisedLaw,
+    Tangent,
+    equations,
+)
+from pw_elements.contact.model import ContactPair, ContactState, Coulomb
+from pw_elements.spaces import assemble_scalar, assemble_vector
+
+Output: TypeAlias = ufl.Form | PETSc.Vec | tuple[Literal["force", "translation"], int, int]
+Parameter: TypeAlias = (
+    fem.Constant
+    | tuple[Literal["friction"], int]
+    | tuple[Literal["motion"], int, Any]
+    | tuple[fem.Constant | PETSc.Vec, Any]
+)
+
+# Force, over the largest one of a node, by which a status may be another
+_MARGIN = 1e-6
+# Violation of the law over its tolerance beyond which a state is not the end of its increment
+_NO_END = 10.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """An increment, or a part of one."""
+
+    number: int  # of the increment, from 0
+    start: ContactState  # of the increment
+    before: ContactState  # where the part starts
+    state: ContactState  # at its end
+    share: float  # of the increment, there
+    load: Any  # of the increment, as its step has had it
+
+
+def parts_of(states: Sequence[ContactState], loads: Sequence[Any]) -> Iterator[Part]:
+    """All parts of a history under loads, one per increment."""
+    for k, ((start, end), load) in enumerate(zip(pairwise(states), loads, strict=True)):
+        if k and end.substates and start.free != end.free:
+            raise ValueError(
+                f"state {k + 1} was found in parts, on which a surface became free or held: no "
+                "rates are given of what moved it there. Make smaller increments"
+            )
+        before = start
+        for share, state in (*end.substates, (1.0, end)):
+            yield Part(k, start, before, state, share, load)
+            before = state
+
+
+@dataclass(frozen=True)
+class Change:
+    """How a state changes, per unit of a parameter; or weights of all that."""
+
+    unknowns: PETSc.Vec  # (n,)
+    translations: Array  # (pairs, dim), the same on all processes
+    force: Array  # at the points of this process, (m, dim)
+
+    def plus(self, factor: float, other: "Change") -> "Change":
+        unknowns = self.unknowns.copy()
+        unknowns.axpy(factor, other.unknowns)
+        return Change(
+            unknowns,
+            self.translations + factor * other.translations,
+            self.force + factor * other.force,
+        )
+
+    def weighing(self, change: "Change") -> float:
+        """The sum of a change, with these weights."""
+        comm = self.unknowns.comm.tompi4py()
+        forces = comm.allreduce(float(np.sum(self.force * change.force)), MPI.SUM)
+        moved = float(np.sum(self.translations * change.translations))
+        return float(self.unknowns.dot(change.unknowns)) + forces + moved
+
+
+@dataclass(frozen=True)
+class Given:
+    """How what is given at the end of an increment changes, per unit of a parameter."""
+
+    load: PETSc.Vec  # (n,)
+    offset: PETSc.Vec  # (n,), of prescribed displacements
+    motions: Array  # (pairs, dim), of translations, and of forces where they are free
+    friction: Array  # (pairs,), of coefficients
+
+
+class Linearised:
+    """Equations of an increment, or of a part of one, linearised at its end.
+
+    Args:
+        increment: in which equilibrium is at the end.
+        now: the solution.
+        K: tangent (n, n), free.
+        reduction: by the supports.
+        by_start: (m, dim - 1, dim), derivatives of slips by the points' motions at the start.
+
+    Raises:
+        ValueError: if it is no solution, or a status is about to change.
+    """
+
+    def __init__(
+        self,
+        increment: Increment,
+        now: Iterate,
+        K: PETSc.Mat,
+        reduction: Reduction,
+        by_start: Array,
+    ) -> None:
+        if increment.violation(now) > _NO_END:
+            raise ValueError(
+                "is not the end of a step from the one before under this load: give `states` and "
+                "`loads` as they were"
+            )
+        self._system, self._K, self._reduction = increment.system, K, reduction
+        self._check_margin(increment, now)
+        active, place = now.contact.active_set(), now.place
+        self._law = place.law(active, self._system.scale)
+        to_nodes = np.swapaxes(place.frame, 1, 2)
+        of_slip = equations(active, self._system.scale)[1][:, :, 1:]
+        self._by_start = to_nodes @ of_slip @ by_start
+        friction = now.contact.force[:, :1] * active.direction
+        self._by_friction = np.einsum("nat,nt->na", to_nodes[:, :, 1:], friction)
+
+    def _check_margin(self, increment: Increment, now: Iterate) -> None:
+        """Raises ValueError where a status is about to change."""
+        interface, contact = self._system.interface, now.contact
+        slides = (contact.pressing > 0) & contact.cone.rough & contact.frame[:, 1:].any(axis=(1, 2))
+        apart = np.abs(np.linalg.norm(contact.shearing, axis=1) - contact.limits[0])
+        margin = np.minimum(np.abs(contact.pressing), np.where(slides, apart, np.inf))
+        largest = np.linalg.norm(contact.force, axis=1).max(initial=0.0)
+        largest = self._system.comm.allreduce(largest, MPI.MAX)
+        near = margin < _MARGIN * largest + increment.round_off(now)
+        places, least = interface.gathered(interface.position[near]), interface.gathered(margin)
+        if len(places):
+            raise ValueError(
+                f"has contact nodes, first at {listed(places)}, about to change their status: a "
+                f"force of {least.min():.1e} is left, beside the largest one of {largest:.1e}, and "
+                "derivatives differ on either side. Take states a little before or after"
+            )
+
+    def change(self, given: Given, before: Change) -> Change:
+        """How the end changes with what is given there, and with the start."""
+        system = self._system
+        load, law, totals, moved, offset = self._right(given)
+        start = system.motions(before.unknowns) - before.translations[system.interface.pair]
+        law = replace(law, c=law.c - np.einsum("nab,nb->na", self._by_start, start))
+        found = system.solve(load, law, totals)
+        for at, value in zip(system.free, found.translations, strict=True):
+            moved[at] = value
+        unknowns, unbalanced = offset.duplicate(), load.duplicate()
+        self._reduction.right.multAdd(found.reduced, offset, unknowns)
+        system.stiffness.mult(found.reduced, unbalanced)
+        unbalanced.axpy(-1.0, load)
+        return Change(unknowns, moved, system.forces(unbalanced)[0])
+
+    def gradient(self, weights: Change, each: Sequence[Given]) -> tuple[Array, Change]:
+        """Derivatives (parameters,) of the weighted end by what is given; weights of the start."""
+        system, motion = self._system, self._system.interface.motion
+        force, right = system.weighed(weights.force), self._reduction.right.createVecRight()
+        self._reduction.right.multTranspose(weights.unknowns, right)
+        system.stiffness.multTransposeAdd(force, right, right)
+        free = np.array([weights.translations[at] for at in system.free])
+        assert isinstance(system.tangent, Tangent)
+        found = system.tangent.solve_transposed(right.array_r, free, self._law)
+        slopes = np.zeros(len(each))
+        for k, given in enumerate(each):
+            load, law, totals, moved, offset = self._right(given)
+            known = np.append(*system.right(load, law, totals))[: len(found)]
+            slopes[k] = found @ known - force.array_r @ load.array_r
+            slopes[k] += weights.unknowns.array_r @ offset.array_r
+            slopes[k] += np.sum(weights.translations * moved) * (system.comm.rank == 0)
+        start = -np.einsum("nab,na->nb", self._by_start, system.at_points(found))
+        points, unknowns = motion.createVecLeft(), motion.createVecRight()
+        points.setArray(start)
+        motion.multTranspose(points, unknowns)
+        translations = np.zeros_like(weights.translations)
+        np.add.at(translations, system.interface.pair, -start)
+        for sums in (slopes, translations):
+            system.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
+        return slopes, Change(unknowns, translations, np.zeros_like(start))
+
+    def _right(self, given: Given) -> tuple[PETSc.Vec, LinearisedLaw, Array, Array, PETSc.Vec]:
+        """Reduced load, law, totals, prescribed translations and displacements."""
+        system, moved = self._system, given.motions.copy()
+        totals = np.array([moved[at] for at in system.free])
+        for at in system.free:
+            moved[at] = 0.0
+        reduction = replace(self._reduction, offset=given.offset).under(self._K, given.load)
+        pair = system.interface.pair
+        law = replace(self._law, c=given.friction[pair, None] * self._by_friction)
+        law = law.where(moved[pair], system.followed(reduction.offset))
+        return reduction.load(self._K, given.load), law, totals, moved, reduction.offset
+
+
+class Increments(Protocol):
+    """What makes increments, and can go back to the end of one."""
+
+    interface: Interface
+
+    def linearised(self, part: Part) -> Linearised:
+        """The equations at the end of a part, where it leaves u, constants and conditions."""
+        ...
+
+
+class Residual(Protocol):
+    """What increments of a residual have besides."""
+
+    form: ufl.Form
+    u: fem.Function
+
+    def prescribed(self) -> PETSc.Vec:
+        """Prescribed displacements (n,), as conditions have them now."""
+        ...
+
+
+class Derivatives:
+    """Derivatives of outputs by parameters with their rates (states, ...), both of them checked."""
+
+    def __init__(
+        self,
+        increments: Increments,
+        residual: Residual | None,
+        parts: Sequence[Part],
+        outputs: Sequence[Output],
+        parameters: Sequence[tuple[Parameter, Array]],
+    ) -> None:
+        self._increments, self._residual, self._parts = increments, residual, parts
+        self._outputs, self._parameters = outputs, parameters
+
+    def direct(self) -> Array:
+        """All derivatives, (increments, outputs, parameters)."""
+        shape = self._parts[-1].number + 1, len(self._outputs), len(self._parameters)
+        found, changes = np.zeros(shape), [self._none()] * len(self._parameters)
+        for part in self._parts:
+            here, each = self._linearised(part), self._given(part)
+            changes = [here.change(one, before) for one, before in zip(each, changes, strict=True)]
+            for i, output in enumerate(self._outputs if part.share == 1 else ()):
+                weights = self._weights(output)
+                found[part.number, i] = [weights.weighing(change) for change in changes]
+                found[part.number, i] += self._explicit(output, part)
+        return found
+
+    def adjoint(self, weights: Array) -> Array:
+        """Gradient (parameters,) of the sum of all outputs by weights (increments, outputs)."""
+        found, carried = np.zeros(len(self._parameters)), self._none()
+        for part in reversed(self._parts):
+            here, each = self._linearised(part), self._given(part)
+            for i, output in enumerate(self._outputs if part.share == 1 else ()):
+                weight = weights[part.number, i]
+                carried = carried.plus(weight, self._weights(output))
+                found += weight * self._explicit(output, part)
+            gradient, carried = here.gradient(carried, each)
+            found += gradient
+        return found
+
+    def _linearised(self, part: Part) -> Linearised:
+        try:
+            return self._increments.linearised(part)
+        except ValueError as error:
+            where = "" if part.share == 1 else f", at {part.share:.4g} of its increment,"
+            raise ValueError(f"state {part.number + 1}{where} {error}") from error
+
+    def _nothing(self) -> PETSc.Vec:
+        nothing = self._parts[0].start.unknowns.duplicate()
+        nothing.set(0.0)
+        return nothing
+
+    def _none(self) -> Change:
+        start, position = self._parts[0].start, self._increments.interface.position
+        return Change(self._nothing(), np.zeros_like(start.translations), np.zeros_like(position))
+
+    def _given(self, part: Part) -> list[Given]:
+        """Rates of each parameter at the end of a part."""
+        each = []
+        for parameter, rates in self._parameters:
+            k, share = part.number, part.share
+            rate = (1 - share) * rates[k] + share * rates[k + 1]
+            nothing, motions = self._nothing(), np.zeros_like(part.state.translations)
+            given = Given(nothing, self._nothing(), motions, np.zeros(len(motions)))
+            thing = _thing(parameter)
+            if isinstance(thing, fem.Constant):
+                given = replace(
+                    given, load=self._load(thing, rate), offset=self._offset(thing, rate)
+                )
+            elif isinstance(thing, PETSc.Vec):
+                given.load.axpy(float(rate), thing)
+            elif thing == "friction":
+                given.friction[parameter[1]] = rate
+            else:
+                given.motions[parameter[1]] = rate
+            each.append(given)
+        return each
+
+    def _load(self, constant: fem.Constant, rate: Array) -> PETSc.Vec:
+        assert self._residual is not None  # others have no constants
+        change = _by_constant(self._residual.form, constant, rate)
+        load = self._nothing()
+        if not change.empty():
+            load.axpy(-1.0, assemble_vector(change))
+        return load
+
+    def _offset(self, constant: fem.Constant, rate: Array) -> PETSc.Vec:
+        """By differences, which are exact: conditions hold a constant as it is."""
+        assert self._residual is not None
+        value, ends = constant.value.copy(), []
+        for sign in (1.0, -1.0):
+            constant.value = value + sign * rate
+            ends.append(self._residual.prescribed())
+        constant.value = value
+        ends[0].axpy(-1.0, ends[1])
+        ends[0].scale(0.5)
+        return ends[0]
+
+    def _weights(self, output: Output) -> Change:
+        """What makes an output of changes, where u is now."""
+        weights = self._none()
+        if isinstance(output, ufl.Form):
+            assert self._residual is not None
+            u = self._residual.u
+            weight = ufl.TestFunction(u.function_space)
+            form = expand_derivatives(ufl.derivative(output, u, weight))
+            return weights if form.empty() else replace(weights, unknowns=assemble_vector(form))
+        if isinstance(output, PETSc.Vec):
+            return replace(weights, unknowns=output)
+        what, pair, axis = output
+        if what == "translation":
+            weights.translations[pair, axis] = 1.0
+        else:
+            weights.force[self._increments.interface.pair == pair, axis] = 1.0
+        return weights
+
+    def _explicit(self, output: Output, part: Part) -> Array:
+        """Derivatives (parameters,) of an output's own constants."""
+        found = np.zeros(len(self._parameters))
+        if isinstance(output, ufl.Form):
+            for i, (parameter, rates) in enumerate(self._parameters):
+                if isinstance(thing := _thing(parameter), fem.Constant):
+                    change = _by_constant(output, thing, rates[part.number + 1])
+                    found[i] = 0.0 if change.empty() else assemble_scalar(change)
+        return found
+
+
+_NO_RESIDUAL = (
+    "a stiffness K tells neither its constants nor its u: give vectors of weights and of loads, or "
+    "state the problem by its residual"
+)
+
+
+def checked_outputs(
+    given: Any,  # noqa: ANN401
+    pairs: int,
+    space: fem.FunctionSpace,
+    forms: bool,
+) -> list[Output]:
+    """Outputs, one or several; functionals where `forms` are known."""
+    dim = space.mesh.geometry.dim
+    outputs = list(given) if isinstance(given, Sequence) and not _named(given) else [given]
+    for output in outputs:
+        named = _named(output) and output[0] in ("force", "translation") and len(output) == 3
+        if not (named or isinstance(output, (ufl.Form, PETSc.Vec))):
+            raise ValueError(
+                f"the output {output!r}: give a functional, a vector of weights, "
+                '("force", pair, axis) or ("translation", pair, axis)'
+            )
+        if named:
+            _number(output[1], pairs, "contact pairs")
+            _number(output[2], dim, "components")
+        elif isinstance(output, ufl.Form) and not forms:
+            raise ValueError(_NO_RESIDUAL)
+        elif isinstance(output, PETSc.Vec):
+            arguments.same_sizes("weights", output.getSizes(), "the space", space)
+    return outputs
+
+
+def checked_parameters(
+    given: Any,  # noqa: ANN401
+    states: int,
+    pairs: Sequence[ContactPair],
+    space: fem.FunctionSpace,
+    forms: bool,
+) -> list[tuple[Parameter, Array]]:
+    """Parameters, one or several, with their rates (states, ...); constants where `forms` are."""
+    several = isinstance(given, Sequence) and not (_named(given) or _rated(given))
+    found: list[tuple[Parameter, Array]] = []
+    for parameter in list(given) if several else [given]:
+        rates: Any = np.ones(states)
+        shape: tuple[int, ...] = (states,)
+        if isinstance(_thing(parameter), fem.Constant) and not forms:
+            raise ValueError(_NO_RESIDUAL)
+        if isinstance(_thing(parameter), PETSc.Vec):
+            arguments.same_sizes("a load", _thing(parameter).getSizes(), "the space", space)
+        if isinstance(parameter, fem.Constant):
+            if parameter.value.shape:
+                raise ValueError("a constant of several components needs rates: (constant, rates)")
+        elif _rated(parameter):
+            rates = parameter[1]
+            shape += np.shape(getattr(parameter[0], "value", 0.0))
+        elif _named(parameter) and parameter[0] == "friction" and len(parameter) == 2:
+            pair = _number(parameter[1], len(pairs), "contact pairs")
+            if not isinstance(pairs[pair].law, Coulomb):
+                raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
+        elif _named(parameter) and parameter[0] == "motion" and len(parameter) == 3:
+            _number(parameter[1], len(pairs), "contact pairs")
+            rates = parameter[2]
+            shape += (space.mesh.geometry.dim,)
+        else:
+            raise ValueError(
+                f'the parameter {parameter!r}: give a constant, ("friction", pair), ("motion", '
+                "pair, rates), (constant, rates) or (vector, rates)"
+            )
+        rates = np.asarray(rates, dtype=float)
+        if rates.shape != shape or not np.isfinite(rates).all():
+            raise ValueError(f"rates of the shape {rates.shape}: {shape} finite numbers are needed")
+        found.append((parameter, rates))
+    return found
+
+
+def _named(given: Any) -> bool:  # noqa: ANN401
+    return isinstance(given, tuple) and len(given) > 0 and isinstance(given[0], str)
+
+
+def _rated(given: Any) -> bool:  # noqa: ANN401
+    """Whether it is something with its rates, which are no constant or vector of their own."""
+    pair = isinstance(given, tuple) and len(given) == 2
+    return (
+        pair
+        and isinstance(given[0], (fem.Constant, PETSc.Vec))
+        and not (isinstance(given[1], (fem.Constant, PETSc.Vec)) or _named(given[1]))
+    )
+
+
+def _number(given: Any, count: int, what: str) -> int:  # noqa: ANN401
+    if arguments.whole("a number", given, 0) >= count:
+        raise ValueError(f"number {given} of {count} {what}: they count from 0")
+    return int(given)
+
+
+def _thing(parameter: Parameter) -> Any:  # noqa: ANN401
+    return parameter[0] if isinstance(parameter, tuple) else parameter
+
+
+def _by_constant(form: ufl.Form, constant: fem.Constant, rate: Array) -> ufl.Form:
+    """The derivative of a form along the rate of a constant in it; empty without it."""
+    (domain,) = form.ufl_domains()
+    way = ufl.variable(fem.Constant(domain, 0.0))
+    moved = ufl.replace(form, {constant: constant + way * fem.Constant(domain, rate)})
+    return expand_derivatives(ufl.diff(moved, way))

@@ -1,0 +1,314 @@
+"""Derivatives of histories: against central differences of whole solutions, which share nothing."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_box
+
+from pw_elements import (
+    Body,
+    Iterative,
+    Material,
+    Reduction,
+    Spaces,
+    as_function,
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    boundary_measure,
+    prescribe,
+)
+from pw_elements.contact import (
+    SLIP,
+    ContactPair,
+    ContactProblem,
+    Motion,
+    SignedDistance,
+    Sphere,
+)
+from pw_elements.meshes import triangles
+from tests.contact.test_large import Rubber as Touching
+from tests.contact.test_large import hardened
+from tests.parallel import same_numbers
+
+STEP = 1e-5  # of each parameter's value
+NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
+
+
+class Rubber:
+    """A random rubber block under a tool that is moved, then pushed, with all that is given."""
+
+    def __init__(self, seed, dim=2, hybrid=False, steps=3, most=25, comm=MPI.COMM_SELF):
+        rng = np.random.default_rng(seed)
+        self.dim, self.steps, self.most, self.comm = dim, steps, most, comm
+        if dim == 2:
+            mesh = triangles(comm, (-1.0, -0.7), (1.0, 0.0), (10, 4))
+        else:
+            ends = ((-1.0, -1.0, -0.8), (1.0, 1.0, 0.0))
+            mesh = create_box(comm, ends, (3, 3, 2), CellType.tetrahedron)
+        spaces = Spaces.hybrid(mesh) if hybrid else Spaces.petrov_galerkin(mesh)
+        self.space, self.u = spaces.trial, fem.Function(spaces.trial)
+        axis = dim - 1
+        self.top = fem.locate_dofs_geometrical(self.space, lambda x: np.isclose(x[axis], 0.0))
+        self.shear, self.lame, self.base = (fem.Constant(mesh, v) for v in (1.0, 1.5, 0.0))
+        self.load = fem.Constant(mesh, np.zeros(dim))
+        moved, weight = self.u, ufl.TestFunction(spaces.test)
+        F = ufl.Identity(dim) + ufl.grad(moved)
+        inverse = ufl.inv(F).T
+        P = self.shear * (F - inverse) + self.lame * ufl.ln(ufl.det(F)) * inverse
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 3})
+        side = boundary_measure(mesh, lambda x: np.isclose(x[0], 1.0))
+        self.residual = ufl.inner(P, ufl.grad(weight)) * dx - ufl.inner(self.load, weight) * side
+        self.work = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, moved) * side
+        bottom = mesh.geometry.x[:, axis].min(initial=np.inf)
+        bottom = comm.allreduce(bottom, MPI.MIN)
+        self.held = [
+            prescribe(self.space, i, lambda x: np.isclose(x[axis], bottom), *value)
+            for i, value in enumerate([(self.base,), *[()] * (dim - 1)])
+        ]
+        centre, radius = rng.uniform(-0.1, 0.1, dim), rng.uniform(0.6, 1.0)
+        centre[axis] = radius
+        axes = np.ones(dim)
+        axes[0] = rng.uniform(1.0, 1.5)
+
+        def level(x):
+            return np.sqrt(np.sum(((x - centre) / axes) ** 2, axis=1)) * radius - radius**2
+
+        def slope(x):
+            away = (x - centre) / axes
+            return away / axes / np.linalg.norm(away, axis=1, keepdims=True) * radius
+
+        self.surface = (
+            Sphere(centre, radius) if rng.random() < 0.5 else SignedDistance(level, slope)
+        )
+        self.path = np.zeros((3, dim))
+        self.path[:, axis] = -0.06, -0.1, -0.12
+        self.path[:, 0] = 0.0, 0.05, rng.uniform(0.1, 0.2)
+        self.traction = rng.uniform(-0.05, 0.05, dim)
+        self.values = dict(zip(NAMES, (1.0, 1.5, 0.02, 1.0, 0.0, 1.0, 1.0, 1.0), strict=True))
+        self.values["friction"] = rng.uniform(0.1, 0.5)
+        self.pushed = -rng.uniform(0.1, 0.2)
+
+    def solve(self, **changed):
+        """The problem and its states, with other values of some of the parameters."""
+        values = self.values | changed
+        self.shear.value, self.lame.value = values["shear"], values["lame"]
+        top = ContactPair(self.top, self.surface, friction=values["friction"])
+        problem = ContactProblem.of_residual(
+            self.residual, self.u, self.held, top, max_iterations=self.most
+        )
+
+        def loaded(k):
+            def load(share):
+                self.base.value = values["base"] * (k + share) / 3
+                self.load.value = values["load"] * self.traction * (k + share) / 3
+
+            return load
+
+        states, self.loads = [problem.undeformed], [loaded(k) for k in range(3)][: self.steps]
+        for k, load in enumerate(self.loads):
+            place = self.path[k] * values["depth"]
+            place[0] = self.path[k, 0] * values["slide"]
+            motion = Motion(place)
+            if k == 2:
+                force = np.zeros(self.dim)
+                force[-1] = self.pushed * values["push"]
+                motion = Motion([*place[:-1], None], force)
+            states.append(problem.step(states[-1], load, motion))
+        return problem, states
+
+    def parameters(self):
+        """As `NAMES` has them, with rates in all states."""
+        ramp, n = np.arange(4) / 3, self.steps + 1
+        depth, slide, push = np.zeros((3, 4, self.dim))
+        depth[1:3, -1], slide[1:, 0], push[3, -1] = self.path[:2, -1], self.path[:, 0], self.pushed
+        given = [
+            *(self.shear, self.lame, (self.base, ramp[:n])),
+            (self.load, np.outer(ramp, self.traction)[:n]),
+            ("friction", 0),
+            *(("motion", 0, rates[:n]) for rates in (depth, slide, push)),
+        ]
+        return dict(zip(NAMES, given, strict=True))
+
+    @property
+    def outputs(self):
+        x, v = ufl.SpatialCoordinate(self.space.mesh), ufl.TestFunction(self.space)
+        weights = assemble_vector(ufl.inner(x, v) * ufl.dx)
+        axis = self.dim - 1
+        forces = [("force", 0, i) for i in (0, axis)]
+        return [*forces, ("translation", 0, axis), self.work, weights]
+
+    def results(self, states):
+        """The outputs, (states - 1, outputs), read otherwise."""
+        rows, weights = [], self.outputs[-1]
+        for state, load in zip(states[1:], self.loads, strict=True):
+            load(1.0)
+            self.u.x.array[:] = as_function(self.space, state.unknowns).x.array
+            (pair,) = state.pairs
+            known = pair.force[0], pair.force[-1], pair.translation[-1]
+            rows.append([*known, assemble_scalar(self.work), weights.dot(state.unknowns)])
+        return np.array(rows)
+
+
+def statuses(states):
+    return [pair.status.tolist() for state in states for pair in state.pairs]
+
+
+def agreement(case, found, states):
+    """Names of parameters, and how far derivatives are from central differences of solutions."""
+    errors = {}
+    for k, name in enumerate(NAMES):
+        step, ends, same = STEP * abs(case.values[name]), [], True
+        for sign in (1, -1):
+            _, there = case.solve(**{name: case.values[name] + sign * step})
+            ends.append(case.results(there))
+            same &= statuses(there) == statuses(states)
+        if same:
+            differences = (ends[0] - ends[1]) / (2 * step)
+            size = np.abs(differences).max(axis=0) + 1e-3 * (np.abs(differences).max() or 1.0)
+            errors[name] = float((np.abs(found[:, :, k] - differences) / size).max())
+    return errors
+
+
+@pytest.mark.parametrize(
+    ("seed", "options"),
+    [(0, {}), (1, {}), (2, {}), (5, {"dim": 3}), (6, {"most": 4, "steps": 2})],
+)
+def test_derivatives_are_those_of_differences_and_of_the_adjoint(seed, options):
+    """Loads, supports, material, friction and motions, also of increments that were cut."""
+    case = Rubber(seed, **options)
+    problem, states = case.solve()
+    parameters = list(case.parameters().values())
+    found = problem.sensitivity(states, case.outputs, parameters, case.loads)
+    assert any((pair.status == SLIP).any() for state in states for pair in state.pairs)
+    assert any(state.substates for state in states) == (case.most < 25)
+    weights = np.random.default_rng(0).normal(size=found.shape[:2])
+    gradient = problem.sensitivity(states, case.outputs, parameters, case.loads, weights)
+    expected = np.einsum("so,sop->p", weights, found)
+    assert np.abs(gradient - expected).max() < 1e-10 * np.abs(gradient).max()
+    errors = agreement(case, found, states)
+    assert len(errors) > 5
+    assert max(errors.values()) < 1e-6, errors
+
+
+def both_ways(comm):
+    case = Rubber(0, comm=comm)
+    problem, states = case.solve()
+    given = states, case.outputs, list(case.parameters().values()), case.loads
+    weights = np.cos(np.arange(15.0)).reshape(3, 5)
+    return {
+        "direct": problem.sensitivity(*given),
+        "adjoint": problem.sensitivity(*given, weights),
+    }
+
+
+def test_processes_find_the_same_numbers():
+    same_numbers(both_ways, processes=(2, 3), rel=1e-9)
+
+
+class Steel:
+    """Small displacements: a circle is pressed on a block, slid, and then pushed by a force."""
+
+    def __init__(self):
+        mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (12, 6))
+        spaces = Spaces.petrov_galerkin(mesh)
+        body, self.space = Body(spaces, Material(10.0, 0.3), "plane strain"), spaces.trial
+        self.K = assemble_matrix(body.stiffness())
+        end = boundary_measure(mesh, lambda x: np.isclose(x[0], 1.0))
+        self.load = assemble_vector(body.surface_load((0.02, -0.05), end))
+        held = [prescribe(self.space, i, lambda x: np.isclose(x[1], -1.0)) for i in (0, 1)]
+        self.supports = Reduction.dirichlet(self.space, held)
+
+    def solve(self, friction=0.2, depth=1.0, slide=1.0, push=1.0, load=1.0, solver=None):
+        circle = Sphere((0.03, 0.6), 0.6)
+        pair = ContactPair(lambda x: np.isclose(x[1], 0.0), circle, friction=friction)
+        problem = ContactProblem(self.K, self.supports, pair, self.space, solver)
+        states, f = [problem.undeformed], self.load.copy()
+        f.scale(load)
+        motions = [
+            Motion((0.0, -0.01 * depth)),
+            Motion((0.01 * slide, -0.01 * depth)),
+            Motion((0.015 * slide, None), (0.0, -0.12 * push)),
+        ]
+        for motion in motions:
+            states.append(problem.step(states[-1], f, motion))
+        return problem, states
+
+    @property
+    def parameters(self):
+        depth, slide, push = np.zeros((3, 4, 2))
+        depth[1:3, 1], slide[2:, 0], push[3, 1] = -0.01, (0.01, 0.015), -0.12
+        motions = {"depth": depth, "slide": slide, "push": push}
+        named = {name: ("motion", 0, rates) for name, rates in motions.items()}
+        return {"friction": ("friction", 0), "load": (self.load, [0.0, 1.0, 1.0, 1.0])} | named
+
+
+def test_small_displacements_have_derivatives_too():
+    case = Steel()
+    problem, states = case.solve()
+    assert (states[2].pairs[0].status == SLIP).sum() > 1
+    outputs = [("force", 0, 0), ("force", 0, 1), ("translation", 0, 1), case.load]
+    found = problem.sensitivity(states, outputs, list(case.parameters.values()))
+    weights = np.cos(np.arange(12.0)).reshape(3, 4)
+    gradient = problem.sensitivity(states, outputs, list(case.parameters.values()), (), weights)
+    expected = np.einsum("so,sop->p", weights, found)
+    assert np.abs(gradient - expected).max() < 1e-10 * np.abs(gradient).max()
+
+    def results(states):
+        of_pair = [[*s.pairs[0].force, s.pairs[0].translation[1]] for s in states[1:]]
+        work = [[case.load.dot(s.unknowns)] for s in states[1:]]
+        return np.hstack([of_pair, work])
+
+    for k, name in enumerate(case.parameters):
+        value = 0.2 if name == "friction" else 1.0
+        ends = [case.solve(**{name: value + sign * 1e-4})[1] for sign in (1, -1)]
+        assert all(statuses(end) == statuses(states) for end in ends), name
+        differences = (results(ends[0]) - results(ends[1])) / 2e-4
+        size = np.abs(differences).max(axis=0) + 1e-3 * (np.abs(differences).max() or 1.0)
+        assert (np.abs(found[:, :, k] - differences) / size).max() < 1e-6, name
+
+
+def test_what_has_no_derivatives_is_refused_in_words():
+    case = Rubber(0, steps=2)
+    problem, states = case.solve()
+    known = states, case.outputs, case.shear, case.loads
+    with pytest.raises(ValueError, match="state 2 is not the end of a step from the one before"):
+        problem.sensitivity(states, case.outputs, case.shear, [case.loads[0], case.loads[0]])
+    with pytest.raises(ValueError, match="give the states at the start and at the end"):
+        problem.sensitivity(states[:1], *known[1:])
+    for parameter, words in (
+        (case.load, "needs rates"),
+        ((case.load, np.ones(3)), r"\(3, 2\) finite numbers"),
+        (("friction", 1), "number 1 of 1 contact pairs"),
+        (("radius", 0), "give a constant"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            problem.sensitivity(states, case.outputs, parameter, case.loads)
+    for output in (("pressure", 0, 0), "force"):
+        with pytest.raises(ValueError, match="give a functional"):
+            problem.sensitivity(states, output, *known[2:])
+    with pytest.raises(ValueError, match="weights of the shape"):
+        problem.sensitivity(*known, np.ones(2))
+    rubber, _ = hardened()
+    undeformed = rubber.problem.undeformed
+    with pytest.raises(ValueError, match="has a history"):
+        rubber.problem.sensitivity([undeformed, undeformed], ("force", 0, 1), ("friction", 0))
+    steel = Steel()
+    problem, states = steel.solve()
+    with pytest.raises(ValueError, match="a stiffness K tells neither"):
+        problem.sensitivity(states, ("force", 0, 1), case.shear)
+    problem, states = steel.solve(solver=Iterative())
+    with pytest.raises(ValueError, match="nor by an iterative solver"):
+        problem.sensitivity(states, ("force", 0, 1), ("friction", 0))
+
+
+def test_a_status_about_to_change_is_named():
+    """The circle just touches a node, without any force."""
+    problem = Touching().problem
+    states = [problem.undeformed, problem.step(problem.undeformed)]
+    words = r"state 1 has contact nodes, first at \(0, 0\), about to change their status: a force"
+    with pytest.raises(ValueError, match=words):
+        problem.sensitivity(states, ("force", 0, 1), ("friction", 0))
