@@ -43,16 +43,7 @@ LIMIT = 240  # seconds of CPU of a mutant's tests
 
 
 class Mutant(NamedTuple):
-    """One changed expression.
-
-    Attributes:
-        kind: One of `KINDS`.
-        module: Path of the file from the project's folder.
-        function: Qualified name of the function around it.
-        place: Number of the expression among those of its kind in the function.
-        old: Its text.
-        new: Its text after the change.
-    """
+    """One changed expression; its place is its number among those of its kind in the function."""
 
     kind: str
     module: str

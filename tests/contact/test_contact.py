@@ -78,48 +78,7 @@ def test_contact_patch_in_space_and_round_an_axis(state, method):
     assert found.iterations == 1
 
 
-# mu, traction/pressure, divisions, stick zone, pressure and shear over 200 by position
-TABLE = {
-    "t .30, 20x10": (
-        (0.3, 0.30, 20),
-        (0.2, 2.20),
-        {0.5: 0.883, 1: 0.881, 2: 0.889, 3: 1.009, 3.5: 1.156},
-        {1: 0.024, 2: 0.191, 3: 0.303},
-    ),
-    "mu .5, t .50, 80x40": (
-        (0.5, 0.50, 80),
-        (0.2, 2.70),
-        {0.5: 0.818, 1: 0.843, 2: 0.860, 3: 0.995, 3.5: 1.240},
-        {1: 0.080, 2: 0.241, 3: 0.498},
-    ),
-}
 block = functools.cache(Block)
-
-
-@pytest.mark.parametrize("case", TABLE)
-def test_block_on_a_rough_plane(case):
-    """Table of section 7.2, from an independent prototype."""
-    (mu, ratio, n), (first, last), pressure, shear = TABLE[case]
-    states = block(n).solve(mu, 200 * ratio)
-    contact = states[-1].pairs[0]
-    x = contact.position[:, 0]
-    stick = x[contact.status == STICK]
-    assert (stick.min(), stick.max()) == pytest.approx((first, last), abs=1e-9)
-    tributary = 4 / (2 * n)
-    for forces, table in (
-        (contact.force_normal, pressure),
-        (-contact.force_tangential[:, 0], shear),
-    ):
-        for at_x, value in table.items():
-            r = forces[np.isclose(x, at_x)]
-            assert r / tributary / 200 == pytest.approx(value, abs=6e-4)
-    assert contact.force == pytest.approx((-400 * ratio, 800.0), rel=1e-9)
-    for state in states:
-        assert state.residuals.largest() < 1e-10
-        assert state.iterations <= 8
-        (step,) = state.pairs
-        power = np.sum(step.slip * step.force_tangential, axis=1)
-        assert np.all(power[step.status == SLIP] < 1e-12)
 
 
 def test_node_between_smooth_and_rough_matters():

@@ -176,26 +176,23 @@ def test_loads():
     assert transfer(2)[:, 3:] != sp.eye(6)[:, 3:]  # a force on a mid-side node
 
 
-def test_constant_data_are_needed():
-    """Not with a linear modulus or prestress, which is the same factor, nor for the mass."""
+@pytest.mark.parametrize(
+    "forms",
+    [
+        # a linear modulus or prestress
+        derivatives((X, Y), X, Y, factor=1 + X),
+        # the mass
+        [lambda w, n=n: w * n for n in shapes(X, Y)],
+        # axisymmetry: the shear modulus' part of the axial rows has the radius as a factor
+        derivatives((X, Y), X, X, factor=1 + X),
+        # one mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y; the
+        # stiffness' derivative by c at c = 0, of the part with both derivatives by x
+        derivatives((X, Y), X, X, factor=-4 * Y),
+    ],
+)
+def test_constant_data_in_a_plane_body_with_straight_sides_are_needed(forms):
     assert vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, Y))
-    assert not vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, Y, factor=1 + X))
-    assert not vanishes(TRIANGLE, (X, Y), *(lambda w, n=n: w * n for n in shapes(X, Y)))
-
-
-def test_a_plane_body_is_needed():
-    """In axisymmetry the shear modulus' part of the axial rows has the radius as a factor."""
-    radius = 1 + X
-    assert not vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, X, factor=radius))
-
-
-def test_straight_sides_are_needed():
-    """One mid-side moved by c: x = X + 4 c X Y, y = Y, whose determinant is 1 + 4 c Y.
-
-    The stiffness' derivative by c at c = 0, of the part with both derivatives by x, is that of
-    the factor 1 / (1 + 4 c Y).
-    """
-    assert not vanishes(TRIANGLE, (X, Y), *derivatives((X, Y), X, X, factor=-4 * Y))
+    assert not vanishes(TRIANGLE, (X, Y), *forms)
 
 
 @pytest.mark.parametrize("cuts", [DIAGONALS[:1], DIAGONALS], ids=str)

@@ -112,22 +112,6 @@ class Sketch:
         """Whether a surface is pushed by a force, or the body by loads."""
         return bool(self.loads) or any(pair.drive == "pushed" for pair in self.pairs)
 
-    @property
-    def description(self) -> str:
-        """All that tells problems apart, in one line."""
-        cells = "x".join(map(str, self.divisions))
-        pairs = "; ".join(
-            f"{pair.kind} {pair.drive}{'' if pair.drive == 'rest' else ' ' + pair.along}"
-            f" mu {pair.mu:.3g}{'' if pair.friction == 'constant' else ' ' + pair.friction}"
-            for pair in self.pairs
-        )
-        loads = " and ".join(kind for _, kind, _, _ in self.loads) or "no load"
-        return (
-            f"{self.seed}: {self.cell} {cells}, {self.element}, {self.state}, "
-            f"E {self.modulus:.1e}, nu {self.nu:.4f}, size {max(self.size):.1e}, {self.support}; "
-            f"{pairs}; {loads}; {self.path} in {len(self.steps)}"
-        )
-
 
 @dataclass(frozen=True)
 class Problem:

@@ -51,7 +51,7 @@ def outcome(seed):
     own = [state.residuals.largest() for state in states]
     for pressed, one in zip(_pressed(stated, states), own, strict=True):
         wrong += [own] * (one >= TOLERANCE * max(1.0, mu) and not 1e3 < pressed < 1e10)
-    return kind, seconds, stated.sketch.dim, wrong and [stated.sketch.description, *wrong]
+    return kind, seconds, stated.sketch.dim, wrong and [stated.sketch, *wrong]
 
 
 def _is_searchable(stated):
