@@ -98,13 +98,6 @@ class Body:
         per_node = sum(np.outer(at.volume, at.weights) for at in surface._points())
         return surface._vector(per_node, traction)
 
-    def springs(self, where: Where, component: int, per_area: float) -> sparse.csc_matrix:
-        """Stiffness of springs along a coordinate, spread over a part of the boundary."""
-        M = replace(self._surface(where), rho=per_area).mass()
-        along = np.zeros(self.nodes.shape)
-        along[:, component] = 1.0
-        return M @ sparse.diags(along.ravel())
-
     def at_nodes(self, where: Where, components: tuple[int, ...]) -> np.ndarray:
         """Mask (n, dim) of displacement components of the nodes that `where` holds on."""
         mask = np.zeros(self.nodes.shape, dtype=bool)
