@@ -103,29 +103,6 @@ def test_start_from_a_coarser_mesh():
     assert [state.iterations for state in again] == [1, 1, 1, 1]
 
 
-@pytest.mark.parametrize(("gap", "force"), [(1e-4, 100.0), (0.01, 1.0), (0.2, 1.0)])
-def test_block_tips_from_one_pad_to_another(gap, force):
-    """Held by friction on three pads, the right one lower by a gap, and loaded left, then right."""
-
-    def pad(low, high, level):
-        def marker(x):
-            return np.isclose(x[1], 0) & (x[0] > low - 1e-9) & (x[0] < high + 1e-9)
-
-        return ContactPair(marker, Plane((0, -level), (0, 1)), 0.3)
-
-    b, pads = block(16), [pad(0, 0.5, 0.0), pad(1.75, 2.25, 0.0), pad(3.5, 4.0, gap)]
-    left = b.load((0, -force), lambda x: np.isclose(x[1], 2) & (x[0] < 1 + 1e-9))
-    right = b.load((0, -force), lambda x: np.isclose(x[1], 2) & (x[0] > 3 - 1e-9))
-    states = b.contact(pads, b.free, [left, right])
-    for state, x in zip(states, (0.5, 3.5), strict=True):
-        assert state.residuals.largest() < 1e-8
-        normal = np.concatenate([pair.force_normal for pair in state.pairs])
-        place = np.concatenate([pair.position[:, 0] for pair in state.pairs])
-        assert normal.sum() == pytest.approx(force, rel=1e-7)
-        assert normal @ place == pytest.approx(force * x, rel=2e-2)  # and friction's arm
-    assert states[1].pairs[2].force[1] > 0
-
-
 @pytest.mark.parametrize(
     ("build", "method", "n", "mu", "share"),
     [

@@ -11,7 +11,6 @@ from dolfinx.mesh import CellType, create_box
 
 from pw_elements import Spaces, as_function, reactions
 from pw_elements.contact import (
-    OPEN,
     SLIP,
     STICK,
     ContactFields,
@@ -22,8 +21,8 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.meshes import mapped, quadrilaterals, triangles
-from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, Punch, at
+from pw_elements.meshes import mapped, triangles
+from tests.contact.cases import PW, Block, Elastic, at
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
@@ -46,36 +45,6 @@ def ball(cell, method, comm=MPI.COMM_SELF):
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
     pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
     return body, body.contact(pair, body.clamped(at(2, 0.0)))
-
-
-@pytest.mark.parametrize(
-    ("build", "method", "kind"),
-    [
-        (triangles, GALERKIN, "plane strain"),
-        (triangles, PW, "axisymmetric"),
-        (quadrilaterals, PW, "plane strain"),
-        (quadrilaterals, Q8, "plane stress"),
-    ],
-)
-def test_even_pressure_is_a_constant_function(build, method, kind):
-    """A block, or a cylinder, pressed on a smooth plane: p = 3, whatever the thickness."""
-    mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (5, 2)), uneven)
-    body = Elastic(mesh, method, kind, 10.0, thickness=1.0 if kind == "axisymmetric" else 0.4)
-    held, load = body.held((0, at(0, 0.0))), body.load((0.0, -3.0), at(1, 1.0))
-    (state,) = body.contact(ContactPair(at(1, 0.0), Plane((0, 0), (0, 1))), held, load)
-    fields = ContactFields.of(state, body.body)
-    below = on(body.space, at(1, 0.0))
-    elsewhere = np.setdiff1d(np.arange(len(fields.gap.x.array)), below)
-    weighty = fields.surfaces[0].own_area > 0
-    assert fields.pressure.x.array[below][weighty] == pytest.approx(3.0, rel=1e-9)
-    if method is PW:
-        assert fields.tributary_pressure.x.array[below] == pytest.approx(3.0, rel=1e-9)
-    assert np.abs(fields.traction.x.array).max() < 1e-9
-    assert np.abs(fields.gap.x.array[below]).max() < 1e-12
-    assert np.isnan(fields.gap.x.array[elsewhere]).all()
-    for field in (fields.pressure, fields.tributary_pressure, fields.status):
-        assert not field.x.array[elsewhere].any()
-    assert (fields.status.x.array[below] != OPEN).all()
 
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
@@ -113,32 +82,6 @@ def test_fields_and_pictures_in_space(cell, tmp_path):
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
     axes.figure.savefig(tmp_path / "face.png")
     assert (tmp_path / "face.png").stat().st_size > 10_000
-
-
-def test_gap_slip_and_status_are_those_of_the_displacements():
-    """A punch that goes on sideways: by hand from the functions and the parabola."""
-    punch = Punch()
-    motions = [Motion((0, -0.2)), Motion((0.1, -0.2))]
-    states = punch.solve(0.3, motions)
-    fields = ContactFields.of(states[0], punch.space)
-    before = fields.displacement.x.array.reshape(-1, 2).copy()
-    fields.fill(states[1])
-    top = on(punch.space, at(1, 4.0))
-    x = punch.x[top, 0] - 0.1
-    moved = fields.displacement.x.array.reshape(-1, 2)[top]
-    apart, forces = fields.gap.x.array[top], fields.force.x.array.reshape(-1, 2)[top]
-    assert apart == pytest.approx(x**2 / 16 - 0.2 - moved[:, 1], abs=1e-12)
-    closed = fields.status.x.array[top] != OPEN
-    assert np.abs(apart[closed]).max() < 1e-9
-    assert (apart[~closed] > 1e-6).all()
-    assert np.abs(forces[~closed]).max() < 1e-9 * np.abs(forces).max()
-    found = fields.slip.x.array.reshape(-1, 2)[top]
-    assert not found[:, 1].any()
-    assert found[closed, 0] == pytest.approx((moved - before[top])[closed, 0] - 0.1, abs=1e-12)
-    assert not found[~closed].any()
-    sliding = fields.status.x.array[top] == SLIP
-    assert sliding.any()
-    assert (np.linalg.norm(found[sliding], axis=1) > 0).all()
 
 
 def test_a_space_alone_gives_all_but_the_pressures():

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import compute_midpoints, locate_entities_boundary, meshtags
+from dolfinx.mesh import locate_entities_boundary, meshtags
 
 from pw_elements import Reduction, Spaces, force_transfer, prescribe, reactions, split
 from pw_elements.contact import (
     ContactFields,
     ContactPair,
     ContactProblem,
-    DeformableSurface,
     Motion,
     Parabola,
     Plane,
@@ -160,21 +159,6 @@ def test_numbers_that_are_not_those_of_the_hybrid_space_are_refused():
             case.problem(ContactPair(wrong, Parabola((0.0, 2.0), 8.0)), case.foot)
     with pytest.raises(ValueError, match="has facets within the body"):
         prescribe(case.space, 0, np.arange(9))
-
-
-def test_two_hybrid_bodies_touch_on_tagged_facets():
-    mesh = doubled(triangles(COMM, (0.0, 0.0), (2.0, 1.0), (6, 3)), (0.0, 1.0, 0.0), COMM)
-    body = Elastic(mesh, HYBRID, nu=0.5)
-    middle = locate_entities_boundary(mesh, 1, at(1, 1.0))
-    mesh.topology.create_connectivity(1, 2)
-    of = [mesh.topology.connectivity(1, 2).links(facet)[0] for facet in middle]
-    above = compute_midpoints(mesh, 2, np.array(of, dtype=np.int32))[:, 1] > 1
-    own = fem.locate_dofs_topological(body.space, 1, middle[above])
-    held = body.held((1, at(1, 0.0)), (0, at(0, 0.0)))
-    pair = ContactPair(own, DeformableSurface(middle[~above]), 0.3)
-    (state,) = body.contact(pair, held, body.load((0.0, -3.0), at(1, 2.0)))
-    pressure = ContactFields.of(state, body.body).pressure.x.array[state.pairs[0].node]
-    assert np.allclose(pressure, 3.0, rtol=1e-8)
 
 
 def test_without_active_sets_the_same_state_is_found():

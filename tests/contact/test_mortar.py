@@ -26,8 +26,7 @@ from pw_elements.contact import (
     plot,
     write,
 )
-from pw_elements.contact.interface import gathered_trace, geometry
-from pw_elements.contact.interface.geometry import segments
+from pw_elements.contact.interface import gathered_trace
 from pw_elements.spaces import Assembled, SubSpace
 from tests.contact.cases import Elastic, at
 from tests.contact.test_friction import assert_law
@@ -241,50 +240,6 @@ def test_motion_brings_the_opposite_body_nearer(motion):
     assert state.pairs[0].force == pytest.approx([0.0, 0.01], rel=1e-9, abs=1e-12)
 
 
-def flat(x, y):
-    return 0 * x * y
-
-
-def grid(x, y, height):
-    """Triangles (n, 3, 3) between lines of a grid, and their normals upwards."""
-    at = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    at = np.concatenate([at, height(*np.moveaxis(at, -1, 0))[..., None]], axis=-1)
-    a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
-    corners = np.stack([[a, b, c], [a, c, d]], axis=3).reshape(3, -1, 2, 3)
-    corners = np.swapaxes(corners, 0, 1).swapaxes(1, 2).reshape(-1, 3, 3)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return corners, normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-@pytest.mark.parametrize(
-    ("rim", "height"),
-    [
-        (0.0, flat),
-        (20.0, flat),
-        (3.0, lambda x, y: 0.1 * np.sin(3 * x) * np.cos(2 * y)),
-        (0.0, lambda x, y: x**2 + y**2),  # far from a plane
-    ],
-)
-def test_search_finds_all_that_overlaps_among_few(rim, height, monkeypatch):
-    """As among all pairs; that a rim of wide cells costs no candidates is conftest's to see."""
-    rng = np.random.default_rng(1)
-    lines = np.sort(rng.uniform(0, 1, (2, 25)), axis=1)
-    wide = np.linspace(0, 1, 20)
-    wide = np.concatenate([[-rim], wide, [1 + rim]]) if rim else wide
-    master, up = grid(wide, wide, flat)
-    slave, normal = grid(*lines, lambda x, y: height(x, y) + 1e-3)
-    found = segments(slave, master, -normal, up)
-    every = np.indices((len(slave), len(master))).reshape(2, -1)
-    reach = np.linalg.norm(slave[:, None].mean(axis=2) - master.mean(axis=1), axis=2)
-    size = np.linalg.norm(master - master.mean(axis=1, keepdims=True), axis=2).max()
-    near = (reach <= reach.min(axis=1, keepdims=True) + size).ravel()
-    monkeypatch.setattr(geometry, "_candidates", lambda *_: every[:, near])
-    all_of_them = segments(slave, master, -normal, up)
-    ours, theirs = ({*zip(x.slave, x.master, strict=True)} for x in (found, all_of_them))
-    assert theirs <= ours
-    assert len(theirs) > len(slave) / 3
-
-
 STACK = Stack((3, 2))
 ON, BELOW = STACK.nodes("upper"), STACK.sides["lower"]
 
@@ -404,29 +359,6 @@ def test_gap_slip_and_status_are_means_of_the_pairs(slave):
         assert np.isnan(values(of.gap, away)).all()
         assert not values(of.slip, away).any()
         assert (values(of.status, away) == OPEN).all()
-
-
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
-def test_a_gap_that_varies_linearly_is_met_on_the_opposite_side(cell):
-    """Before any motion; nodes on the rim have the value at the middle of their weights."""
-    wedge = 0.01
-
-    def lifted(x):
-        return x + (0.02 + wedge * x[:, :1]) * (2 - x[:, [up]]) * np.eye(3)[up]
-
-    up = 1 if cell in PLANE else 2
-    stack = Stack((4, 7) if cell in PLANE else (2, 3), cell, shape=lifted)
-    problem = stack.problem(stack.pair(), stack.moved_top(np.zeros(up + 1)))
-    fields = ContactFields.of(problem.undeformed, stack.body)
-    lower = np.flatnonzero(stack.nodes("lower"))
-    x = stack.x[lower]
-    inner = (x[:, :up] > 0.2).all(axis=1) & (x[:, :up] < 0.8).all(axis=1)
-    found = values(fields.gap, lower[inner])
-    # along the normal of the wedge
-    exact = (0.02 + wedge * x[inner, 0]) / np.sqrt(1 + wedge**2)
-    assert found == pytest.approx(exact, rel=2e-3)
-    assert not values(fields.status, lower).any()
-    assert not values(fields.pressure, lower).any()
 
 
 def block(low, high, divisions):

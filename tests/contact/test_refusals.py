@@ -5,7 +5,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from dolfinx.mesh import CellType, create_box
 from scipy.optimize import linprog
 
@@ -21,8 +20,6 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.contact.rescue.refusals import Points, escape, proof
-from pw_elements.contact.rescue.rigid import null_space
-from pw_elements.contact.rescue.rigid import triangles as triangles_of
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import triangles
 from tests.contact.cases import Elastic, Greco, at
@@ -319,24 +316,6 @@ def test_what_is_not_found_says_where_no_proof_was_looked_for():
     with pytest.raises(NotFound) as flat:
         random_problem(1310).solve(remedies=())
     assert "none was looked for" not in str(flat.value)
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_motions_left_free_are_those_of_all_rows_at_once(seed):
-    """Pieces held alone, by a neighbour, or not at all, beside surfaces' motions; few and many."""
-    rng = np.random.default_rng(seed)
-    pieces, each = int(rng.integers(2, 60)), 3
-    group = np.append(np.repeat(np.arange(pieces), each), [pieces, pieces + 1])
-    dense = np.zeros((0, len(group)))
-    for k in range(pieces):
-        others = [k] if rng.random() < 0.5 else [k, rng.integers(0, pieces + 2)]
-        rows = rng.normal(size=(rng.integers(0, 2 * each), len(group)))
-        dense = np.vstack([dense, np.where(np.isin(group, others), rows, 0.0)])
-    blocks = triangles_of(sp.csr_array(dense[rng.permutation(len(dense))]), group, SELF)
-    found = null_space(blocks, group, 1e-8)
-    assert len(found) == len(group) - np.linalg.matrix_rank(dense)
-    assert np.abs(dense @ found.T).max(initial=0.0) < 1e-11
-    assert found @ found.T == pytest.approx(np.eye(len(found)), abs=1e-12)
 
 
 def test_stiffness_between_pieces_holds_them():

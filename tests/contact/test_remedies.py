@@ -1,16 +1,13 @@
 """What is tried where the active-set iteration fails, each remedy alone."""
 
 from collections import Counter
-from itertools import product
 
-import numpy as np
 import pytest
 
 from pw_elements.contact import NotFound
 from pw_elements.contact.iteration import ContactSystem
 from pw_elements.contact.iteration.system import Tangent
 from pw_elements.contact.rescue import condensed
-from pw_elements.contact.rescue.condensed import lemke
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
@@ -22,60 +19,6 @@ LOST = [667, 1441]
 
 
 # -- the complementarity problem -------------------------------------------------------------
-
-
-def enumerated(M, q):
-    """All solutions with a regular basis, by trying each of them."""
-    n = len(q)
-    found = []
-    for positive in product((False, True), repeat=n):
-        inner, x = np.array(positive), np.zeros(n)
-        if inner.any():
-            block = M[np.ix_(inner, inner)]
-            if abs(np.linalg.det(block)) < 1e-12:
-                continue
-            x[inner] = np.linalg.solve(block, -q[inner])
-        if x.min() >= -1e-12 and (M @ x + q).min() >= -1e-12:
-            found.append(x)
-    return found
-
-
-def friction_matrix(rng, points):
-    """Complementarity of points with friction of up to 3 on an unsymmetric compliance."""
-    half = rng.normal(size=(2 * points, 2 * points))
-    W = half @ half.T + 0.1 * np.eye(2 * points)
-    W += 0.3 * (half - half.T)
-    n, mu = points, rng.uniform(0, 3, points)
-    nn, nt, tn, tt = W[:n, :n], W[:n, n:], W[n:, :n], W[n:, n:]
-    one, none = np.eye(n), np.zeros((n, n))
-    rows = [nn, nt, -nt, none], [tn, tt, -tt, one], [-tn, -tt, tt, one]
-    return np.block([*map(list, rows), [np.diag(mu), -one, -one, none]])
-
-
-def test_lemke_finds_what_enumeration_finds():
-    rng = np.random.default_rng(1)
-    for _ in range(60):
-        points = int(rng.integers(1, 3))
-        M = friction_matrix(rng, points)
-        q = rng.normal(size=len(M))
-        q[rng.random(len(q)) < 0.3] = 0.0  # degenerate, as gaps and slips of zero are
-        q[3 * points :] = 0.0
-        x = lemke(M, q)
-        every = enumerated(M, q)
-        assert every
-        assert min(np.abs(x - other).max() for other in every) < 1e-9
-
-
-def test_lemke_ends_on_a_ray_where_there_is_no_solution():
-    assert lemke(np.array([[-1.0]]), np.array([-1.0])) is None
-    assert lemke(np.zeros((2, 2)), np.array([-1.0, 1.0])) is None
-    assert lemke(np.eye(2), np.array([1.0, 0.0])).tolist() == [0, 0]
-
-
-# -- the condensed increment -----------------------------------------------------------------
-
-
-# -- problems on which the iteration fails ---------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", [*FAILING, *LOST])

@@ -15,7 +15,7 @@ from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe,
 from pw_elements._compat import cell_nodes
 from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
 from pw_elements.contact.rescue import Budget
-from pw_elements.contact.steps.stepping import Target, between, held_by, in_parts
+from pw_elements.contact.steps.stepping import Target, held_by, in_parts
 from pw_elements.meshes import curved, quadrilaterals, triangles
 from study.verification.c_mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -400,18 +400,6 @@ def test_interference_has_to_be_asked_for():
     ring = Ring(3)
     with pytest.raises(ValueError, match="is to say interference=True"):
         ring.contact(ring.pair(interference=False), ring.ends)
-
-
-def test_parts_of_a_fit_are_parts_of_its_depth():
-    """Without friction the way does not matter, and a quarter of the depth has its forces."""
-    ring = Ring(3)
-    problem, stepping, start, end = ring.stepping()
-    whole, state = problem.step(problem.undeformed, ring.nothing), problem.undeformed
-    for share in (0.25, 0.5, 1.0):
-        state = stepping._solved(state, between(start, end, share))
-        part = state.pairs[0]
-        assert part.force == pytest.approx(share * whole.pairs[0].force, rel=1e-10)
-        assert np.all(part.status == SLIP)
 
 
 def test_a_fit_in_parts_obeys_the_law_in_each_of_them():

@@ -93,24 +93,6 @@ def test_inner_nodes_are_the_middles_of_the_quadrilaterals(pattern):
     assert in_order(found) == in_order(np.array(middles))
 
 
-def test_pairs_of_sheared_triangles_and_of_meshes_from_elsewhere():
-    def sheared(x):  # the diagonal becomes the shortest side
-        return np.column_stack([x[:, 0] - 0.9 * x[:, 1], x[:, 1:]])
-
-    mesh = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (3, 3)), sheared)
-    U = Spaces.galerkin(mesh).trial
-    found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)]
-    middles = [(x, y) for y in (1 / 6, 3 / 6, 5 / 6) for x in (1 / 6, 3 / 6, 5 / 6)]
-    assert in_order(found) == in_order(sheared(np.array(middles)))
-
-    # two rectangles, their triangles not listed pair after pair: longest sides tell, in any unit
-    x = np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]], dtype=float)
-    for unit in (1e-3, 1e3):
-        U = Spaces.galerkin(_mesh(unit * x, [[0, 1, 4], [1, 2, 5], [0, 3, 4], [1, 4, 5]])).trial
-        found = U.tabulate_dof_coordinates()[mid_diagonal_nodes(U)] / unit
-        assert in_order(found) == [(0.5, 0.5), (1.5, 0.5)]
-
-
 def test_refuses_triangles_without_partner():
     crossed = triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (2, 2), "crossed")
     h = np.sqrt(0.75)  # four equal-sided triangles in a row, no side of which is the longest

@@ -126,26 +126,6 @@ def test_rigid_modes_of_a_free_body(setting, method, symmetrised):
         assert (K * shape).norm(3) < 1e-8 * K.norm(3)
 
 
-@pytest.mark.parametrize("symmetrised", [False, True])
-@pytest.mark.parametrize("method", METHODS)
-def test_frequencies_against_dense_eigenvalues(method, symmetrised):
-    body, _ = steel("2-D", method)
-    supports = body.clamped(at(0, 0.0))
-    modes = vibration_modes(body.K, body.M, supports, 6, symmetrised)
-    A, B = (dense(supports.matrix(matrix)) for matrix in (body.K, body.M))
-    if symmetrised:
-        A, B = (A + A.T) / 2, (B + B.T) / 2
-    exact = np.sort(np.linalg.eigvals(np.linalg.solve(B, A)).real)[:6]
-    assert modes.rigid == 0
-    assert modes.imaginary == 0
-    assert modes.eigenvalues == pytest.approx(exact, rel=1e-9)
-    nearer = vibration_modes(body.K, body.M, supports, 5, symmetrised, shift=0.9 * exact[0])
-    assert nearer.eigenvalues == pytest.approx(exact[:5], rel=1e-9)
-    for shape in modes.shapes:
-        assert shape.norm(3) == pytest.approx(1.0)
-        assert np.abs(shape.array[dense(supports.right).sum(axis=1) == 0]).max() == 0
-
-
 @pytest.mark.parametrize("element", ["pw-Q8", "pw-Q9"])
 def test_both_left_matrices_of_guyans_reduction(element):
     def build(cell):

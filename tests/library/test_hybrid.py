@@ -39,6 +39,7 @@ from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import SubSpace
 from pw_elements.spaces.hybrid import mixed_element
 from study.verification.t_identity import distorted
+from study.verification.v15_layers import error, layered
 from tests.contact.cases import PW, Elastic, at
 
 COMM = MPI.COMM_SELF
@@ -172,6 +173,14 @@ def test_an_enclosed_incompressible_body_needs_its_pressure_fixed(cell, n, solve
 def test_displacements_alone_warn_near_incompressibility(caplog, method, nu, state, warned):
     Body(method(create_unit_square(COMM, 2, 2)), Material(1.0, nu), state)
     assert ("in displacements alone: they lock" in caplog.text) is warned
+
+
+def test_layers_are_exact_where_the_pressure_is_split_between_them(caplog):
+    mesh = layered(COMM, CellType.triangle)
+    assert error(Spaces.hybrid, mesh, split_pressure=True) < 1e-12
+    assert "the pressure is continuous" not in caplog.text
+    assert error(Spaces.hybrid, mesh, split_pressure=False) > 1e-3
+    assert "the pressure is continuous" in caplog.text
 
 
 def test_a_split_pressure_has_to_be_tied_and_needs_factors():

@@ -14,11 +14,8 @@ from pw_elements.contact import (
     Motion,
     Parabola,
     Plane,
-    SignedDistance,
     solve_contact,
 )
-from pw_elements.contact.interface import nodal_interface
-from pw_elements.spaces import Assembled
 from study.matrices import dense
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 
@@ -124,31 +121,3 @@ def test_what_does_not_belong_together_is_refused():
     ):
         with pytest.raises(ValueError, match=words):
             attempt()
-
-
-def test_gaps_are_those_of_coefficients_where_all_neighbours_face_the_surface():
-    block = Block("triangle", 3)
-    U, sibling = block.space, block.sibling
-
-    def rolling(x):
-        return np.where(x[:, 0] < 1.3, 3 - np.cos(3 * x[:, 0]) - x[:, 1], np.inf)
-
-    upwards = np.array([[0.0, -1.0]])
-    surface = SignedDistance(rolling, lambda x: np.repeat(upwards, len(x), axis=0))
-    pair = ContactPair(at(1, 1.0), surface)
-    interface = nodal_interface([pair], U, block.own(), Assembled(sibling=sibling))
-    x = U.tabulate_dof_coordinates()
-    given = surface.gap(x[:, :2])
-    inverse = dense(sibling.inverse)[::2, ::2]
-    on_top = np.isclose(x[:, 1], 1.0)
-    changed = 0
-    for node, gap in zip(interface.node, interface.gaps(None), strict=True):
-        needed = np.flatnonzero(inverse[node])
-        assert on_top[needed].all()
-        if np.isfinite(given[needed]).all():
-            assert gap == pytest.approx(inverse[node, needed] @ given[needed], abs=1e-12)
-            changed += gap != pytest.approx(given[node], abs=1e-6)
-        else:
-            assert gap == given[node]
-    assert changed > 2
-    assert np.isinf(interface.gaps(None)).any()
