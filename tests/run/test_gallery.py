@@ -24,6 +24,7 @@ COARSE = {
     "bracket": "size = 12.0",
     "buckling": "cells = 1",
     "gears": "size = 0.5",
+    "identify": "cells, nu = 4, 0.45",
     "poisson": "cells = 8",
     "press_fit": "size = 3.0",
     "roller_on_dome": "size, zone = 0.25, 1.6",
@@ -129,6 +130,16 @@ def test_rubber_roller(example):
     assert 0 < force[0] < found["friction"] * force[1]
     assert np.ptp(found["x"]) == pytest.approx(2 * np.sqrt(2 * depth - depth**2), rel=0.4)
     assert found["pressure"][found["closed"]].min() > 0
+
+
+def test_identify(example):
+    """What the record was made with is found, up to its noise and a coarser mesh."""
+    found = example("identify")
+    fit, spread = found["fit"], found["spread"]
+    assert fit.success
+    assert fit.nfev < 12
+    assert np.all(np.abs(fit.x - found["truth"]) < 3 * spread + 0.02 * np.array(found["truth"]))
+    assert np.all(spread < 0.06 * np.array(found["truth"]))
 
 
 def test_shaft_seal(example):
