@@ -12,8 +12,6 @@ import pytest
 import study.command
 import study.report
 from study.command import main
-from study.core.cases import Case
-from study.core.runner import Done, _Progress
 from study.core.store import Result, Results, save
 from tests.study.toystudy import claim, install, started
 
@@ -277,31 +275,6 @@ def test_valid_result_outlives_a_failed_run_with_force(run, toy, out, capsys):
     assert run("1", "--force") == 1
     assert (out / "1" / "b.json").read_text() == before
     assert capsys.readouterr().err.count("its stored result still holds and is kept") == 2
-
-
-def test_longest_cases_come_first_by_an_earlier_run(run, out, monkeypatch):
-    run("1")
-    stored = json.loads((out / "1" / "b.json").read_text())
-    stored["provenance"]["seconds"] = 99.0
-    (out / "1" / "b.json").write_text(json.dumps(stored))
-    order = []
-    compute = study.core.runner.compute
-    monkeypatch.setattr(
-        study.core.runner, "compute", lambda case, *of: order.append(case.key) or compute(case, *of)
-    )
-    assert run("1", "--force") == 0
-    assert order == ["1/b", "1/a"]
-
-
-def test_sections_are_told_in_their_order_whichever_ends_first(capsys):
-    cases = [*(Case("7.1", name, print) for name in "abd"), Case("7.2", "c", print)]
-    progress = _Progress(cases)
-    for case in reversed(cases):
-        progress.ended(case, {"a": None, "d": Done(error="no")}.get(case.name, Done(1.5)))
-    assert capsys.readouterr().err.splitlines() == [
-        "7.1  Simple structure with two elements: 1 computed in 1.5 s, 1 failed, 1 unfinished",
-        "7.2  Elastic block on a rigid surface: 1 computed in 1.5 s",
-    ]
 
 
 def test_single_cases_are_computed_and_nothing_else(run, toy, out, capsys):

@@ -6,10 +6,9 @@ import ufl
 from dolfinx import fem
 from scipy.integrate import quad
 
-from pw_elements import Body, Material, Reduction, assemble_matrix, prescribe, vibration_modes
+from pw_elements import Material
 from pw_elements.elasticity import StressState
-from study.discretisation import spaces
-from study.verification import friction, v4_spence, v6_greco, v8_vibration
+from study.verification import friction, v4_spence, v6_greco
 from study.verification import v10_partial_slip as v10
 from study.verification.half_space import (
     BondedLine,
@@ -22,7 +21,7 @@ from study.verification.half_space import (
 from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_force
 from study.verification.mesh_lines import graded
 from study.verification.solid_meshes import box, quarter_disc, with_mirror_image
-from study.verification.v8_exact import Rod, rectangle_eigenvalues, wave_speeds_squared
+from study.verification.v8_exact import Rod, wave_speeds_squared
 from study.vocabulary import OPEN, SLIP, STICK
 
 BODY = Elastic(1000.0, 0.3)
@@ -240,20 +239,3 @@ def test_wave_speeds_of_plane_states():
     assert shear == same == pytest.approx(1 / 2.6)
     assert plate / shear == pytest.approx(2 / (1 - 0.3))
     assert solid / shear == pytest.approx(2 * (1 - 0.3) / (1 - 0.6))
-
-
-@pytest.mark.parametrize("state", [StressState.PLANE_STRESS, StressState.PLANE_STRAIN])
-def test_modes_of_a_rectangle_between_walls(state):
-    # unequal sides, so that no two modes share an eigenvalue
-    sides = (1.0, 0.7)
-    mesh = v8_vibration._mesh(sides, (12, 9), "triangle")
-    body = Body(spaces("pw-T6", mesh), MATERIAL, state)
-    U = body.spaces.trial
-    held = [(i, value) for i in (0, 1) for value in (0.0, sides[i])]
-    walls = [prescribe(U, i, lambda x, i=i, v=value: np.isclose(x[i], v)) for i, value in held]
-    K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
-    modes = vibration_modes(K, M, Reduction.dirichlet(U, walls), 8)
-    exact = np.array(rectangle_eigenvalues(MATERIAL, state, sides, 8))
-    assert len(set(np.round(exact, 9))) == 8
-    assert modes.eigenvalues == pytest.approx(exact, rel=3e-3)
-    assert np.all(modes.eigenvalues > exact)
