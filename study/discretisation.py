@@ -1,8 +1,8 @@
 """The elements that the study compares, by the names of its result files."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from petsc4py import PETSc
 
@@ -24,24 +24,9 @@ from pw_elements.elasticity import StressState, Vector
 from pw_elements.spaces import (
     Marker,
     SubSpace,
-    composite_element,
-    one_cut_element,
-    quadratic_element,
 )
+from study.elements import composite, one_cut, taylor_hood
 from study.inner_nodes import centre_nodes, mid_diagonal_nodes
-
-
-def _composite(mesh: Mesh) -> Spaces:
-    """Composite triangles, on curved ones too, where `Spaces.composite` refuses them."""
-    trial = fem.functionspace(mesh, composite_element((mesh.geometry.dim,)))
-    return Spaces(trial, trial)
-
-
-def one_cut(mesh: Mesh, shape: tuple[int, ...] = (3,)) -> Spaces:
-    """The paper's element on tetrahedra cut along one diagonal: see `one_cut_element`."""
-    trial = fem.functionspace(mesh, quadratic_element("tetrahedron", shape))
-    return Spaces(trial, fem.functionspace(mesh, one_cut_element(shape)))
-
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
 _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
@@ -53,7 +38,7 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pw-Q8": Spaces.petrov_galerkin,
     "pwsym-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,
-    "composite-T6": _composite,
+    "composite-T6": composite,
     # on tetrahedra and hexahedra; what becomes of the standard element's forces is the study's
     "galerkin-T10": Spaces.galerkin,
     "transferred-T10": Spaces.galerkin,
@@ -61,13 +46,13 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pw-T10": Spaces.petrov_galerkin,
     "onecut-T10": one_cut,
     # with a pressure beside displacements
-    "galerkin-hybrid-T6": Spaces.taylor_hood,
+    "galerkin-hybrid-T6": taylor_hood,
     "pw-hybrid-T6": Spaces.hybrid,
-    "galerkin-hybrid-T10": Spaces.taylor_hood,
+    "galerkin-hybrid-T10": taylor_hood,
     "pw-hybrid-T10": Spaces.hybrid,
-    "galerkin-hybrid-Q9": Spaces.taylor_hood,
+    "galerkin-hybrid-Q9": taylor_hood,
     "pw-hybrid-Q9": Spaces.hybrid,
-    "galerkin-hybrid-H27": Spaces.taylor_hood,
+    "galerkin-hybrid-H27": taylor_hood,
     "pw-hybrid-H27": Spaces.hybrid,
     "galerkin-H27": Spaces.galerkin,
     "pw-H27": Spaces.petrov_galerkin,
@@ -150,6 +135,15 @@ def spaces(element: str, mesh: Mesh) -> Spaces:
 def displacement_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     """That of the displacements alone, with nodes of its own where there is a pressure."""
     return SubSpace.displacements(space).space
+
+
+def mass_left(condensed: Reduction, left: Literal["transposed", "same"]) -> Reduction:
+    """A condensation for mass matrices, where two left matrices L are in use.
+
+    "transposed" is its own L, from the transposed problem; "same" takes R for L, the recipe of
+    symmetric codes. L^T K R is the same, since K R vanishes in the inner rows; L^T M R is not.
+    """
+    return condensed if left == "transposed" else replace(condensed, left=condensed.right)
 
 
 def held_nodes(

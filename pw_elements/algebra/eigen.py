@@ -146,7 +146,7 @@ def vibration_modes(
     Args:
         K: stiffness, (n, n), free.
         M: mass, (n, n), free.
-        reduction: supports; see `Reduction.guyan` where nodes are condensed.
+        reduction: supports, and condensation.
         count: how many eigenvalues, those of rigid motions among them.
         symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
             solver does with an unsymmetric element.

@@ -6,7 +6,6 @@ agree on what they prescribe.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -151,7 +150,7 @@ class Reduction:
 
     The displacements that a load causes at inner nodes alone, Q f with Q = [0, 0; 0, K_ii^-1], are
     added to the offset: `under` makes the reduction for one load. Reduced loads do not need this,
-    since L^T K Q = 0. Guyan's reduction applies `matrix` to the mass matrix as well: see `guyan`.
+    since L^T K Q = 0. Guyan's reduction applies `matrix` to the mass matrix as well.
 
     Args:
         left: L, (n, n_r); the same matrix as `right` for Dirichlet conditions.
@@ -359,22 +358,6 @@ class Reduction:
             left = self.left.copy()
             left.diagonalScale(scale)
         return replace(self, left=left, right=right)
-
-    @same_everywhere
-    def guyan(self, left: Literal["transposed", "same"]) -> "Reduction":
-        """Makes this condensation one for mass matrices, where two left matrices L are in use.
-
-        Args:
-            left: "transposed" is this L, from the transposed problem; "same" takes R for L, the
-                recipe of symmetric codes. L^T K R is the same, since K R vanishes in the inner
-                rows; L^T M R is not.
-
-        Raises:
-            ValueError: for an unknown name.
-        """
-        if left not in ("transposed", "same"):
-            raise ValueError(f'left matrix {left!r}: the names are "transposed" and "same"')
-        return self if left == "transposed" else replace(self, left=self.right)
 
     @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:

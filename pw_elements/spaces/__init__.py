@@ -8,10 +8,7 @@ from pw_elements.spaces.assembly import (
     compiled_form,
 )
 from pw_elements.spaces.elements import (
-    PAPER_NODES,
-    composite_element,
     macro_element,
-    one_cut_element,
     quadratic_element,
     serendipity_element,
 )

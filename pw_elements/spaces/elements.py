@@ -42,9 +42,6 @@ _ON_SIDE = 1e-10
 _SIMPLICES = ("triangle", "tetrahedron")
 CELLS = ("interval", "triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
-# Nodes 1..6 of the paper's triangle (vertices, then mid-sides 1-2, 2-3, 3-1) as Basix dofs
-PAPER_NODES = (0, 1, 2, 5, 3, 4)
-
 
 def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     """Quadrature points (12 n, 3) and weights (12 n,) of the reference tetrahedron.
@@ -180,16 +177,6 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     return _blocked(element, shape)
 
 
-def one_cut_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Piecewise-linear weights on tetrahedra cut into eight, P1-iso-P2; for comparisons.
-
-    The order of a cell's vertices determines along which of three diagonals the octahedron inside
-    is cut, and nodal forces change by some per cent with it. DOLFINx's own integrals of its slopes
-    are wrong with degree 4, 5 and 7, whose points lie on sides of sub-cells.
-    """
-    return _blocked(_halved_element(CellType.tetrahedron), extents("shape", shape))
-
-
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)
@@ -211,47 +198,6 @@ def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     coefficients = np.linalg.qr(((monomials * weights) @ orthonormal.T).T)[0].T
     space = np.ascontiguousarray(coefficients)
     return _blocked(_nodal(celltype, space, 2, PolysetType.standard, interior=False), shape)
-
-
-def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Composite triangle: four linear triangles with one linear gradient over all of them.
-
-    Values are those of `macro_element("triangle")`. Wherever a form takes a gradient, it gets the
-    L2 projection of the piecewise constant one onto linear functions of the macro triangle: with a
-    constant D, the linear assumed strain of Y. Guo, M. Ortiz, T. Belytschko, E. A. Repetto,
-    "Triangular composite finite elements", Int. J. Numer. Methods Eng. 47 (2000), for small
-    strains. Projecting on the reference triangle is right for straight sides.
-    """
-    shape = extents("shape", shape)
-    return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)
-
-
-class _AssumedGradientElement(basix.ufl._BasixElement):
-    """Macro triangle that tabulates projected gradients; FFCx tabulates through it."""
-
-    def __init__(self, element: basix.finite_element.FiniteElement) -> None:
-        super().__init__(element)
-        triangle, macro = CellType.triangle, PolysetType.macroedge
-        # an orthonormal basis of linear functions makes the projection a sum of integrals
-        points, weights = basix.make_quadrature(triangle, 2, polyset_type=macro)
-        slopes = element.tabulate(1, points)[1:, :, :, 0]
-        linear = tabulate_polynomial_set(triangle, PolysetType.standard, 1, 0, points)[0]
-        self._moments = np.einsum("dpn,kp,p->dkn", slopes, linear, weights)
-
-    def __repr__(self) -> str:
-        return f"{super().__repr__()}, assumed gradient"
-
-    def tabulate(self, nderivs: int, points: Array) -> Array:
-        """Values and projected first derivatives at points (n, 2): (derivatives, n, nodes)."""
-        if nderivs > 1:
-            raise NotImplementedError("the composite triangle has first derivatives only")
-        values = super().tabulate(0, points)
-        if nderivs == 0:
-            return values
-        linear = tabulate_polynomial_set(
-            CellType.triangle, PolysetType.standard, 1, 0, np.ascontiguousarray(points)
-        )[0]
-        return np.concatenate([values, np.einsum("dkn,kp->dpn", self._moments, linear)])
 
 
 class _HalvedTensorElement(basix.ufl._BasixElement):

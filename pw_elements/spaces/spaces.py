@@ -17,7 +17,6 @@ from dolfinx.mesh import Mesh, MeshTags
 
 from pw_elements.checks import arguments, collective, same_everywhere, whole
 from pw_elements.spaces.elements import (
-    composite_element,
     macro_element,
     quadratic_element,
     serendipity_element,
@@ -110,18 +109,6 @@ class Spaces:
 
     @classmethod
     @same_everywhere
-    def taylor_hood(cls, mesh: Mesh, parts: MeshTags | None = None) -> "Spaces":
-        """The standard hybrid element, quadratic displacements and linear pressure for both.
-
-        Args:
-            mesh: as of `hybrid`.
-            parts: as of `hybrid`.
-        """
-        trial = _mixed(mesh, _trial_element(mesh), parts)
-        return cls(trial, trial, parts)
-
-    @classmethod
-    @same_everywhere
     def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
         """Nodal 8-node quadrilaterals for both: the standard element CPS8.
 
@@ -132,28 +119,6 @@ class Spaces:
         shape = _shape(mesh, components)
         _check_cell(mesh, "quadrilateral", "8-node elements")
         trial = fem.functionspace(mesh, serendipity_element(shape))
-        return cls(trial, trial)
-
-    @classmethod
-    @same_everywhere
-    def composite(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Composite triangles, piecewise linear with assumed gradients, for both.
-
-        Args:
-            mesh: of triangles with straight sides.
-            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
-
-        Raises:
-            ValueError: if the mesh is not one of triangles of degree 1.
-        """
-        shape = _shape(mesh, components)
-        _check_cell(mesh, "triangle", "composite triangles")
-        if mesh.ufl_domain().ufl_coordinate_element().degree > 1:
-            raise ValueError(
-                "composite triangles need straight sides: their gradients are projected on the "
-                "reference triangle; use a mesh of degree 1"
-            )
-        trial = fem.functionspace(mesh, composite_element(shape))
         return cls(trial, trial)
 
     @property

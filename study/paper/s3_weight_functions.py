@@ -11,9 +11,10 @@ from dolfinx.mesh import Mesh, create_mesh
 
 from pw_elements import Body, Material, Spaces, assemble_matrix
 from pw_elements.elasticity import StressState
-from pw_elements.spaces import PAPER_NODES, macro_element, quadratic_element
+from pw_elements.spaces import macro_element, quadratic_element
 from study.core.cases import Case
 from study.core.store import Result
+from study.elements import PAPER_NODES
 from study.matrices import dense, relative_difference
 from study.units import dimensionless
 
@@ -50,7 +51,7 @@ def weight_functions() -> Result:
     weights (n, 6) and shape functions (n, 6) on it, `grid_cells` (m, 3).
     """
     element = macro_element("triangle")
-    nodes = element._element.points[list(PAPER_NODES)]  # in the paper's order
+    nodes = element._element.points[PAPER_NODES]  # in the paper's order
 
     random = np.random.default_rng(SEED)
     barycentric = random.dirichlet(np.ones(3), RANDOM_POINTS)
@@ -121,7 +122,7 @@ def element_matrices() -> Result:
 
 def _weights(element: basix.ufl._ElementBase, points: Points) -> Points:
     """Values (n, 6) at reference points (n, 2), functions in the paper's order."""
-    return element.tabulate(0, points)[0][:, list(PAPER_NODES)]
+    return element.tabulate(0, points)[0][:, PAPER_NODES]
 
 
 def _continuity_jump(element: basix.ufl._ElementBase, nodes: Points) -> float:
@@ -138,7 +139,7 @@ def _continuity_jump(element: basix.ufl._ElementBase, nodes: Points) -> float:
         inward = nodes[other - 1] - side.mean(axis=0)
         limits = []
         for step in (hair * inward, -hair * inward):
-            table = element.tabulate(1, side + step)[:, :, list(PAPER_NODES)]
+            table = element.tabulate(1, side + step)[:, :, PAPER_NODES]
             limits.append(table[0] - np.einsum("d,dnf->nf", step, table[1:]))
         jump = max(jump, float(np.abs(limits[0] - limits[1]).max()))
     return jump
@@ -175,7 +176,7 @@ def _one_triangle(corners: Points) -> Mesh:
 
 
 def _mesh_nodes_in_paper_order(U: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    return U.dofmap.list[0][list(PAPER_NODES)]
+    return U.dofmap.list[0][PAPER_NODES]
 
 
 def _stiffness_by_subelements(U: fem.FunctionSpace, order: npt.NDArray[np.int32]) -> Points:
@@ -191,12 +192,12 @@ def _stiffness_by_subelements(U: fem.FunctionSpace, order: npt.NDArray[np.int32]
     jacobian = np.array([nodes[1] - nodes[0], nodes[2] - nodes[0]])  # rows: d(x, y)/d(xi), d(eta)
     to_physical = np.linalg.inv(jacobian)
     shapes, weights = quadratic_element("triangle"), macro_element("triangle")
-    reference_nodes = weights._element.points[list(PAPER_NODES)]
+    reference_nodes = weights._element.points[PAPER_NODES]
     K = np.zeros((12, 12))
     for subelement in np.array(SUBELEMENTS) - 1:
         centroid = reference_nodes[subelement].mean(axis=0, keepdims=True)
         dN, dW = (
-            to_physical @ e.tabulate(1, centroid)[1:, 0, :][:, list(PAPER_NODES)]
+            to_physical @ e.tabulate(1, centroid)[1:, 0, :][:, PAPER_NODES]
             for e in (shapes, weights)
         )
         K += _area(nodes[subelement]) * _strain_matrix(dW).T @ D @ _strain_matrix(dN)

@@ -32,7 +32,7 @@ from study.contact_result import (
 )
 from study.core.cases import Case
 from study.core.store import Result
-from study.discretisation import Discretisation, discretise, is_symmetrised
+from study.discretisation import Discretisation, discretise, is_symmetrised, mass_left
 from study.paper import s7_5_profiles
 from study.paper.bands import DATA, DIAGONALS
 from study.paper.s7_5_profiles import PROFILES, Profile
@@ -170,7 +170,7 @@ def _modes(
         ]
     )
     if len(body.inner_nodes()):
-        standing = standing.guyan(guyan)
+        standing = mass_left(standing, guyan)
     return vibration_modes(body.K, M, standing, MODES, is_symmetrised(body.element))
 
 

@@ -18,7 +18,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, locate_entities_boundary, meshtags
 
 from pw_elements import Spaces, assemble_vector
-from study.discretisation import one_cut
+from study.elements import one_cut
 from study.verification import mesh_lines
 from study.verification.half_space import Elastic, HertzLine, HertzSphere
 from study.verification.half_space_shear import hertz_force

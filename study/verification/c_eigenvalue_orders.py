@@ -15,7 +15,7 @@ from pw_elements import Body, Material, assemble_matrix, prescribe, vibration_mo
 from pw_elements.elasticity import StressState
 from study.core.cases import Case
 from study.core.store import Result
-from study.discretisation import Discretisation, is_symmetrised, spaces
+from study.discretisation import Discretisation, is_symmetrised, mass_left, spaces
 from study.units import dimensionless
 from study.verification.c_mesh_families import (
     INNER,
@@ -139,7 +139,7 @@ VIBRATIONS = {
 def modes(
     element: str, vibration: str, left: Literal["transposed", "same"] = "transposed"
 ) -> Result:
-    """Errors of eigenvalues on all meshes, and their order; `left` as in `Reduction.guyan`.
+    """Errors of eigenvalues on all meshes, and their order; `left` as in `mass_left`.
 
     Curves, a number a mesh: `h`, `dofs`, `error_eigenvalue` (the largest relative one of those
     compared). Scalars: the order, the error on the finest mesh, and the largest |Im| / |Re|.
@@ -153,7 +153,7 @@ def modes(
         K, M = assemble_matrix(body.stiffness()), assemble_matrix(body.mass())
         discretisation = Discretisation(element, body, K)
         walls = [_wall(discretisation.space, i, place) for i, place in vibrating.walls]
-        reduction = discretisation.supports(walls).guyan(left)
+        reduction = mass_left(discretisation.supports(walls), left)
         found = vibration_modes(K, M, reduction, COUNT, is_symmetrised(element))
         near = found.eigenvalues
         if len(exact) == 1:

@@ -36,6 +36,7 @@ from pw_elements import (
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import mapped
 from study.core.store import Result
+from study.elements import taylor_hood
 from study.units import dimensionless
 from study.verification.v15_meshes import CELLS
 
@@ -51,7 +52,7 @@ def layers(element: str) -> Result:
 
     `error` with a pressure that is split between the layers, `error_one` with one that is not.
     """
-    method = Spaces.hybrid if element.startswith("pw") else Spaces.taylor_hood
+    method = Spaces.hybrid if element.startswith("pw") else taylor_hood
     mesh = layered(MPI.COMM_SELF, CELLS[element.rsplit("-", 1)[1]])
     scalars = {name: error(method, mesh, name == "error") for name in ("error", "error_one")}
     return Result(scalars, dimensionless(scalars), {})

@@ -33,6 +33,7 @@ from study.discretisation import (
     discretise,
     is_quadrilateral,
     is_symmetrised,
+    mass_left,
     mesh_curves,
     spaces,
 )
@@ -213,7 +214,7 @@ def _reduction(
 ) -> Reduction:
     if treatment == "all nodes":
         return Reduction.dirichlet(body.space, conditions)
-    return body.supports(conditions).guyan("same" if treatment == "same" else "transposed")
+    return mass_left(body.supports(conditions), "same" if treatment == "same" else "transposed")
 
 
 def _conditions(body: Discretisation, held: list[Support]) -> list[fem.DirichletBC]:

@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Spaces, as_function, reactions
+from pw_elements import as_function, reactions
 from pw_elements.contact import (
     SLIP,
     STICK,
@@ -22,6 +22,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.meshes import mapped, triangles
+from study.elements import composite
 from tests.contact.cases import PW, Block, Elastic, at
 from tests.library import vtx
 
@@ -186,7 +187,7 @@ def test_files_that_cannot_be_written(tmp_path):
         write(path, states, block.body)
     assert path.read_text() == "mine"
     path.unlink()
-    other = Block(4, Spaces.composite)
+    other = Block(4, composite)
     (state,) = other.solve(0.3, 60.0, increments=0)
     with pytest.raises(ValueError, match="not Lagrange's of degree 2"):
         write(path, state, other.body)

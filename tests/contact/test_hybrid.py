@@ -22,10 +22,11 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from pw_elements.spaces import SubSpace
+from study.elements import taylor_hood
 from tests.contact.cases import PW, Elastic, at
 from tests.contact.test_matching import doubled
 
-COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, Spaces.taylor_hood
+COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
 
 class Rubber(Elastic):

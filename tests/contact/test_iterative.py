@@ -20,11 +20,12 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.solvers import SolverReport
+from study.elements import taylor_hood
 from tests.contact.cases import GALERKIN, PW, Elastic, at
 from tests.contact.iterative import CASES, STACKED, Solid, held_by_contact, nearly_sliding
 from tests.contact.two_bodies import Stack
 
-HYBRID, TAYLOR_HOOD = Spaces.hybrid, Spaces.taylor_hood
+HYBRID, TAYLOR_HOOD = Spaces.hybrid, taylor_hood
 METHODS = {False: "GMRES with p-multigrid", True: "GMRES with p-multigrid in a block triangle"}
 
 

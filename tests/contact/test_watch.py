@@ -24,6 +24,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import Gradients
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from study.elements import composite
 from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import Blocks
@@ -62,7 +63,7 @@ SPACES = {
     "curved triangles": lambda: Spaces.petrov_galerkin(curved(flat(triangles), bent)),
     "quadrilaterals": lambda: Spaces.petrov_galerkin(mapped(flat(quadrilaterals), bent)),
     "8 nodes": lambda: Spaces.serendipity(flat(quadrilaterals)),
-    "composite": lambda: Spaces.composite(mapped(flat(triangles), bent)),
+    "composite": lambda: composite(mapped(flat(triangles), bent)),
     "tetrahedra": lambda: Spaces.petrov_galerkin(mapped(cube(CellType.tetrahedron), bent)),
     "hexahedra": lambda: Spaces.galerkin(mapped(cube(CellType.hexahedron), bent)),
 }

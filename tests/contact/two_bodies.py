@@ -18,10 +18,12 @@ from pw_elements._compat import cell_nodes
 from pw_elements.contact import ContactPair, DeformableSurface
 from pw_elements.elasticity import facet_nodes
 from pw_elements.spaces import exterior_facets
+from study.elements import composite, taylor_hood
 from tests.contact.cases import Elastic, at
 
 PRESSURE = 1e-3
 PLANE = ("triangle", "quadrilateral")
+RIVALS = {"composite": composite, "taylor_hood": taylor_hood}
 
 
 def joined(lower, upper, comm=MPI.COMM_SELF):
@@ -51,7 +53,7 @@ class Stack(Elastic):
         cell: of both.
         lower: first and last coordinate across, of the lower one.
         upper: of the upper one.
-        element: method of `Spaces`.
+        element: method of `Spaces`, or a rival.
         shape: of the upper block's nodes (n, 3) to new ones.
         nu: Poisson's ratio.
         ratio: of the upper modulus to the lower one, which is 1.
@@ -91,7 +93,8 @@ class Stack(Elastic):
             tags = meshtags(mesh, dim, cells, above.astype(np.int32))
             material = Material.by_tag(mesh, tags, {0: material, 1: Material(ratio, nu)})
         state = state or ("solid" if dim == 3 else "plane strain")
-        super().__init__(mesh, getattr(Spaces, element), state, material=material)
+        spaces = RIVALS.get(element) or getattr(Spaces, element)
+        super().__init__(mesh, spaces, state, material=material)
         low, high = two_sides(
             self, lambda x: np.abs(x[self.up] - 1.0) < 0.1, lambda x: x[:, self.up] > 1.0
         )

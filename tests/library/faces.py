@@ -137,7 +137,6 @@ def calls(comm):
         "Reduction.masked": (w.held.masked, {}),
         "Reduction.supported": (w.held.supported, {"K": w.K}),
         "Reduction.equilibrated": (w.held.equilibrated, {"K": w.K}),
-        "Reduction.guyan": (w.held.guyan, {"left": "same"}),
         "Reduction.matrix": (w.held.matrix, {"K": w.K}),
         "Reduction.load": (w.held.load, {"K": w.K, "f": w.load}),
         "Sibling.of": (Sibling.of, {"space": V}),
@@ -150,8 +149,6 @@ def calls(comm):
         "Spaces.petrov_galerkin": (Spaces.petrov_galerkin, {"mesh": w.mesh, "components": 2}),
         "Spaces.galerkin": (Spaces.galerkin, {"mesh": w.mesh, "components": None}),
         "Spaces.hybrid": (Spaces.hybrid, {"mesh": w.mesh, "parts": w.tags}),
-        "Spaces.taylor_hood": (Spaces.taylor_hood, {"mesh": w.mesh, "parts": None}),
-        "Spaces.composite": (Spaces.composite, {"mesh": w.mesh, "components": 2}),
         "Spaces.serendipity": (
             Spaces.serendipity,
             {"mesh": pw_elements.meshes.quadrilaterals(**rectangle), "components": 2}),

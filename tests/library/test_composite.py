@@ -11,7 +11,8 @@ from dolfinx import fem
 
 from pw_elements import Body, Material, Spaces, assemble_matrix, force_transfer, reactions, solve
 from pw_elements.meshes import mapped, triangles
-from pw_elements.spaces import composite_element, macro_element
+from pw_elements.spaces import macro_element
+from study.elements import composite, composite_element
 from study.matrices import dense
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -21,11 +22,11 @@ MESH = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorte
 
 
 def test_gradient_is_the_projection_of_the_piecewise_constant_one():
-    macro, composite = macro_element("triangle"), composite_element()
+    macro, assumed = macro_element("triangle"), composite_element()
     points, weights = basix.make_quadrature(
         basix.CellType.triangle, 2, polyset_type=basix.PolysetType.macroedge
     )
-    table, slopes = composite.tabulate(1, points), macro.tabulate(1, points)
+    table, slopes = assumed.tabulate(1, points), macro.tabulate(1, points)
     assert np.array_equal(table[0], slopes[0])
     linear = np.column_stack([np.ones(len(points)), points])
     for direction in (1, 2):
@@ -36,7 +37,7 @@ def test_gradient_is_the_projection_of_the_piecewise_constant_one():
         assert np.abs((linear.T * weights) @ difference).max() < 1e-15
         assert np.abs(difference).max() > 0.1
     with pytest.raises(NotImplementedError):
-        composite.tabulate(2, points)
+        assumed.tabulate(2, points)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +45,7 @@ def test_gradient_is_the_projection_of_the_piecewise_constant_one():
 )
 def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
     """G = (q, eps(u)) with discontinuous linear q, K = G^T (D x M^-1) G."""
-    K = dense(Elastic(MESH, Spaces.composite, state, E).K)
+    K = dense(Elastic(MESH, composite, state, E).K)
     W = fem.functionspace(MESH, macro_element("triangle", (2,)))
     Q = fem.functionspace(MESH, basix.ufl.element("DG", "triangle", 1, shape=(2, 2)))
     u, strain, q = ufl.TrialFunction(W), ufl.TrialFunction(Q), ufl.TestFunction(Q)
@@ -63,7 +64,7 @@ def test_stiffness_is_that_of_the_assumed_strain_method(state, reduced):
 def test_is_the_standard_triangle_after_a_change_of_variables():
     """K = T K_G T^T, f = T f_G, so that T^T a = a_G and the nodal forces are those of pw-T6."""
     solutions = []
-    for method in (GALERKIN, PW, Spaces.composite):
+    for method in (GALERKIN, PW, composite):
         body = Elastic(MESH, method, "plane stress", E)
         f = body.weight((0.3, -1.0))
         a = solve(body.K, f, body.clamped(at(0, 0.0)))
@@ -81,7 +82,7 @@ def test_is_the_standard_triangle_after_a_change_of_variables():
 )
 def test_rigid_motions_of_one_triangle_are_its_only_zero_modes(state, motions):
     mesh = triangles(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (1, 1))
-    K = dense(Elastic(mesh, Spaces.composite, state, E).K)
+    K = dense(Elastic(mesh, composite, state, E).K)
     assert np.abs(K - K.T).max() < 1e-13
     values = np.linalg.eigvalsh(K)
     assert np.abs(values[:motions]).max() < 1e-13 * values[-1]

@@ -33,12 +33,11 @@ from pw_elements import (
 from pw_elements.meshes import curved
 from pw_elements.spaces import (
     macro_element,
-    one_cut_element,
     quadratic_element,
     serendipity_element,
 )
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
-from study.discretisation import one_cut
+from study.elements import one_cut, one_cut_element
 from study.matrices import dense
 from tests.contact.cases import PW
 from tests.library.random_meshes import Grid, points_within, structured

@@ -36,6 +36,7 @@ from pw_elements.contact import ContactPair, NoEquilibrium, Plane, solve_contact
 from pw_elements.contact.iteration import krylov
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.solvers import Multigrid, auto_solver, iterative, matrices
+from study.elements import composite
 from study.inner_nodes import centre_nodes
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 from tests.contact.iterative import Solid, nearly_sliding
@@ -65,7 +66,7 @@ BODIES = {
     "galerkin-T6": lambda: (rectangle("triangle"), GALERKIN, "plane stress"),
     "pw-Q9": lambda: (rectangle("quadrilateral"), PW, "axisymmetric"),
     "galerkin-Q8": lambda: (rectangle("quadrilateral"), Q8, "plane stress"),
-    "composite-T6": lambda: (rectangle("triangle"), Spaces.composite, "plane stress"),
+    "composite-T6": lambda: (rectangle("triangle"), composite, "plane stress"),
     "pw-T6, curved": lambda: (bent(rectangle("triangle")), PW, "axisymmetric"),
     "pw-T10, curved": lambda: (bent(box("tetrahedron")), PW, "solid"),
 }
