@@ -45,12 +45,12 @@ from pw_elements.spaces import (
     Spaces,
     SubSpace,
     by_cell_tag,
-    cell_measure,
     check_parts,
     exterior_facets,
     is_hybrid,
     marked,
     numbered,
+    with_cell_rules,
 )
 
 Scalar: TypeAlias = float | Expr
@@ -457,7 +457,8 @@ class Body:
         degree = self.quadrature_degree
         if degree is None:
             degree = self._sufficient_degree(exact_degree, in_box)
-        return integrand * self._depth() * self._stated(cell_measure(self.spaces.test, degree))
+        dx = ufl.Measure("dx", self.spaces.mesh, metadata={"quadrature_degree": degree})
+        return with_cell_rules(integrand * self._depth() * self._stated(dx))
 
     def _stated(self, measure: ufl.Measure) -> ufl.Measure:
         """The measure, which says in what state of stress it is taken."""

@@ -58,6 +58,14 @@ def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     return (hats @ corners).reshape(-1, 3), np.outer(size, weights).ravel()
 
 
+def vertex_rule() -> tuple[Array, Array]:
+    """Vertices (4, 3) and weights (4,) that integrate linear functions times slopes of weights.
+
+    There `TwelveCellElement` has the slopes' means, each weighted with its vertex' linear function.
+    """
+    return basix.geometry(_CELL), np.full(4, 1 / 24)
+
+
 class TwelveCellElement(basix.ufl._BasixElement):
     """The one-cut element as the mean of the three cuts; points of FFCx's own rules are refused."""
 
@@ -73,8 +81,9 @@ class TwelveCellElement(basix.ufl._BasixElement):
     def tabulate(self, nderivs: int, points: Array) -> Array:
         """Values and derivatives at points (n, 3): (derivatives, n, 10).
 
-        Slopes on a side between two of the twelve cells are those of one of them. Points of rules
-        that are not equally many in each of the twelve cells are a ValueError.
+        Slopes on a side between two of the twelve cells are those of one of them, and at the points
+        of `vertex_rule` means. Points of rules that are not equally many in each of the twelve
+        cells are a ValueError.
         """
         inverse, nodal = _linear_on_cells()
         hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
@@ -84,7 +93,12 @@ class TwelveCellElement(basix.ufl._BasixElement):
         table = np.zeros((math.comb(nderivs + 3, 3), len(points), nodal.shape[2]))
         table[0] = np.einsum("qj,qjn->qn", hats[cell, own], nodal[cell])
         if nderivs > 0:
-            table[1:4] = np.einsum("cij,cjn->icn", inverse[:, 1:], nodal)[:, cell]
+            slopes = np.einsum("cij,cjn->icn", inverse[:, 1:], nodal)
+            table[1:4] = slopes[:, cell]
+            if np.array_equal(points, vertex_rule()[0]):
+                middles, sizes = twelve_cell_rule(1)
+                hats = 24 * sizes * np.vstack([1 - middles.sum(axis=1), middles.T])
+                table[1:4] = np.einsum("qc,icn->iqn", hats, slopes)
         return table
 
 

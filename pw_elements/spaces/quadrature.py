@@ -1,6 +1,9 @@
 """Integrals over cells: weights on tetrahedra need points on sub-cells FFCx knows nothing of.
 
-For all other elements FFCx takes the right rule by itself: that of the halved cell wherever a
+Stiffnesses need four points instead of twelve: stresses of quadratic displacements are linear in
+straight cells, and the means of slopes at the vertices integrate their products exactly.
+
+For all other elements FFCx tak the right rule by itself: that of the halved cell wherever a
 test or trial function is piecewise linear. So it does on the faces of tetrahedra.
 """
 
@@ -11,9 +14,18 @@ import basix.ufl
 import ufl
 from basix import CellType, PolysetType
 from dolfinx import fem
-from ufl.algorithms import compute_form_data, extract_elements, extract_sub_elements
+from ufl.algorithms import (
+    compute_form_data,
+    extract_arguments,
+    extract_coefficients,
+    extract_elements,
+    extract_sub_elements,
+)
+from ufl.classes import Grad
+from ufl.corealg.traversal import unique_pre_traversal
 
-from pw_elements.spaces.elements import twelve_cell_rule
+from pw_elements.arrays import Array
+from pw_elements.spaces.elements import TwelveCellElement, twelve_cell_rule, vertex_rule
 
 # Under this name metadata of a body's integrals have its state of stress
 STATE = "stress_state"
@@ -30,8 +42,8 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
         degree: of the polynomials that are integrated exactly on each sub-cell.
     """
     metadata: dict[str, Any] = {"quadrature_degree": degree}
-    if _is_halved_tetrahedron(space.ufl_element()):
-        metadata |= _twelve_cells(degree)
+    if _halved_tetrahedra(space.ufl_element()):
+        metadata |= _custom(*twelve_cell_rule(degree))
     return ufl.Measure("dx", domain=space.mesh, metadata=metadata)
 
 
@@ -68,7 +80,7 @@ def _lacks_rule(integral: ufl.Integral) -> bool:
     return (
         integral.integral_type() == "cell"
         and integral.metadata().get("quadrature_rule") != "custom"
-        and any(map(_is_halved_tetrahedron, extract_elements(integral)))
+        and any(map(_halved_tetrahedra, extract_elements(integral)))
     )
 
 
@@ -83,19 +95,43 @@ def _rule(integral: ufl.Integral) -> dict[str, Any]:
     degree = metadata.get("quadrature_degree", -1)
     if degree < 0:
         degree = _estimated_degree(integral)
-    return {**metadata, **_twelve_cells(degree)}
+    if degree == 1 and _is_linear_times_slopes(integral):
+        return {**metadata, **_custom(*vertex_rule())}
+    return {**metadata, **_custom(*twelve_cell_rule(degree))}
+
+
+def _is_linear_times_slopes(integral: ufl.Integral) -> bool:
+    """Whether it has slopes of one function that is the mean of three cuts, times linear ones."""
+    functions = [*extract_arguments(integral), *extract_coefficients(integral)]
+    halved = [f for f in functions if _halved_tetrahedra(f.ufl_element())]
+    if len(halved) > 1 or _estimated_degree(integral) > 1:
+        return False
+    nodes = (
+        node for part in _prepared(integral) for node in unique_pre_traversal(part.integrand())
+    )
+    valued = {
+        operand for node in nodes if not isinstance(node, Grad) for operand in node.ufl_operands
+    }
+    means = all(
+        isinstance(e, TwelveCellElement) for e in _halved_tetrahedra(halved[0].ufl_element())
+    )
+    return means and halved[0] not in valued
 
 
 def _estimated_degree(integral: ufl.Integral) -> int:
-    data = compute_form_data(
-        ufl.Form([integral]), do_apply_integral_scaling=True, do_append_everywhere_integrals=False
-    )
-    parts = [part for group in data.integral_data for part in group.integrals]
+    parts = _prepared(integral)
     return max(int(part.metadata()["estimated_polynomial_degree"]) for part in parts)
 
 
-def _twelve_cells(degree: int) -> dict[str, Any]:
-    points, weights = twelve_cell_rule(degree)
+def _prepared(integral: ufl.Integral) -> list[ufl.Integral]:
+    """The integrals that FFCx makes of it, of derivatives of functions alone."""
+    data = compute_form_data(
+        ufl.Form([integral]), do_apply_integral_scaling=True, do_append_everywhere_integrals=False
+    )
+    return [part for group in data.integral_data for part in group.integrals]
+
+
+def _custom(points: Array, weights: Array) -> dict[str, Any]:
     return {  # tuples, for UFL's signature of a form abbreviates arrays
         "quadrature_rule": "custom",
         "quadrature_points": tuple(tuple(map(float, x)) for x in points),
@@ -103,11 +139,12 @@ def _twelve_cells(degree: int) -> dict[str, Any]:
     }
 
 
-def _is_halved_tetrahedron(element: basix.ufl._ElementBase) -> bool:
-    """Whether it is, or holds, weights on tetrahedra; the twelve cells halve the one-cut's too."""
-    return any(
-        isinstance(part, basix.ufl._BasixElement)
+def _halved_tetrahedra(element: basix.ufl._ElementBase) -> list[basix.ufl._BasixElement]:
+    """The weights on tetrahedra that an element is, or holds; the twelve cells halve all."""
+    return [
+        part
+        for part in extract_sub_elements([element])
+        if isinstance(part, basix.ufl._BasixElement)
         and part.cell_type is CellType.tetrahedron
         and part.polyset_type is PolysetType.macroedge
-        for part in extract_sub_elements([element])
-    )
+    ]
