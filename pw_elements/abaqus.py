@@ -51,7 +51,9 @@ class Model:
                 break
             try:
                 self._add(keyword, given, rows)
-            except (KeyError, IndexError, ValueError) as error:
+            except KeyError as error:
+                raise ValueError(f"{path}, *{keyword}: {error.args[0]}=... is missing") from error
+            except (IndexError, ValueError) as error:
                 raise ValueError(f"{path}, *{keyword}: {error}") from error
 
     def _add(self, keyword: str, given: Params, rows: Rows) -> None:
@@ -79,6 +81,8 @@ class Model:
             part = self.instances.get(given.get("INSTANCE", ""), self.part)
             for row in rows:
                 if "GENERATE" in given:
+                    if len(row) not in (2, 3):
+                        raise ValueError("GENERATE takes the first number, the last, and the step")
                     first, last, by = [*map(int, row), 1][:3]
                     row = [str(k) for k in range(first, last + 1, by)]
                 members = [key for one in row for key in self._members(keyword, one, part)]

@@ -180,10 +180,10 @@ def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh
             not lie in a plane z = constant.
     """
     arguments.communicator(comm)
-    import gmsh
+    with collective(comm):
+        import gmsh
 
-    from pw_elements._compat import model_to_mesh
-
+        from pw_elements._compat import model_to_mesh
     if dim not in (None, 2, 3):
         raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
     path = Path(source) if isinstance(source, str | Path) else None

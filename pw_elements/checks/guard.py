@@ -14,7 +14,7 @@ within PETSc, or between two guards, `python -m mpi4py` ends all processes.
 import inspect
 import pickle
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import is_dataclass
 from enum import Enum
 from functools import wraps
@@ -45,6 +45,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 _LOCAL = {"where", "nodes", "free", "history", "substates", "callback", "axes", "source"}
 # Of each open block, the errors that blocks within it have raised on how many processes
 _open: list[list[tuple[BaseException, int]]] = []
+# Whether what is called now has been compared by a function around it; a user's function has not
+_compared = [False]
 # Attributes by which things know their processes, directly or by what they belong to
 _OWNERS = "comm mesh function_space space _space u spaces displacement offset"
 
@@ -104,27 +106,44 @@ def _refuse_differing(comm: MPI.Comm, same: Mapping[str, object]) -> None:
 
 
 def same_everywhere(function: F) -> F:
-    """A function that all processes call with the same arguments: they are compared first."""
+    """A function that all processes call with the same arguments: they are compared first.
+
+    What it calls in its turn has arguments that follow from these, which are not compared again.
+    """
     signature = inspect.signature(function)
 
     @wraps(function)
     def called(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
-        if MPI.COMM_WORLD.size > 1:
-            with collective(processes(*args, *kwargs.values())) as same:
-                given = signature.bind(*args, **kwargs)
-                given.apply_defaults()
-                same["the function that is called"] = function.__qualname__
-                for name, value in given.arguments.items():
-                    parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
-                    same |= {k: part for k, part in parts.items() if k not in _LOCAL}
-        return function(*args, **kwargs)
+        if MPI.COMM_WORLD.size == 1 or _compared[-1]:
+            return function(*args, **kwargs)
+        with collective(processes(*args, *kwargs.values())) as same:
+            given = signature.bind(*args, **kwargs)
+            given.apply_defaults()
+            same["the function that is called"] = function.__qualname__
+            for name, value in given.arguments.items():
+                parts = vars(value) if name == "self" and is_dataclass(value) else {name: value}
+                same |= {k: part for k, part in parts.items() if k not in _LOCAL}
+        with _comparing(done=True):
+            return function(*args, **kwargs)
 
     called.compares = True  # type: ignore[attr-defined]
     return cast(F, called)
 
 
+@contextmanager
+def _comparing(done: bool) -> Iterator[None]:
+    _compared.append(done)
+    try:
+        yield
+    finally:
+        _compared.pop()
+
+
 def processes(*things: object) -> MPI.Comm:
-    """The communicator of some things: the largest one; all processes if none has one."""
+    """The communicator of some things: the largest one; all processes if none has one.
+
+    So a process that has nothing in place of a mesh is waited for if the mesh is all processes'.
+    """
     found = [comm for comm in map(_communicator, things) if comm is not None]
     largest = max(found, key=lambda comm: comm.size, default=MPI.COMM_WORLD)
     # duplicates of one communicator would not meet each other
@@ -143,8 +162,9 @@ def _communicator(thing: Any) -> MPI.Comm | None:  # noqa: ANN401
     if isinstance(thing, type):
         return None
     for name in _OWNERS.split():
-        if (owner := getattr(thing, name, None)) is not None:
-            return _communicator(owner)
+        with suppress(Exception):  # of a user's property, which is asked again under the guard
+            if (owner := getattr(thing, name, None)) is not None:
+                return _communicator(owner)
     return None
 
 
@@ -167,7 +187,8 @@ def answer(
 ) -> T:
     """Calls a user's function, whose errors become a ValueError; local, for use under the guard."""
     try:
-        return function(*args, **kwargs)
+        with _comparing(done=False):
+            return function(*args, **kwargs)
     except Exception as error:
         where = f" on process {comm.rank}" if comm.size > 1 else ""
         said = "".join(format_exception_only(error)).strip()

@@ -310,6 +310,11 @@ class Body:
         mu = E / (2 * (1 + nu))
         if self.spaces.is_hybrid:
             strain, (_, p) = self.strain(u), self._split(u)
+            if p is None:
+                raise ValueError(
+                    "stresses of hybrid spaces need the pressure, too: give both fields, "
+                    "as_function(body.spaces.trial, a) of the whole vector"
+                )
             return 2 * mu * strain - p * ufl.Identity(strain.ufl_shape[0])
         if self.state is StressState.PLANE_STRESS:
             lame = E * nu / (1 - nu**2)

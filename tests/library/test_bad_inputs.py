@@ -272,6 +272,10 @@ class World:
             r.set(value)
         return nodal_flux(spaces or self.scalar, r, where, **options)
 
+    def hybrid_stress(self):
+        spaces = Spaces.hybrid(self.mesh)
+        return Body(spaces, STEEL, STRAIN).von_mises(fem.Function(spaces.displacements.trial))
+
     def hybrid_modes(self, **changes):
         spaces = Spaces.hybrid(self.mesh)
         body = Body(spaces, STEEL, STRAIN)
@@ -546,6 +550,7 @@ REFUSED = [
     ("TypeError: the shape of matching nodes is 0.3", lambda w: MatchingNodes(below, 0.3)),
     ("TypeError: tags are given in place of nodes", lambda w: ContactPair(w.tags, FLOOR)),
     ("TypeError: displacement is of the type Vec", lambda w: w.body.von_mises(w.f)),
+    ("stresses of hybrid spaces need the pressure", lambda w: w.hybrid_stress()),
     ("TypeError: gradient = 1.0", lambda w: SignedDistance(lambda x: x[:, 1], 1.0)),
     ("the trial space has the element Basix element (iso",
      lambda w: test_space(fem.functionspace(w.mesh, basix.ufl.element("iso", "triangle", 1)))),

@@ -180,6 +180,14 @@ class Gap:
         return self.answered("normal", np.tile([0.0, 1.0], (len(x), 1)))
 
 
+class Thing:
+    """No reduction, and what would tell its processes fails on one."""
+
+    @property
+    def mesh(self):
+        return errs(None)
+
+
 def nan_on_one(vector):
     vector = vector.copy()
     if BAD:
@@ -269,6 +277,7 @@ SCENARIOS = [
     (f"the nodes to be condensed have the numbers 1000000 to {FAR}",
      lambda: Reduction.condensation(K, U, NODES)),
     ("the load is not finite", lambda: solve(K, nan_on_one(LOAD), held())),
+    ("TypeError: the reduction is of the type Thing", lambda: solve(K, LOAD, Thing())),
     (f"blocked: {DIFFERS}", lambda: assemble_matrix(BLOCK.body.stiffness(), np.bool_(BAD))),
     (f"the nodes of contact pair 0 have the numbers 1000000 to {FAR}",
      lambda: contact(ContactPair([10**6] if BAD else FOOT, FLOOR))),

@@ -35,6 +35,7 @@ from pw_elements.spaces import (
     macro_element,
     quadratic_element,
     serendipity_element,
+    with_cell_rules,
 )
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
 from study.elements import one_cut, one_cut_element
@@ -248,6 +249,9 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
         yield ufl.dot(wind, ufl.grad(u)) * v * dx + u * v * on_side
         yield ufl.derivative(ufl.inner(ufl.grad(w), ufl.grad(w)) / 2 * dx, w, v)
         yield w**2 * v * dx + v * ufl.ds
+        yield ufl.inner(ufl.grad(u), ufl.grad(v)) * dx
+        yield x[0] * ufl.inner(ufl.grad(w), ufl.grad(v)) * dx
+        yield (x[0] * v.dx(1) + v) * dx
         yield w * ufl.TestFunction(spaces.trial) * dx
 
     for plain, exact in zip(of(ufl.dx), of(fine), strict=True):
@@ -256,6 +260,12 @@ def test_own_forms_are_integrated_on_the_twelve_cells():
         size = reference.norm()
         ours.axpy(-1.0, reference)
         assert ours.norm() < 1e-14 * size
+
+    # four points do for slopes times linear functions, of straight cells
+    slopes = x[0] * v.dx(1)
+    for number, integrand in ((4, slopes), (12, slopes + v), (48, x[1] * slopes)):
+        (integral,) = with_cell_rules(integrand * ufl.dx).integrals()
+        assert len(integral.metadata()["quadrature_points"]) == number
 
     # a degree the user gives is taken
     crude = assemble_matrix(u * v * ufl.dx(metadata={"quadrature_degree": 1}))
