@@ -6,6 +6,7 @@ agree on what they prescribe.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import get_type_hints
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -175,16 +176,9 @@ class Reduction:
     @same_everywhere
     def __post_init__(self) -> None:
         with collective(arguments.processes(self.offset, self.space)):
-            for name, matrix in (("left", self.left), ("right", self.right)):
-                arguments.of_type(f"the {name} matrix", matrix, PETSc.Mat, "give a PETSc matrix")
-            for name, thing, kind in (
-                ("inner matrix", self.inner, PETSc.Mat),
-                ("space", self.space, fem.FunctionSpace),
-                ("supports", self.supports, Supports),
-            ):
-                remedy = "`Reduction.dirichlet` and `condensation` make it"
-                arguments.of_type(f"its {name}", thing, (kind, type(None)), remedy)
-            arguments.petsc_vector("the offset", self.offset)
+            remedy = "`Reduction.dirichlet` and `condensation` make it"
+            for name, kind in get_type_hints(type(self)).items():
+                arguments.of_type(f"its part `{name}`", getattr(self, name), kind, remedy)
             sizes = self.right.getSizes()
             if self.left.getSizes() != sizes or self.offset.getSizes() != sizes[0]:
                 raise ValueError(

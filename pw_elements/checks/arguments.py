@@ -5,6 +5,7 @@ are real, finite and in range, of whatever type they are.
 """
 
 from collections.abc import Callable, Sequence
+from types import UnionType
 from typing import Any, TypeGuard
 
 from mpi4py import MPI
@@ -18,8 +19,6 @@ from ufl.core.expr import Expr
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective, processes
-
-_MADE = "it was destroyed, or never set up"
 
 
 def is_number(value: Any) -> bool:  # noqa: ANN401
@@ -75,7 +74,9 @@ def field(whose: str, values: Any, shape: tuple[int, ...], layout: str) -> Array
     return given.astype(float)
 
 
-def of_type(name: str, value: object, kind: type | tuple[type, ...], remedy: str) -> None:
+def of_type(
+    name: str, value: object, kind: type | UnionType | tuple[type, ...], remedy: str
+) -> None:
     """Raises TypeError unless the value is of a kind; `remedy` says what to give instead."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} is {described(value)}: {remedy}")
@@ -113,8 +114,7 @@ def matrix(name: str, value: object) -> None:
     """Raises unless it is a square matrix, set up and assembled; local."""
     of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
-    if value.handle == 0 or value.getType() is None:
-        raise ValueError(f"{name} is an empty matrix: {_MADE}")
+    _set_up(name, value, "matrix")
     rows, columns = value.getSize()
     if rows != columns:
         raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
@@ -125,8 +125,12 @@ def matrix(name: str, value: object) -> None:
 def petsc_vector(name: str, value: object) -> None:
     of_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
     assert isinstance(value, PETSc.Vec)
+    _set_up(name, value, "vector")
+
+
+def _set_up(name: str, value: PETSc.Mat | PETSc.Vec, what: str) -> None:
     if value.handle == 0 or value.getType() is None:
-        raise ValueError(f"{name} is an empty vector: {_MADE}")
+        raise ValueError(f"{name} is an empty {what}: it was destroyed, or never set up")
 
 
 def coefficient(
@@ -151,6 +155,10 @@ def coefficient(
         if wrong.any():
             raise ValueError(f"{name} = {values[wrong][0]}: {what}")
     return value
+
+
+def positive_coefficient(name: str, value: object, comm: MPI.Comm = MPI.COMM_SELF) -> float | Expr:
+    return coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
 
 
 def known_values(value: float | Expr) -> Array:

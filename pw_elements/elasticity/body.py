@@ -48,8 +48,8 @@ from pw_elements.spaces import (
     check_parts,
     exterior_facets,
     is_hybrid,
-    marked,
     numbered,
+    some_nodes_of,
     with_cell_rules,
 )
 
@@ -113,7 +113,7 @@ class Material:
 
     def __post_init__(self) -> None:
         for name in ("youngs_modulus", "density"):
-            _set(self, name, _positive(name, getattr(self, name)))
+            _set(self, name, arguments.positive_coefficient(name, getattr(self, name)))
         nu = arguments.coefficient(
             "poissons_ratio",
             self.poissons_ratio,
@@ -242,7 +242,8 @@ class Body:
             largest = _largest(nu, mesh.comm)
             if largest > _LOCKING_NU:
                 told(mesh.comm, logging.WARNING, _LOCKS % largest)
-        _set(self, "thickness", _positive("thickness", self.thickness, mesh.comm))
+        thickness = arguments.positive_coefficient("thickness", self.thickness, mesh.comm)
+        _set(self, "thickness", thickness)
         if self.quadrature_degree is not None:
             whole("quadrature_degree", self.quadrature_degree, 0)
 
@@ -574,7 +575,7 @@ def prescribe(
     now = number("the prescribed value", value if held is None else held.value)
     axis = 0 if fluid else int(component)
     if callable(where):
-        nodes = _nodes(field.space, where, "the prescribed nodes")
+        nodes = some_nodes_of(field.space, "the prescribed nodes", where)
     else:
         nodes = _nodes_on(field.space, where)
     dofs = field.unknowns[nodes, axis]
@@ -603,7 +604,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     arguments.space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
     vector("nodal force", force, field.unknowns.shape[1])
-    nodes = _nodes(field.space, where, "the loaded nodes")
+    nodes = some_nodes_of(field.space, "the loaded nodes", where)
     nodes = nodes[nodes < len(field.owned)]
     values = np.zeros(field.owned.shape)
     values[nodes] = force
@@ -655,16 +656,6 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(Assembled.of(M), lumped=True).mark(lumped)
 
 
-def _nodes(space: fem.FunctionSpace, where: Marker, whose: str) -> Local:
-    comm = space.mesh.comm
-    with collective(comm):
-        holds = marked(comm, f"the marker of {whose}", where, space.tabulate_dof_coordinates().T)
-    nodes = np.flatnonzero(holds).astype(np.int32)
-    if comm.allreduce(len(nodes), MPI.SUM) == 0:
-        raise ValueError("the marker holds at no node of the space: check its coordinates")
-    return nodes
-
-
 def _nodes_on(space: fem.FunctionSpace, where: Part) -> Local:
     """Nodes on facets of the boundary; nodes given in their place are hardly ever all such."""
     mesh, dim = space.mesh, space.mesh.topology.dim - 1
@@ -688,10 +679,6 @@ def _constant(value: Scalar) -> bool:
     if isinstance(value, fem.Function):
         return value.function_space.ufl_element().embedded_superdegree == 0
     return is_number(value) or isinstance(value, fem.Constant)
-
-
-def _positive(name: str, value: Scalar, comm: MPI.Comm = MPI.COMM_SELF) -> Scalar:
-    return arguments.coefficient(name, value, lambda values: values > 0, "has to be positive", comm)
 
 
 def _largest(ratio: Scalar, comm: MPI.Comm) -> float:

@@ -50,9 +50,9 @@ from pw_elements.spaces import (
     assemble_vector,
     exterior_facets,
     is_hybrid,
-    marked,
     quadratic_element,
     scalar_space,
+    some_nodes_of,
 )
 
 Indices = npt.NDArray[np.intp]
@@ -175,13 +175,10 @@ def forces_along(
     with collective(comm):
         arguments.petsc_vector("the vector of forces", forces)
         arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
-        nodes = np.flatnonzero(marked(comm, "the marker of the line", where, x.T))
+    nodes = some_nodes_of(space, "the line", where)
     nodes = nodes[nodes < index_map.size_local]
-    position = comm.allgather(x[nodes])
-    force = comm.allgather(forces.array_r.reshape(-1, block)[nodes])
-    position, force = np.concatenate(position), np.concatenate(force)
-    if not len(position):
-        raise ValueError("the marker holds at no node of the space: check its coordinates")
+    position = np.concatenate(comm.allgather(x[nodes]))
+    force = np.concatenate(comm.allgather(forces.array_r.reshape(-1, block)[nodes]))
     order = by_position(np.roll(position, -axis, axis=1))
     return BoundaryForces(position[order], force[order])
 
@@ -259,9 +256,7 @@ class SurfaceNodes:
         arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
-        depth = arguments.coefficient(
-            "depth", depth, lambda values: values > 0, "has to be positive", spaces.mesh.comm
-        )
+        depth = arguments.positive_coefficient("depth", depth, spaces.mesh.comm)
         pw = Spaces.petrov_galerkin(spaces.mesh, 0)
 
         def weights(of: Spaces) -> Weights:
@@ -512,7 +507,6 @@ def nodal_flux(
     reactions: PETSc.Vec,
     where: Part,
     area: Area = "geometric",
-    evened: bool = False,
     depth: Scalar = 1.0,
 ) -> NodalFlux:
     """Flux into a body at the nodes of a boundary where its field is prescribed.
@@ -521,6 +515,9 @@ def nodal_flux(
         a = solve(K, f, Reduction.dirichlet(spaces.trial, conditions))
         heat = nodal_flux(spaces, reactions(K, a, f), lambda x: np.isclose(x[0], 0.0))
         heat.surface.position, heat.flux
+
+    Over geometric areas a standard quadratic element's reactions zigzag, unless they are evened out
+    before: `force_transfer(space) * reactions`.
 
     Where the part ends at another one with prescribed values, the reactions at the nodes on its rim
     belong to both: leave them out (`surface.rim`), or treat both parts as one.
@@ -531,14 +528,12 @@ def nodal_flux(
         where: part of the boundary, as in `boundary_measure`.
         area: by which reactions are divided: the node's share of the geometry, or the integral of
             its own test function; with piecewise-linear weights on flat boundaries both agree.
-        evened: whether reactions of a standard quadratic element are first evened out by T.
         depth: factor of the lengths or areas of the mesh, such as a thickness or 2 pi r.
 
     Raises:
         TypeError: for arguments of the wrong type.
-        ValueError: for a vector that is not finite or of another space, an unknown area, T with
-            another element or own areas, a depth that is not positive, or a part of the
-            boundary that is none.
+        ValueError: for a vector that is not finite or of another space, an unknown area, a depth
+            that is not positive, or a part of the boundary that is none.
     """
     arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
@@ -547,29 +542,14 @@ def nodal_flux(
         arguments.same_sizes("the vector of reactions", reactions.getSizes(), "the space", space)
     if area not in get_args(Area):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
-    arguments.flag("evened", evened)
-    if evened and (area == "own" or not _standard(spaces)):
-        raise ValueError(
-            "T evens out reactions of the standard quadratic element, for geometric areas: other "
-            "elements and own areas do without"
-        )
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
-    if evened:
-        reactions = force_transfer(space) * reactions
     surface = SurfaceNodes.scalar(_scalar(spaces), where, depth)
     reaction = _at(reactions, surface.node, space.dofmap.index_map_bs)
     if not space.num_sub_spaces:
         reaction = reaction[:, 0]
     read = surface.pressure if area == "own" else surface.tributary_pressure
     return NodalFlux(surface, reaction, read(reaction))
-
-
-def _standard(spaces: Spaces) -> bool:
-    element = spaces.trial.ufl_element()
-    cell = spaces.mesh.topology.cell_name()
-    quadratic = quadratic_element(cell, tuple(element.reference_value_shape))
-    return spaces.test is spaces.trial and element == quadratic
 
 
 def _scalar(spaces: Spaces) -> Spaces:

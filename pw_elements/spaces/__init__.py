@@ -30,6 +30,7 @@ from pw_elements.spaces.parts import (
     marked,
     nodes_of,
     numbered,
+    some_nodes_of,
 )
 from pw_elements.spaces.quadrature import STATE, cell_measure, with_cell_rules, with_degrees
 from pw_elements.spaces.spaces import (

@@ -93,6 +93,14 @@ def nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     return np.flatnonzero(nodes).astype(np.int32)
 
 
+def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
+    """The same, which have to be some on all processes together; collective."""
+    nodes = nodes_of(space, whose, where)
+    if space.mesh.comm.allreduce(len(nodes), MPI.SUM) == 0:
+        raise ValueError("the marker holds at no node of the space: check its coordinates")
+    return nodes
+
+
 def exterior_facets(mesh: Mesh, where: Part) -> Local:
     """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices."""
     dimension, comm = mesh.topology.dim - 1, mesh.comm

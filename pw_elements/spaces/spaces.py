@@ -117,7 +117,8 @@ class Spaces:
             components: of the vector field, by default the mesh's dimension; 0 for a scalar.
         """
         shape = _shape(mesh, components)
-        _check_cell(mesh, "quadrilateral", "8-node elements")
+        if (cell := mesh.topology.cell_name()) != "quadrilateral":
+            raise ValueError(f"8-node elements need a mesh of quadrilaterals; this one has {cell}s")
         trial = fem.functionspace(mesh, serendipity_element(shape))
         return cls(trial, trial)
 
@@ -290,13 +291,6 @@ def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:
         components = mesh.geometry.dim
     components = whole("components", components, 0)
     return (components,) if components else ()
-
-
-def _check_cell(mesh: Mesh, cell: str, what: str) -> None:
-    if mesh.topology.cell_name() != cell:
-        raise ValueError(
-            f"{what} need a mesh of {cell}s; this one has {mesh.topology.cell_name()}s"
-        )
 
 
 def _assert_one_numbering(

@@ -190,7 +190,7 @@ def calls(comm):
         "nodal_flux": (
             pw_elements.nodal_flux,
             {"spaces": w.spaces, "reactions": w.r, "where": FOOT, "area": "geometric"}
-            | {"evened": False, "depth": 1.0}),
+            | {"depth": 1.0}),
         "plot": (
             pw_elements.contact.plot,
             {"state": state, "body": w.body, "pair": 0, "axes": None, "along": 0}

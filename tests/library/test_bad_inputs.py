@@ -65,7 +65,6 @@ from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.spaces import (
     macro_element,
 )
-from study.elements import composite
 from tests.contact.cases import at
 from tests.library.faces import calls
 
@@ -533,9 +532,6 @@ REFUSED = [
     ("the vector of reactions has 90 degrees of", lambda w: w.flux(r=w.f)),
     ("the vector of reactions is not finite", lambda w: w.flux(value=NAN)),
     ("area 'mine': it is 'geometric' or 'own'", lambda w: w.flux(area="mine")),
-    ("TypeError: evened is 1", lambda w: w.flux(evened=1)),
-    ("T evens out reactions of the standard", lambda w: w.flux(evened=True)),
-    ("T evens out", lambda w: w.flux(composite(w.mesh, 0), evened=True)),
     ("depth = 0.0: has to be positive", lambda w: w.flux(depth=0.0)),
     ("the form has several measures of exterior facets", lambda w: assemble_vector(w.two_loads())),
     ("the apex of a parabola (0, nan)", lambda w: Parabola((0, NAN), 1.0)),
