@@ -53,9 +53,9 @@ def triangles(
     Raises:
         ValueError: for an empty rectangle, no divisions, or an unknown pattern.
     """
-    arguments.communicator(comm)
-    cells = _cells_of(lower, upper, divisions, pattern)
-    return create_rectangle(comm, [lower, upper], cells, diagonal=DiagonalType[pattern])
+    if pattern not in PATTERNS:
+        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
+    return _rectangle(comm, lower, upper, divisions, diagonal=DiagonalType[pattern])
 
 
 @same_everywhere
@@ -76,9 +76,7 @@ def quadrilaterals(
     Raises:
         ValueError: for an empty rectangle or no divisions.
     """
-    arguments.communicator(comm)
-    cells = _cells_of(lower, upper, divisions)
-    return create_rectangle(comm, [lower, upper], cells, CellType.quadrilateral)
+    return _rectangle(comm, lower, upper, divisions, cell_type=CellType.quadrilateral)
 
 
 class TaggedMesh(NamedTuple):
@@ -264,20 +262,20 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     return placed[:, :dim]
 
 
-def _cells_of(
+def _rectangle(
+    comm: MPI.Comm,
     lower: tuple[float, float],
     upper: tuple[float, float],
     divisions: tuple[int, int],
-    pattern: Pattern = "right",
-) -> list[int]:
+    **kind: CellType | DiagonalType,
+) -> Mesh:
+    arguments.communicator(comm)
     if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
         raise ValueError(f"a rectangle from {lower} to {upper} has no area")
     numbers = vector("divisions", divisions, 2)
     if numbers.min() < 1 or np.any(numbers % 1 != 0):
         raise ValueError(f"divisions {divisions}: at least one in each direction")
-    if pattern not in PATTERNS:
-        raise ValueError(f"diagonal pattern {pattern!r}: the patterns are {', '.join(PATTERNS)}")
-    return [int(n) for n in numbers]
+    return create_rectangle(comm, [lower, upper], [int(n) for n in numbers], **kind)
 
 
 def _open(gmsh: Any, path: Path, opened: ExitStack) -> None:  # noqa: ANN401

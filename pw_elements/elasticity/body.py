@@ -31,6 +31,7 @@ from pw_elements.checks import (
     check_mesh,
     collective,
     is_number,
+    listed,
     number,
     same_everywhere,
     vector,
@@ -490,14 +491,12 @@ class Body:
         """A number as a constant of the form, so that a new number compiles nothing anew."""
         if not is_number(value):
             return value
-        return fem.Constant(self.spaces.mesh, default_scalar_type(value))
+        return fem.Constant(self.spaces.mesh, float(value))
 
     def _vector(self, name: str, value: Vector) -> Expr:
         mesh = self.spaces.mesh
         vector = arguments.components(name, value, mesh.geometry.dim)
-        if isinstance(vector, Expr):
-            return vector
-        return fem.Constant(mesh, vector.astype(default_scalar_type))
+        return vector if isinstance(vector, Expr) else fem.Constant(mesh, vector)
 
 
 def _parallel(mesh: Mesh) -> bool:
@@ -642,13 +641,11 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     M.mult(ones, mass)
     bad = mass.array_r <= _ZERO_MASS * diagonal.array_r
     nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
-    count = space.mesh.comm.allreduce(len(nodes), MPI.SUM)
-    if count > 0:
-        places = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
-        named = [tuple(x.round(6).tolist()) for x in np.concatenate(places)[:3]]
+    x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
+    if len(places := np.concatenate(space.mesh.comm.allgather(x))):
         raise ValueError(
-            f"{count} nodes have no positive lumped mass, among them those at "
-            f"{', '.join(map(str, named))}: row sums serve elements with piecewise-linear weights"
+            f"{len(places)} nodes have no positive lumped mass, those at {listed(places, 3)}: row "
+            "sums serve elements with piecewise-linear weights"
         )
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)

@@ -183,7 +183,10 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     are those of the quadratic Lagrange element; the value shape is () or (d,).
     """
     shape = extents("shape", shape)
-    element = _halved_element(_cell(cell))
+    kind = _cell(cell)
+    nodes = len(basix.create_element(ElementFamily.P, kind, 2).points)
+    # the whole macro space: linear on sub-cells and continuous
+    element = _nodal(kind, np.eye(nodes), 1, PolysetType.macroedge)
     if cell == "tetrahedron":
         element = TwelveCellElement(element._element)
     elif cell not in _SIMPLICES:
@@ -245,13 +248,6 @@ class _HalvedTensorElement(basix.ufl._BasixElement):
                 node = int(np.abs(nodes - place).sum(axis=1).argmin())
                 result[:, inside, node] = table[:, inside, corner]
         return result
-
-
-def _halved_element(cell: CellType) -> basix.ufl._BasixElement:
-    """Basix's macro polynomials of degree 1 with point evaluations at the quadratic nodes."""
-    # the whole macro space: linear on sub-cells and continuous
-    nodes = len(basix.create_element(ElementFamily.P, cell, 2).points)
-    return _nodal(cell, np.eye(nodes), 1, PolysetType.macroedge)
 
 
 def _cell(name: str) -> CellType:
