@@ -31,7 +31,6 @@ from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import (
     ContactFailed,
     ContactPair,
-    Coulomb,
     DeformableSurface,
     FlatPunch,
     FreeBody,
@@ -45,6 +44,7 @@ from pw_elements.contact.model import (
     Sphere,
     SurfacePassed,
 )
+from pw_elements.contact.model.friction import Coulomb
 from pw_elements.contact.output import ContactFields, plot, write
 from pw_elements.contact.steps import ContactProblem, solve_contact, solve_impact
 

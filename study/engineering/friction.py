@@ -16,8 +16,8 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
 from pw_elements import Body, Material, Reduction, SurfaceNodes, assemble_matrix, prescribe
-from pw_elements.contact import STICK, ContactPair, ContactProblem, Motion, Parabola
-from pw_elements.contact.model import Coulomb, Friction, PairState
+from pw_elements.contact import STICK, ContactPair, ContactProblem, Coulomb, Motion, Parabola
+from pw_elements.contact.model import Friction, PairState
 from pw_elements.elasticity import StressState
 from study.discretisation import held_nodes, spaces
 from study.engineering.readings import reading as read_by

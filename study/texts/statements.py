@@ -123,7 +123,7 @@ def in_words(statement: str) -> Markup:
     """
     statement = re.sub(r" \((?:[A-Z]\d*|\d\.?\d?)-[\w-]+\)", "", statement)
     words = re.sub(
-        r"\b((?:galerkin|pw|pwsym|composite)-[TQ]\d)((?:-J|-lumped)?)\b",
+        rf"\b({'|'.join(ELEMENTS)})((?:-J|-lumped)?)\b",
         lambda m: (
             ELEMENTS[m[1]].name + {"-J": ", form J", "-lumped": ", lumped mass"}.get(m[2], "")
         ),

@@ -10,8 +10,16 @@ import pytest
 import scipy.linalg
 
 from pw_elements import Sibling, assemble_matrix, critical_step, lumped_mass, prescribe
-from pw_elements.contact import STICK, ContactFields, ContactPair, Plane, solve_impact, write
-from pw_elements.contact.model import Cone, Coulomb, MatchingNodes
+from pw_elements.contact import (
+    STICK,
+    ContactFields,
+    ContactPair,
+    Coulomb,
+    Plane,
+    solve_impact,
+    write,
+)
+from pw_elements.contact.model import Cone, MatchingNodes
 from pw_elements.contact.steps.impact import nodal_contact
 from pw_elements.meshes import mapped, triangles
 from study.matrices import dense

@@ -5,10 +5,10 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from pw_elements.contact import OPEN, SLIP, STICK, NotFound
+from pw_elements.contact import OPEN, SLIP, STICK, Coulomb, NotFound
 from pw_elements.contact.iteration import ActiveSet, Contact
 from pw_elements.contact.iteration.policy import Cycles, EdgeRelease
-from pw_elements.contact.model import Cone, Coulomb
+from pw_elements.contact.model import Cone
 from tests.contact.two_bodies import Stack
 
 SELF = MPI.COMM_SELF
