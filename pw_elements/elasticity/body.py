@@ -641,11 +641,11 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     M.mult(ones, mass)
     bad = mass.array_r <= _ZERO_MASS * diagonal.array_r
     nodes = np.unique(np.flatnonzero(bad) // space.dofmap.index_map_bs)
-    x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
-    if len(places := np.concatenate(space.mesh.comm.allgather(x))):
+    if count := space.mesh.comm.allreduce(len(nodes), MPI.SUM):
+        places = space.mesh.comm.allgather(space.tabulate_dof_coordinates()[nodes[:3]])
         raise ValueError(
-            f"{len(places)} nodes have no positive lumped mass, those at {listed(places, 3)}: row "
-            "sums serve elements with piecewise-linear weights"
+            f"{count} nodes have no positive lumped mass, among them those at "
+            f"{listed(np.concatenate(places)[:3])}: row sums serve piecewise-linear weights"
         )
     lumped = PETSc.Mat().createAIJ(M.getSizes(), nnz=1, comm=M.comm)
     lumped.setDiagonal(mass)
