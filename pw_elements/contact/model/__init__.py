@@ -13,6 +13,7 @@ from pw_elements.contact.model.errors import (
 from pw_elements.contact.model.friction import (
     SIDES,
     Cone,
+    Coulomb,
     Friction,
     dual_clearance,
     dual_rows,
