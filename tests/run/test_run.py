@@ -226,6 +226,23 @@ def test_without_a_debian_mirror_one_is_asked_for_and_a_given_one_is_taken(bare,
     assert written.read_text() == f"deb {given or 'http://system'} trixie main\n"
 
 
+@pytest.mark.parametrize("there", [False, True])
+def test_debians_keys_are_fetched_or_the_lists_that_lead_to_them_asked_for(bare, tmp_path, there):
+    script, keys = tmp_path / "project" / "run", "usr/share/keyrings/debian-archive-keyring.gpg"
+    script.parent.mkdir()
+    script.write_text(RUN.read_text().replace(f"/{keys}", f"/nowhere/{keys}"))
+    script.chmod(0o755)
+    unpack = f"mkdir -p nowhere/{keys.rpartition('/')[0]}; echo theirs >nowhere/{keys}"
+    listed = LISTED if there else 'case "$*" in *download*) exit 100 ;; esac'
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": listed}
+    process = bare("true", script=script, **programs | {"dpkg_deb": unpack})
+    needs = "needs Debian's keys, the package debian-archive-keyring, and apt cannot find it: do apt"
+    assert process.returncode == 1
+    assert (needs in process.stderr) != there
+    copies = [*tmp_path.glob("pw-elements/*.apt/keys/*")]
+    assert [copy.read_text() for copy in copies] == ["theirs\n"] * there
+
+
 def test_dolfinx_0_10_is_refused_by_the_metadata_and_the_library_too(tmp_path):
     assert '"fenics-dolfinx >=0.9, !=0.10.*, <0.12"' in (ROOT / "pyproject.toml").read_text()
     (tmp_path / "dolfinx.py").write_text("__version__ = '0.10.0'")
