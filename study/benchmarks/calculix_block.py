@@ -1,4 +1,4 @@
-"""CalculiX on the block of `docs/benchmarks/contact_3d.py`: 10-node tetrahedra on a rough plane.
+"""CalculiX on the block of section K's record: 10-node tetrahedra on a rough plane.
 
     python3 -m study.benchmarks.calculix_block [--cells 8 11] [--deck FOLDER]
 

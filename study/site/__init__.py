@@ -41,8 +41,7 @@ def build(results: Results, out: Path, jobs: int = 1) -> list[str]:
 
 def write_sources(results: Results, source: Path, jobs: int = 1) -> list[str]:
     """Write what Sphinx makes pages of; return what is missing."""
-    ignored = shutil.ignore_patterns("benchmarks")
-    shutil.copytree(GUIDE, source, ignore=ignored)
+    shutil.copytree(GUIDE, source)
     shutil.copytree(STATIC, source / "_static", dirs_exist_ok=True)
     shutil.copy(Path(__file__).with_name("conf.py"), source)
     _about(source)

@@ -140,8 +140,8 @@ def _index(every: list[Example]) -> str:
     ]
     tree = "\n".join(one.name for one in every)
     text = (
-        "Each example is a script of at most 60 lines, run as it stands when this site is "
-        "built. Copy one and adapt it; it saves its picture in the current folder."
+        "Each example is a short script, run as it stands when this site is built. Copy one and "
+        "adapt it; it saves its picture in the current folder."
     )
     grid = "\n".join(["::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::"])
     return f"# Gallery\n\n{text}\n\n{grid}\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
