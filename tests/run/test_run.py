@@ -236,7 +236,7 @@ def test_debians_keys_are_fetched_or_the_lists_that_lead_to_them_asked_for(bare,
     listed = LISTED if there else 'case "$*" in *download*) exit 100 ;; esac'
     programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": listed}
     process = bare("true", script=script, **programs | {"dpkg_deb": unpack})
-    needs = "needs Debian's keys, the package debian-archive-keyring, and apt cannot find it: do apt"
+    needs = "the package debian-archive-keyring, and apt cannot find it: do apt-get update"
     assert process.returncode == 1
     assert (needs in process.stderr) != there
     copies = [*tmp_path.glob("pw-elements/*.apt/keys/*")]
