@@ -12,6 +12,7 @@ and so are the equations of volume.
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 from mpi4py import MPI
@@ -89,9 +90,15 @@ class System:
 
     def __init__(self, u: fem.Function, residual: fem.Form, tangent: fem.Form) -> None:
         self.u, self._residual, self._tangent = u, residual, tangent
-        self.matrix = Assembled(tangent).mark(petsc.create_matrix(tangent))
-        self.matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._forces = petsc.assemble_vector(residual)
+        self.blocked = False  # whether the matrix is stored by nodes, see `assemble_matrix`
+
+    @cached_property
+    def matrix(self) -> PETSc.Mat:
+        nodal = not is_hybrid(self.u.function_space) and self.u.function_space.dofmap.bs > 1
+        matrix = petsc.create_matrix(self._tangent, "baij" if self.blocked and nodal else None)
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        return Assembled(self._tangent).mark(matrix)
 
     def take(self, x: PETSc.Vec) -> None:
         self.u.x.array[: x.getLocalSize()] = x.array_r

@@ -124,31 +124,44 @@ class SaddlePoint:
 
     def __init__(self, K: PETSc.Mat, supports: Supports) -> None:
         space, comm = supports.space, K.comm
+        self._K = K
         self.displacements, self._p = SubSpace.displacements(space), SubSpace.pressure(space)
-        scale, every = equilibration(space, K), np.ones_like(supports.free)
+        self._scale, every = equilibration(space, K), np.ones_like(supports.free)
         self.operator, self.scaled = (
-            python_matrix(K.getSizes(), Masked(K, Projection(free, 1), scale), comm)
+            python_matrix(K.getSizes(), Masked(K, Projection(free, 1), self._scale), comm)
             for free in (supports.free, every)
         )
-        u, p = (field.numbers() for field in (self.displacements, self._p))
-        plain = K.createSubMatrix(u, u)
-        plain.setBlockSize(space.mesh.geometry.dim)
-        A = plain.convert("baij", PETSc.Mat())
-        destroy(plain)
-        self._B = K.createSubMatrix(p, u)
         own = supports.free[self.displacements.owned.ravel()]
+        self._free = supports.free[self._p.owned.ravel()].astype(float)
+        A = self._blocks()
         self.elastic = A, Supports(self.displacements.space, own)
         self.levels = Multigrid(*self.elastic)
-        self._free = supports.free[self._p.owned.ravel()].astype(float)
-        scales = self._p.part(scale)
-        S = _mass(self.displacements.space, self._p.space, A, self._B)
-        S.axpy(-1.0, K.createSubMatrix(p, p), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self.inner = PETSc.PC().create(comm)
+        self._given, self._found = A.createVecs()
+        self._pressed, self._rest = self._B.createVecLeft(), self._B.createVecLeft()
+
+    def _blocks(self, A: PETSc.Mat | None = None) -> PETSc.Mat:
+        """Makes the triangle's blocks of K; the first, which it returns, in a matrix given."""
+        space = self.displacements.space
+        u, p = (field.numbers() for field in (self.displacements, self._p))
+        plain = self._K.createSubMatrix(u, u)
+        plain.setBlockSize(space.mesh.geometry.dim)
+        A = plain.convert("baij", A or PETSc.Mat())
+        destroy(plain)
+        self._B = self._K.createSubMatrix(p, u)
+        scales = self._p.part(self._scale)
+        S = _mass(space, self._p.space, A, self._B)
+        volumes = self._K.createSubMatrix(p, p)
+        S.axpy(-1.0, volumes, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         S.diagonalScale(scales, scales)
         self._B.diagonalScale(scales)
         self._pressure = _chebyshev(S, space.mesh.topology.cell_name())
-        self.inner = PETSc.PC().create(comm)
-        self._given, self._found = A.createVecs()
-        self._pressed, self._rest = S.createVecs()
+        return A
+
+    def renew(self) -> None:
+        """Has everything made anew of what K has become."""
+        self._blocks(self.elastic[0])
+        self.levels.renew()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner this one; its options prefix is the multigrid's, too."""

@@ -132,6 +132,9 @@ class LinearLevel:
             self._near = _Near(self._K, self._P, self._space, nodes)
             self._matrix = None
 
+    def renew(self) -> None:
+        self._near = self._matrix = None
+
     def hold(self, nodes: Indices, held: Array, weight: Array) -> None:
         """Holds at the vertices what is held at local nodes (m,), always the same ones."""
         vertex = np.flatnonzero(np.isin(self._vertex_node, nodes))
@@ -320,15 +323,26 @@ class Multigrid:
     def ready(self) -> None:
         if self._preconditioner is None:
             return
-        self._preconditioner.getMGCoarseSolve().setOperators(self.coarse)
+        coarse = self._preconditioner.getMGCoarseSolve()
+        coarse.setOperators(self.coarse)
+        coarse.setUp()
         if not self._estimated:
             self._preconditioner.setUp()
-            # it would keep the vectors with which it has estimated eigenvalues
             smoother = self._preconditioner.getMGSmoother(1)
             operators = smoother.getOperators()
+            for operator in operators:
+                operator.stateIncrease()  # or it would keep eigenvalues
+            smoother.setUp()
+            # it would keep the vectors with which it has estimated them
             smoother.reset()
             smoother.setOperators(*operators)
             self._estimated = True
+
+    def renew(self) -> None:
+        """Has everything made anew of what K has become."""
+        self._linear.renew()
+        self._estimated = False
+        self._forget(hierarchy=True)
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner one of these levels; its options prefix has been set."""

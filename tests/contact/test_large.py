@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_unit_cube
+from dolfinx.mesh import CellType, create_box, create_unit_cube
 
-from pw_elements import Body, Material, Reduction, Spaces, SurfaceNodes, assemble_matrix, prescribe
+from pw_elements import (
+    Body,
+    Direct,
+    Iterative,
+    Material,
+    Reduction,
+    Spaces,
+    SurfaceNodes,
+    assemble_matrix,
+    prescribe,
+)
 from pw_elements.contact import (
     ContactFields,
     ContactPair,
@@ -27,13 +37,16 @@ from pw_elements.contact import (
     solve_contact,
     write,
 )
-from pw_elements.contact.iteration import CellGuard, DeformedKinematics, Reference
+from pw_elements.contact.iteration import SLIP, STICK, CellGuard, DeformedKinematics, Reference
+from pw_elements.contact.iteration.krylov import KrylovTangent
 from pw_elements.meshes import triangles
+from pw_elements.solvers import Multigrid
 from tests.library import vtx
-from tests.parallel import same_numbers
+from tests.parallel import assert_same, same_numbers
 
 WAY = [(0.0, -0.15), (0.05, -0.3), (0.3, -0.3)]
 STORED = 1
+SOLVERS = {"factors": Direct(), "krylov": Iterative()}
 
 
 def neo_hookean(F):
@@ -78,7 +91,7 @@ def above(x):
     return np.isclose(x[1], 0.0)
 
 
-def hardened(comm=MPI.COMM_SELF):
+def hardened(comm=MPI.COMM_SELF, **options):
     """The block, with a function that counts accepted increments, and is stored."""
     mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
     hardness = fem.Function(fem.functionspace(mesh, ("DG", 0)))
@@ -87,7 +100,7 @@ def hardened(comm=MPI.COMM_SELF):
         hardness.x.array[:] += 1.0
 
     stress = lambda F: (1 + 0.1 * hardness) * neo_hookean(F)  # noqa: E731
-    return Rubber(mesh=mesh, stress=stress, history=[hardness], update=update), hardness
+    return Rubber(mesh=mesh, stress=stress, history=[hardness], update=update, **options), hardness
 
 
 def _ellipse(x):
@@ -270,12 +283,13 @@ def test_history_belongs_to_the_state():
     assert hardness.x.array.max() == 2.0
 
 
-def test_a_way_that_is_resumed_is_the_way(tmp_path):
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_way_that_is_resumed_is_the_way(solver, tmp_path):
     """From a state and from its file another problem goes on to the same digits."""
-    rubber, _ = hardened()
+    rubber, _ = hardened(solver=SOLVERS[solver])
     states = rubber.states(WAY)
     rubber.problem.save(states[STORED], tmp_path / "state.npz")
-    again, _ = hardened()
+    again, _ = hardened(solver=SOLVERS[solver])
     read = again.problem.load(tmp_path / "state.npz")
     assert np.array_equal(read.history[0], states[STORED].history[0])
     for start in (states[STORED], read):
@@ -287,18 +301,78 @@ def test_a_way_that_is_resumed_is_the_way(tmp_path):
 
 
 def way_and_resumed(comm, folder):
-    """Numbers at the end of the way, and of one that goes on from a file."""
-    rubber, _ = hardened(comm)
-    states, path = rubber.states(WAY), folder / "state.npz"
-    if not path.exists():
-        rubber.problem.save(states[STORED], path)
-    resumed = rubber.states(WAY[STORED + 1 :], rubber.problem.load(path))
-    names = ("force_normal", "force_tangential", "slip", "gap", "status", "displacement")
-    return {
-        f"{start} {name}": getattr(last.pairs[0], name)
-        for start, last in (("whole", states[-1]), ("resumed", resumed[-1]))
-        for name in names
-    }
+    """Numbers at the end of the way, and of one that goes on from a file, by either solver."""
+    ends = {}
+    for name, solver in SOLVERS.items():
+        rubber, _ = hardened(comm, solver=solver)
+        states, path = rubber.states(WAY), folder / f"{name}.npz"
+        if not path.exists():
+            rubber.problem.save(states[STORED], path)
+        resumed = rubber.states(WAY[STORED + 1 :], rubber.problem.load(path))
+        ends |= {f"whole, {name}": states[-1], f"resumed, {name}": resumed[-1]}
+    ends |= {kind: pressed_and_pushed(kind, Iterative(), comm) for kind in ("T10", "hybrid")}
+    return numbers(ends)
+
+
+def numbers(ends):
+    """What is compared of states by name."""
+    names = ("force_vector", "slip", "gap", "status", "displacement")
+    return {f"{end} {n}": getattr(state.pairs[0], n) for end, state in ends.items() for n in names}
+
+
+def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
+    """The state of a block of rubber under a ball that is rough, in space or in the plane."""
+    dim, hybrid = (2 if kind == "T6" else 3), kind == "hybrid"
+    low, high, n = [-1.0] * dim, [*[1.0] * (dim - 1), 0.0], [4] * (dim - 1) + [2]
+    if dim == 2:
+        mesh = triangles(comm, low, high, (16, 8))
+    else:
+        mesh = create_box(comm, [low, high], n, CellType.tetrahedron)
+    spaces = (Spaces.hybrid if hybrid else Spaces.petrov_galerkin)(mesh)
+    w, tests = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    (u, p), (v, q) = (ufl.split(f) if hybrid else (f, None) for f in (w, tests))
+    F = ufl.Identity(dim) + ufl.grad(u)
+    J, inverse = ufl.det(F), ufl.inv(F).T
+    stress = F - (1 + p * J) * inverse if hybrid else neo_hookean(F)
+    density = ufl.inner(stress, ufl.grad(v)) - (q * (J - 1 + p / 1e4) if hybrid else 0)
+    residual = density * ufl.dx(metadata={"quadrature_degree": 3})
+    base = [prescribe(spaces.trial, k, lambda x: np.isclose(x[dim - 1], -1.0)) for k in range(dim)]
+    ball = Sphere((*[0.0] * (dim - 1), 1.0), 1.0)
+    pair = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), ball, friction=0.3)
+    problem = ContactProblem.of_residual(residual, w, base, pair, solver=solver)
+    state = problem.undeformed
+    for motion in ((0.0, 0.0, -0.15), (0.0, 0.0, -0.3), (0.1, 0.05, -0.3)):
+        state = problem.step(state, motions=Motion((motion[0], *motion[4 - dim :])))
+    return state
+
+
+@pytest.mark.parametrize("kind", ["T6", "T10", "hybrid"])
+def test_krylov_finds_what_factors_find(kind):
+    """In space and in the plane, with a pressure field, too, where nodes stick and slip."""
+    factors, krylov = (
+        numbers({"end": pressed_and_pushed(kind, solver)}) for solver in SOLVERS.values()
+    )
+    assert {STICK, SLIP} <= set(factors["end status"])
+    assert_same(factors, krylov, 1e-9, kind)
+
+
+def test_levels_are_made_anew_when_it_pays(monkeypatch):
+    """Most tangents take those of an earlier one, at the price of few more iterations."""
+    mesh, made = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []
+    renew = Multigrid.renew
+    monkeypatch.setattr(Multigrid, "renew", lambda levels: (made.append(levels), renew(levels)))
+
+    def work():
+        made.clear()
+        states = Rubber(mesh=mesh, solver=Iterative()).states(WAY)
+        steps, krylov = np.sum([(s.iterations, s.report.krylov_iterations) for s in states], axis=0)
+        return steps, krylov, len(made)
+
+    steps, krylov, kept = work()
+    monkeypatch.setattr(KrylovTangent, "_operations", lambda _: 0.0)  # new ones cost nothing
+    _, least, always = work()
+    assert 0 < kept < steps / 3 < always
+    assert krylov < 1.5 * least
 
 
 def test_processes_find_the_same_numbers(tmp_path):

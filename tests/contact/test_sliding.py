@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ufl
 
-from pw_elements import Spaces
+from pw_elements import Iterative, Spaces
 from pw_elements.contact import (
     SLIP,
     ContactFields,
@@ -176,12 +176,14 @@ def refusals():
 
 
 def test_what_is_not_supported_is_refused_in_words():
-    cases, bodies = refusals()
+    (cases, bodies), of = refusals(), ContactProblem.of_residual
     for residual, pair, words in cases:
         with pytest.raises(ValueError, match=words):
-            ContactProblem.of_residual(residual, bodies.u, bodies.held, pair)
+            of(residual, bodies.u, bodies.held, pair)
+    with pytest.raises(ValueError, match="does not serve two bodies"):
+        of(bodies.residual, bodies.u, bodies.held, bodies.pair, Iterative())
     with pytest.raises(ValueError, match="not free to move"):
         bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
     far = ContactPair(lambda x: np.isclose(x[1], 1.0), bodies.pair.surface)
     with pytest.raises(ValueError, match="faces the opposite part"):
-        ContactProblem.of_residual(bodies.residual, bodies.u, bodies.held, far)
+        of(bodies.residual, bodies.u, bodies.held, far)

@@ -11,6 +11,7 @@ from pw_elements.contact.iteration.law import (
     OPEN,
     SLIP,
     STICK,
+    TOLERANCE,
     ActiveSet,
     Contact,
     DeformedPlace,
@@ -21,7 +22,6 @@ from pw_elements.contact.iteration.law import (
     sticking,
 )
 from pw_elements.contact.iteration.newton import (
-    TOLERANCE,
     Increment,
     Iterate,
     LinearEquilibrium,

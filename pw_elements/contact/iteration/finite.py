@@ -37,8 +37,8 @@ from ufl.algorithms import extract_elements
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import DeformedPlace, frames
-from pw_elements.contact.iteration.newton import TOLERANCE, LinearEquilibrium, Reference
+from pw_elements.contact.iteration.law import TOLERANCE, DeformedPlace, frames
+from pw_elements.contact.iteration.newton import LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import NotFound
 from pw_elements.spaces import SubSpace, is_hybrid

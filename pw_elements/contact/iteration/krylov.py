@@ -29,7 +29,7 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import DEFORMABLE, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
+from pw_elements.contact.iteration.law import TOLERANCE, Accuracy, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
     MatrixFree,
@@ -59,6 +59,8 @@ _FORCING = 0.02
 # takes of it
 _EXACT = 1e-11
 _MORE = 0.1
+# The same of a tangent, whose next one would be assembled anew
+_EXACT_TANGENT = 1e-13
 # Forces over the residual from which on they say anything of the solution
 _KNOWN = 1e-3
 # A true residual over the one asked for that shows round-off at work, as does one that stays
@@ -396,14 +398,25 @@ class KrylovTangent:
         self._rigid_holds = RigidHolds(held.space, points) if loose else None
         self._solution = self._operator.createVecRight()
         self._final = self._enclosed = False
-        self._accuracy, self._size = _EXACT, 0.0
+        self._accuracy, self._renewed = _EXACT, False
+        self._size = self._left_before = 0.0
+        # operations: of making levels, what they have lost since, and a digit's at first
+        self._set_up = self._wasted = 0.0
+        self._pace: float | None = None
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
         """Begins an increment at unknowns of this process."""
         begin, local = unknowns(), self._solution.array
         local[: len(begin)] = begin
         local[len(begin) :] = translations[: len(local) - len(begin)]
-        self._size = self._solution.norm()
+        self._size, self._left_before = self._solution.norm(), 0.0
+
+    def renew(self) -> None:
+        """Takes what K has become; new levels, when old ones have cost as much as these would."""
+        self._renewed = True
+        if self._wasted >= self._set_up:
+            self._krylov.multigrid.renew()
+            self._pace = None
 
     def encloses(self) -> bool:
         return self._enclosed
@@ -414,7 +427,8 @@ class KrylovTangent:
         A constant pressure that acts on nothing is singular.
         """
         more = accuracy == "more" and self._final
-        self._accuracy = self._accuracy * _MORE if more else _EXACT
+        exact = _EXACT_TANGENT if self._renewed else _EXACT
+        self._accuracy = self._accuracy * _MORE if more else exact
         forcing = _FORCING
         if self._sprung is not None:
             share, stated = self._sprung.shares(law), self._points.own >= 0
@@ -426,6 +440,7 @@ class KrylovTangent:
         self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
+        begun = self._operations()
         held = self._hold(law)
         if self._saddle and self._saddle.free_pressure(self._operator):
             self._enclosed = True
@@ -436,8 +451,11 @@ class KrylovTangent:
             self._krylov.ksp.setUp()
         if self._border is not None:
             self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
-        rest, step = known.duplicate(), known.duplicate()
-        left = self._left(known, rest)
+        rest, step, start = known.duplicate(), known.duplicate(), x.copy()
+        left = first = self._left(known, rest)
+        if self._left_before:
+            forcing = min(forcing, 0.9 * (left / self._left_before) ** 2)
+        self._left_before, ready = left, self._operations()
         reduced = forcing * left if accuracy == "rough" else 0.0
         stalled, lost = False, 0.0
         while not stalled and not left <= (target := self._target(left, reduced, forcing)):
@@ -456,7 +474,17 @@ class KrylovTangent:
             )
         force = self._largest()
         if stalled and not left <= lost:
+            if self._renewed and self._pace is not None:  # old levels may be far too wrong
+                self._wasted = np.inf
+                self.renew()
+                start.copy(x)
+                return self.solve(right, balance, law, accuracy)
             raise self._krylov.not_converged(left / max(known.norm(), force))
+        digits, spent = np.log10(first / max(left, 1e-300)), self._operations() - ready
+        if self._pace is None:
+            self._set_up, self._wasted, self._pace = ready - begun, 0.0, spent / max(digits, 1)
+        else:
+            self._wasted = max(0.0, self._wasted + spent - self._pace * digits)
         self._final = bool(left <= _EXACT * force or stalled)
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
@@ -477,13 +505,20 @@ class KrylovTangent:
         square = self._comm.allreduce(float(np.sum(self._context.force**2)), MPI.SUM)
         if square > (_KNOWN * left) ** 2:
             reduced = min(reduced, forcing * square**0.5)
-        return max(reduced, self._accuracy * self._largest())
+        largest = self._largest()
+        # where the next step would be the last, this one is
+        reduced = reduced if reduced > TOLERANCE * largest else 0.0
+        return max(reduced, self._accuracy * largest)
 
     def _left(self, known: PETSc.Vec, rest: PETSc.Vec) -> float:
         """The residual's norm; `rest` becomes what remains of a right-hand side."""
         self._operator.mult(self._solution, rest)
         rest.aypx(-1.0, known)
         return float(rest.norm())
+
+    def _operations(self) -> float:
+        """Floating-point operations so far, of all processes."""
+        return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
     def _largest(self) -> float:
         force = float(np.abs(self._context.force).max(initial=0.0))

@@ -44,6 +44,8 @@ HELD = 3
 
 # Of a solution: one on the way, one exact enough to be the last, or the last one once more
 Accuracy: TypeAlias = Literal["rough", "final", "more"]
+# Violation of the law over the largest nodal contact force
+TOLERANCE = 1e-9
 
 # Step of differences along free translations, over the extent of the contact nodes
 _STEP = 1e-4

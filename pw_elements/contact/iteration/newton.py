@@ -13,6 +13,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
+    TOLERANCE,
     Accuracy,
     ActiveSet,
     Contact,
@@ -25,8 +26,6 @@ from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
 from pw_elements.solvers import SingularSystem
 
-# Violation of the law over the largest nodal contact force
-TOLERANCE = 1e-9
 # What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
 # it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
@@ -201,6 +200,7 @@ class Increment:
         share = self.equilibrium.take(found.reduced)
         if share < 1:
             moved = place.translations + share * (moved - place.translations)
+            self.system.start(lambda: self.equilibrium.expanded(found.reduced), moved)
         return self.seen(found.reduced, moved, place, found.exact, found.final)
 
     def _singular(
@@ -348,7 +348,7 @@ def newton(
     try:
         return _iterated(increment, active, place, policy, most, told)
     except ContactFailed:
-        if increment.precise:
+        if increment.precise or increment.deformed is not None:
             raise
         increment.precise = True
         return _iterated(increment, active, place, policy, most, told)

@@ -284,7 +284,9 @@ class ContactSystem:
 
         Without the latter the pattern is the same. Factors only.
         """
-        assert isinstance(self.tangent, Tangent)
+        if isinstance(self.tangent, KrylovTangent):
+            self.tangent.renew()
+            return
         self.stiffness = self.reduction.matrix(K)
         if motion is not None:
             self._motion = motion

@@ -159,7 +159,9 @@ class ContactState:
         report: what solved the linear systems of this increment.
         increment: number of increments from the undeformed body, where it is 0.
         free: (pair, component) of the surfaces' free translations.
-        orientations: signs of the determinants that `unique` compares.
+        orientations: signs of the determinants that `unique` compares; of
+            `ContactProblem.of_residual` that of the last tangent, by which an unstable state is
+            told from a stable one. Empty with `Iterative()`: nothing tells.
         scale: what `residuals` are relative to.
         smallness: largest strain, rotation and slip; a warning is logged where they leave the
             range of small displacements. None of `ContactProblem.of_residual`, where they may.

@@ -37,7 +37,7 @@ from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, N
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.progress import doing
-from pw_elements.solvers import LinearSolver
+from pw_elements.solvers import LinearSolver, is_matrix_free
 
 Loading: TypeAlias = Callable[[float], None]
 
@@ -66,9 +66,15 @@ class FiniteStepping:
         self.solver, self._conditions, self._most = solver, conditions, max_iterations
         self._body, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
+        reduction = reduction.masked() if is_matrix_free(solver) else reduction
         self._reduction = reduction.equilibrated(problem.system.matrix)
         self._whole = problem.u.function_space
         self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
+        if self.interface.mortars and is_matrix_free(solver):
+            raise ValueError(
+                "Iterative() does not serve two bodies at large sliding, whose stiffness changes "
+                "its pattern: use Direct()"
+            )
         self.space = self.interface.field.space
         self._guard = CellGuard(problem.u, problem.form)
         self.history, self._update = list(history), update
@@ -130,6 +136,7 @@ class FiniteStepping:
         increment, _, kinematics = self._begun(state, goal, system, state.unknowns)
         past = increment.past
         moved = np.where(np.isnan(translations), state.translations, translations)
+        system.start(lambda: state.unknowns, moved)
         way = (moved - state.translations)[interface.pair]
         closed = interface.local([pair.status for pair in state.pairs]) != OPEN
         along = past.displacement + np.where(closed[:, None], way, 0.0)

@@ -355,7 +355,7 @@ class ContactProblem:
         u: fem.Function,
         conditions: fem.DirichletBC | Sequence[fem.DirichletBC],
         pairs: ContactPair | Sequence[ContactPair],
-        solver: LinearSolver | None = None,
+        solver: Solver = None,
         max_iterations: int = 25,
         callback: Callback | None = None,
         history: Sequence[fem.Function] = (),
@@ -382,7 +382,8 @@ class ContactProblem:
                 which are moved, not turned; or in the plane and in axisymmetry of a
                 `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
                 the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
-            solver: of linear systems by factors, by default `Direct()`.
+            solver: of linear systems, as in `solve`, but by default `Direct()`, which alone serves
+                two bodies and tells by determinants that a state is unstable.
             max_iterations: linear systems of one attempt.
             callback: as in `ContactProblem`.
             history: functions in the residual that belong to the state: steps start from those of
@@ -393,14 +394,16 @@ class ContactProblem:
             TypeError, ValueError: for arguments that do not make a contact problem.
             DegenerateMesh: for cells that are flat or inverted.
         """
-        solver = Direct() if solver is None else solver
-        problem = PetrovGalerkinProblem(residual, u, conditions, solver)
-        space, K = u.function_space, problem.system.matrix
+        problem = PetrovGalerkinProblem(residual, u, conditions)
+        space = u.function_space
         own = cls.__new__(cls)
         functions = checked_history(history, update, space.mesh.comm)
+        reduction = Reduction.dirichlet(space, conditions)
+        taken = auto_solver(solver or Direct(), reduction.supports)
+        problem.system.blocked = is_matrix_free(taken)
         u.x.array[:] = 0.0
         problem.system.assemble()
-        reduction = Reduction.dirichlet(space, conditions)
+        K = problem.system.matrix
         own.pairs = checked_problem(K, reduction, pairs, space, max_iterations, solver, callback)
         check_deformed(own.pairs, space)
         check_mesh(space.mesh)
@@ -412,7 +415,7 @@ class ContactProblem:
             own.pairs,
             max_iterations,
             callback,
-            solver,
+            taken,
             functions,
             update,
         )

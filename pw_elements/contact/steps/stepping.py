@@ -229,7 +229,7 @@ def divided(
         share = min(1.0, done + size)
         try:
             now = replace(step(now, share), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, SingularSystem) as failed:
+        except (ContactFailed, NoContactStated, NotConverged, SingularSystem) as failed:
             words = f"not from {done:.4g} to {share:.4g} of the increment: {failed}"
             told(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - done) / 2, (share, failed)
