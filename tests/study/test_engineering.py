@@ -1,4 +1,4 @@
-"""Section W: problems confirmed by what they do not compute; findings that can be turned."""
+"""Section W: problems confirmed by what they do not compute."""
 
 from functools import cache
 
@@ -22,16 +22,11 @@ from pw_elements import (
 )
 from pw_elements.contact import ContactPair, Plane, solve_contact
 from pw_elements.meshes import triangles
-from study.core.cases import load_section
-from study.core.store import Result, Results, save
 from study.discretisation import spaces
 from study.engineering import conductance, friction, impact, submodel, wear
 from study.engineering.readings import reading
-from study.judge.claims import judge, load_claims
 from study.verification.solid_meshes import box
 
-CASES = {case.name: case for case in load_section("W").cases}
-FINDINGS = {claim.id: claim for claim in load_claims() if claim.id.startswith("W-")}
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 
 
@@ -198,44 +193,3 @@ def test_stress_below_hertz_contacts_is_the_integral_of_point_forces():
 def test_a_submodel_below_the_exact_pressure_has_the_exact_stress():
     found = submodel.below("pw-T6", "exact", 8)
     assert found.stress == pytest.approx(found.exact, abs=2e-3)
-
-
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory):
-    """All of the section, each case computed once."""
-    out = tmp_path_factory.mktemp("results")
-    for case in CASES.values():
-        result = case.run(**case.parameters)
-        save(out, "W", case.name, result, case.stored_parameters, {})
-    return Results(out)
-
-
-@pytest.mark.parametrize("name", FINDINGS)
-def test_findings_are_found_again_and_other_numbers_turn_them(name, stored, tmp_path):
-    claim = FINDINGS[name]
-    (found,) = judge([claim], stored)
-    assert not found.differs, f"{found.verdict} with {found.measured}"
-    for one in stored.section("W"):
-        scalars = one.scalars | turned(claim.judgement, one, found.measured)
-        save(tmp_path, "W", one.case, Result(scalars, one.units), one.parameters, {})
-    (other,) = judge([claim], Results(tmp_path))
-    assert other.verdict != found.verdict
-
-
-def turned(how, one, measured):
-    """Numbers of a result that put the measure on the other side of its bound."""
-    if how.measure == "answer_change":
-        prefix, standard = how.args.get("name", ""), one.parameters["element"].startswith("gal")
-        if f"{prefix}answer" not in one.scalars:
-            return {}
-        moved = 4.0 if measured < how.value and standard else 1.0
-        return {f"{prefix}answer": moved * one.scalars[f"{prefix}reference"]}
-    if how.measure == "rule_error":
-        made_up = one.parameters["reading"] in how.args["readings"]
-        return {"error": 0.0 if made_up == (measured > how.value) else 1.0}
-    if how.measure in ("answers_apart", "largest_difference"):
-        of = [name for name in one.scalars if name.endswith("answer")]
-        moved = one.parameters["element"].startswith("gal")
-        return {name: 1.5 * one.scalars[name] for name in of if moved}
-    name = how.args["name"]
-    return {name: 1e12 * one.scalars[name]} if name in one.scalars else {}

@@ -162,15 +162,6 @@ def test_every_number_has_a_suitable_unit(key, results):
             assert unit == vars(units).get(kind, kind), name
 
 
-def test_eigenvalues_of_the_column_are_in_the_units_of_its_modulus(results):
-    for key, modulus, unit in (
-        ("7.5/pwsym-Q8", 2.1e8, "1000/s²"),
-        ("7.5/galerkin-Q8-SI", 2.1e11, "1/s²"),
-    ):
-        assert results[key].parameters["youngs_modulus"] == modulus
-        assert results[key].units["omega2_1"] == unit
-
-
 def test_measures_select_by_parameters_or_by_names(results):
     found = matching(results, "7.1", {"element": "pw-T6", "squares": 1})
     (named,) = matching(results, "7.1", "pw-T6")
