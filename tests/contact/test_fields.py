@@ -9,20 +9,35 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import as_function, reactions
+from pw_elements import (
+    Body,
+    Material,
+    Reduction,
+    Spaces,
+    as_function,
+    assemble_matrix,
+    assemble_scalar,
+    boundary_measure,
+    prescribe,
+    reactions,
+)
 from pw_elements.contact import (
     SLIP,
     STICK,
     ContactFields,
     ContactPair,
     Motion,
+    Parabola,
     Plane,
     Sphere,
     plot,
+    solve_contact,
     write,
 )
 from pw_elements.meshes import mapped, triangles
 from study.elements import composite
+from study.verification.half_space import Elastic as HalfPlane
+from study.verification.half_space import HertzLine
 from tests.contact.cases import PW, Block, Elastic, at
 from tests.library import vtx
 
@@ -109,6 +124,55 @@ def test_a_given_function_is_filled():
         as_function(block.space, twice, out=fem.Function(Block(4).space))
     with pytest.raises(ValueError, match="the vector has 90 degrees of freedom, the space has 182"):
         as_function(Block(6).space, twice)
+
+
+def indented(edges):
+    """Hertz' line contact, edges per half width: true error of the stress, indicator, mesh."""
+    known = HertzLine(HalfPlane(1.0, 0.3), 1000.0, 5e-4)
+    a = known.half_width
+    h = a / (edges + 0.4)
+    count, end = 3 * edges, (np.floor(2 * a / h) + 0.1) * h
+    side = count * h
+    mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (count, count), "left")
+    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "plane strain")
+    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    far = fem.Function(space)
+    far.interpolate(lambda x: known.displacement(x[:2].T).T)
+    outside = on(space, lambda x: np.isclose(x[0], side) | np.isclose(x[1], -side))
+    middle = prescribe(space, 0, lambda x: np.isclose(x[0], 0) & (x[1] > h / 4 - side))
+    supports = Reduction.dirichlet(space, [fem.dirichletbc(far, outside), middle])
+
+    def below(x):
+        return np.isclose(x[1], 0) & (x[0] < end)
+
+    punch = ContactPair(below, Parabola((0, 0), 1000.0), 0.0, [Motion((0, -known.approach))])
+    (state,) = solve_contact(K, K.createVecRight(), supports, punch, space)
+    fields = ContactFields.of(state, body)
+    x = ufl.SpatialCoordinate(mesh)
+    exact = known.peak * ufl.sqrt(ufl.max_value(0.0, 1 - (x[0] / a) ** 2))
+    wrong = (body.stress(fields.displacement)[1, 1] + exact) ** 2
+    error = np.sqrt(assemble_scalar(wrong * boundary_measure(mesh, below, 12)))
+    return error, fields.indicator(), h, a
+
+
+def test_the_indicator_is_the_error_of_stresses():
+    """Hertz' exact pressure tells that error: halved with the mesh, and largest at the edge."""
+    sums = []
+    for edges in (6, 12):
+        error, found, h, a = indented(edges)
+        sums.append(np.linalg.norm(found.x.array))
+        assert 0.85 < sums[-1] / error < 1.05
+        mesh = found.function_space.mesh
+        worst = mesh.geometry.x[mesh.geometry.dofmap[found.x.array.argmax()]].mean(axis=0)
+        assert abs(worst[0] - a) < 2 * h
+        assert -h < worst[1] < 0
+    assert 1.7 < sums[0] / sums[1] < 2.3
+
+
+def test_no_indicator_without_a_stress():
+    body, (*_, state) = ball(CellType.tetrahedron, PW)
+    with pytest.raises(ValueError, match="one that is not hybrid"):
+        ContactFields.of(state, body.space).indicator()
 
 
 def test_what_is_no_state_of_the_body():

@@ -19,18 +19,28 @@ from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import arguments, collective, same_everywhere, sizes_of, vector
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
-from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
+from pw_elements.elasticity import (
+    Body,
+    StressState,
+    SurfaceNodes,
+    boundary_measure,
+    facets_between,
+)
 from pw_elements.spaces import (
     SubSpace,
     as_function,
+    assemble_vector,
     is_hybrid,
     quadratic_element,
     scalar_space,
     split,
+    test_space,
 )
 
 # Largest difference of a node's positions in a state and in the space, over the largest coordinate
 _NEAR = 1e-9
+# Of squares of stresses and pressures, both linear
+_INDICATOR_DEGREE = 2
 _STATE = "solve_contact gives a list of states, ContactProblem.step one of them"
 
 
@@ -134,9 +144,10 @@ class ContactFields:
             fields = cls(*always, None, None, None, surfaces, opposite, *own)
         else:
             fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
+            fields = replace(fields, body=known)
             if deformed:
                 true = fem.Function(scalars, name="true_pressure")
-                fields = replace(fields, true_pressure=true, body=known)
+                fields = replace(fields, true_pressure=true)
         fields.fill(state)
         return fields
 
@@ -221,6 +232,42 @@ class ContactFields:
             if out is not None:
                 block = out.function_space.dofmap.index_map_bs
                 out.x.array.reshape(-1, block)[at] = values[at].reshape(-1, block)
+
+    @same_everywhere
+    def indicator(self) -> fem.Function:
+        """Distance of stresses from pressures on each cell, which says where to refine.
+
+        Stresses have larger errors than nodal forces, so that their distance on the pairs' own
+        surfaces is about the error of stresses there: on a cell's part of them
+
+            eta_K^2 = integral of (n·sigma n + p)^2,
+
+        with pressures that are linear between nodes where weights are.
+        The root of the sum of squares is the error of all, with the unit of stress times the root
+        of area. Cells with a node that has no pressure have none.
+
+        Raises:
+            ValueError: without the body, of a hybrid one, and at large strains, where the material
+                of a body is not that of the residual.
+        """
+        if self.body is None or self.pressure is None or self.hybrid or self.true_pressure:
+            raise ValueError(
+                "stresses follow from the displacements of a Body at small strains, one that is "
+                "not hybrid: give it to ContactFields.of, or integrate your own stress"
+            )
+        mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
+        facets = [facets_between(self.displacement.function_space, s.node) for s in self.surfaces]
+        surface = boundary_measure(mesh, np.unique(np.concatenate(facets)), _INDICATOR_DEGREE)
+        p, n = fem.Function(weights), ufl.FacetNormal(mesh)
+        p.x.array[:] = self.pressure.x.array
+        stress = self.body.stress(self.displacement)
+        sides = range(len(n))  # in axisymmetry stress has a hoop, too
+        pull = sum(n[i] * stress[i, j] * n[j] for i in sides for j in sides)
+        cells = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
+        squares = assemble_vector((pull + p) ** 2 * ufl.TestFunction(cells) * surface)
+        found = as_function(cells, squares, "error_indicator")
+        found.x.array[:] = np.sqrt(np.nan_to_num(found.x.array))
+        return found
 
     def functions(self) -> list[fem.Function]:
         """All functions, in the order of the attributes."""
