@@ -25,7 +25,7 @@ from pw_elements.spaces import (
     Marker,
     SubSpace,
 )
-from study.elements import composite, one_cut, taylor_hood
+from study.elements import composite, one_cut, serendipity, taylor_hood
 from study.inner_nodes import centre_nodes, mid_diagonal_nodes
 
 # CPS6, CPS8 (plane stress) of the paper's commercial code are the standard Galerkin elements
@@ -34,7 +34,7 @@ _SPACES: dict[str, Callable[[Mesh], Spaces]] = {
     "pw-T6": Spaces.petrov_galerkin,
     "pwsym-T6": Spaces.petrov_galerkin,
     "sibling-T6": Spaces.galerkin,
-    "galerkin-Q8": Spaces.serendipity,
+    "galerkin-Q8": serendipity,
     "pw-Q8": Spaces.petrov_galerkin,
     "pwsym-Q8": Spaces.petrov_galerkin,
     "pw-Q9": Spaces.petrov_galerkin,

@@ -4,7 +4,14 @@ import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
-from basix import CellType, PolysetType
+from basix import (
+    CellType,
+    ElementFamily,
+    LagrangeVariant,
+    MapType,
+    PolysetType,
+    SobolevSpace,
+)
 from basix.polynomials import tabulate_polynomial_set
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
@@ -19,6 +26,12 @@ PAPER_NODES = [0, 1, 2, 5, 3, 4]
 def composite(mesh: Mesh, components: int = 2) -> Spaces:
     """Composite triangles for both, with vectors or scalars (0 components): CPS6M, roughly."""
     trial = fem.functionspace(mesh, composite_element((components,) if components else ()))
+    return Spaces(trial, trial)
+
+
+def serendipity(mesh: Mesh, components: int = 2) -> Spaces:
+    """Nodal 8-node quadrilaterals for both, with vectors or scalars (0 components): CPS8."""
+    trial = fem.functionspace(mesh, serendipity_element((components,) if components else ()))
     return Spaces(trial, trial)
 
 
@@ -54,6 +67,27 @@ def composite_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     strains. Projecting on the reference triangle is right for straight sides.
     """
     return _blocked(_AssumedGradientElement(macro_element("triangle")._element), shape)
+
+
+def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
+    """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
+
+    Basix's own serendipity element has integral moments for degrees of freedom; nodal forces need
+    point evaluations. The space is that of all quadratics, x²y and xy².
+    """
+    cell = CellType.quadrilateral
+    points, weights = basix.make_quadrature(cell, 5)
+    orthonormal = tabulate_polynomial_set(cell, PolysetType.standard, 2, 0, points)[0]
+    px, py = points.T
+    monomials = np.array([px**0, px, py, px**2, px * py, py**2, px**2 * py, px * py**2])
+    coefficients = np.linalg.qr(((monomials * weights) @ orthonormal.T).T)[0].T
+    space = np.ascontiguousarray(coefficients)
+    lagrange = basix.create_element(ElementFamily.P, cell, 2, LagrangeVariant.gll_warped)
+    x, M = lagrange.x, lagrange.M
+    x[2], M[2] = [np.zeros((0, 2))], [np.zeros((0, 1, 0, 1))]
+    identity, smooth = MapType.identity, SobolevSpace.H1
+    element = basix.ufl.custom_element(cell, [], space, x, M, 0, identity, smooth, False, 2, 2)
+    return _blocked(element, shape)
 
 
 class _AssumedGradientElement(basix.ufl._BasixElement):

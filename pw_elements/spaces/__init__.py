@@ -10,7 +10,6 @@ from pw_elements.spaces.assembly import (
 from pw_elements.spaces.elements import (
     macro_element,
     quadratic_element,
-    serendipity_element,
 )
 from pw_elements.spaces.hybrid import (
     NOTHING,

@@ -30,7 +30,6 @@ from basix import (
     QuadratureType,
     SobolevSpace,
 )
-from basix.polynomials import tabulate_polynomial_set
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import extents
@@ -184,9 +183,12 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     """
     shape = extents("shape", shape)
     kind = _cell(cell)
-    nodes = len(basix.create_element(ElementFamily.P, kind, 2).points)
-    # the whole macro space: linear on sub-cells and continuous
-    element = _nodal(kind, np.eye(nodes), 1, PolysetType.macroedge)
+    quadratic = basix.create_element(ElementFamily.P, kind, 2, LagrangeVariant.gll_warped)
+    space, x, M = np.eye(quadratic.dim), quadratic.x, quadratic.M  # all that is linear on sub-cells
+    identity, smooth, macro = MapType.identity, SobolevSpace.H1, PolysetType.macroedge
+    element = basix.ufl.custom_element(
+        kind, [], space, x, M, 0, identity, smooth, False, 1, 1, polyset_type=macro
+    )
     if cell == "tetrahedron":
         element = TwelveCellElement(element._element)
     elif cell not in _SIMPLICES:
@@ -198,23 +200,6 @@ def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._Elem
     """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)
     return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
-
-
-def serendipity_element(shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
-    """Shape functions of the nodal 8-node quadrilateral (CPS8, CAX8): no centre node.
-
-    Basix's own serendipity element has integral moments for degrees of freedom; nodal forces need
-    point evaluations. The space is that of all quadratics, x²y and xy².
-    """
-    shape = extents("shape", shape)
-    celltype = CellType.quadrilateral
-    points, weights = basix.make_quadrature(celltype, 5)
-    orthonormal = tabulate_polynomial_set(celltype, PolysetType.standard, 2, 0, points)[0]
-    px, py = points.T
-    monomials = np.array([px**0, px, py, px**2, px * py, py**2, px**2 * py, px * py**2])
-    coefficients = np.linalg.qr(((monomials * weights) @ orthonormal.T).T)[0].T
-    space = np.ascontiguousarray(coefficients)
-    return _blocked(_nodal(celltype, space, 2, PolysetType.standard, interior=False), shape)
 
 
 class _HalvedTensorElement(basix.ufl._BasixElement):
@@ -254,21 +239,6 @@ def _cell(name: str) -> CellType:
     if name not in CELLS:
         raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
     return CellType[name]
-
-
-def _nodal(
-    cell: CellType, space: Array, degree: int, polyset: PolysetType, interior: bool = True
-) -> basix.ufl._BasixElement:
-    """The element of a space, rows in orthonormal polynomials, with values at quadratic nodes."""
-    lagrange = basix.create_element(ElementFamily.P, cell, 2, LagrangeVariant.gll_warped)
-    x, M = lagrange.x, lagrange.M
-    if not interior:
-        x[2], M[2] = [np.zeros((0, 2))], [np.zeros((0, 1, 0, 1))]
-    identity, smooth = MapType.identity, SobolevSpace.H1
-    degrees = degree, degree  # that it holds all of, and that it is within
-    return basix.ufl.custom_element(
-        cell, [], space, x, M, 0, identity, smooth, False, *degrees, polyset_type=polyset
-    )
 
 
 def _blocked(element: basix.ufl._ElementBase, shape: tuple[int, ...]) -> basix.ufl._ElementBase:

@@ -19,7 +19,6 @@ from pw_elements.checks import arguments, collective, same_everywhere, whole
 from pw_elements.spaces.elements import (
     macro_element,
     quadratic_element,
-    serendipity_element,
 )
 from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
 
@@ -106,21 +105,6 @@ class Spaces:
         weights = macro_element(mesh.topology.cell_name(), shape)
         trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
         return cls(trial, test, parts)
-
-    @classmethod
-    @same_everywhere
-    def serendipity(cls, mesh: Mesh, components: int | None = None) -> "Spaces":
-        """Nodal 8-node quadrilaterals for both: the standard element CPS8.
-
-        Args:
-            mesh: of quadrilaterals.
-            components: of the vector field, by default the mesh's dimension; 0 for a scalar.
-        """
-        shape = _shape(mesh, components)
-        if (cell := mesh.topology.cell_name()) != "quadrilateral":
-            raise ValueError(f"8-node elements need a mesh of quadrilaterals; this one has {cell}s")
-        trial = fem.functionspace(mesh, serendipity_element(shape))
-        return cls(trial, trial)
 
     @property
     def mesh(self) -> Mesh:

@@ -33,6 +33,7 @@ from pw_elements.meshes import curved
 from pw_elements.spaces import Marker
 from study.core.cases import Case
 from study.core.store import Result
+from study.elements import serendipity
 from study.peers.calculix import Peer, peer_of, tracked_digest
 from study.peers.grids import Grid, Where
 from study.peers.standard_decks import (
@@ -78,7 +79,7 @@ class Model:
         self.grid = specimen.grid
         mesh = grid_mesh(specimen.grid)
         quadrilaterals = specimen.grid.cell == "Q8"
-        spaces = Spaces.serendipity(mesh) if quadrilaterals else Spaces.galerkin(mesh)
+        spaces = serendipity(mesh) if quadrilaterals else Spaces.galerkin(mesh)
         material = Material(specimen.modulus, specimen.ratio, specimen.density)
         state = _STATES[specimen.element[:3]]
         self.body = Body(spaces, material, state, quadrature_degree=degree)

@@ -21,8 +21,9 @@ from pw_elements import (
 from pw_elements.contact import ContactPair, ContactProblem, Parabola, Plane, solve_contact
 from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import SubSpace
+from study.elements import serendipity
 
-PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, Spaces.serendipity
+PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 
 def at(axis, value):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Spaces
 from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, at
@@ -108,8 +107,8 @@ def test_start_from_a_coarser_mesh():
     [
         (triangles, PW, 4, 0.02, 0.8),
         (triangles, PW, 8, 0.3, 0.8),
-        (quadrilaterals, Spaces.serendipity, 8, 0.1, 0.5),
-        (quadrilaterals, Spaces.serendipity, 16, 0.02, 0.8),
+        (quadrilaterals, Q8, 8, 0.1, 0.5),
+        (quadrilaterals, Q8, 16, 0.02, 0.8),
     ],
 )
 def test_a_plate_under_force_that_is_pressed_and_pushed_at_once(build, method, n, mu, share):

@@ -24,7 +24,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import Smallness
 from pw_elements.contact.steps.smallness import Gradients
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from study.elements import composite
+from study.elements import composite, serendipity
 from tests.contact.cases import Block, Elastic, Punch, at
 from tests.contact.polyline import Polyline
 from tests.contact.test_matching import Blocks
@@ -62,7 +62,7 @@ SPACES = {
     "triangles": lambda: Spaces.galerkin(mapped(flat(triangles), bent)),
     "curved triangles": lambda: Spaces.petrov_galerkin(curved(flat(triangles), bent)),
     "quadrilaterals": lambda: Spaces.petrov_galerkin(mapped(flat(quadrilaterals), bent)),
-    "8 nodes": lambda: Spaces.serendipity(flat(quadrilaterals)),
+    "8 nodes": lambda: serendipity(flat(quadrilaterals)),
     "composite": lambda: composite(mapped(flat(triangles), bent)),
     "tetrahedra": lambda: Spaces.petrov_galerkin(mapped(cube(CellType.tetrahedron), bent)),
     "hexahedra": lambda: Spaces.galerkin(mapped(cube(CellType.hexahedron), bent)),

@@ -149,9 +149,6 @@ def calls(comm):
         "Spaces.petrov_galerkin": (Spaces.petrov_galerkin, {"mesh": w.mesh, "components": 2}),
         "Spaces.galerkin": (Spaces.galerkin, {"mesh": w.mesh, "components": None}),
         "Spaces.hybrid": (Spaces.hybrid, {"mesh": w.mesh, "parts": w.tags}),
-        "Spaces.serendipity": (
-            Spaces.serendipity,
-            {"mesh": pw_elements.meshes.quadrilaterals(**rectangle), "components": 2}),
         "SurfaceNodes.of": (SurfaceNodes.of, {"body": w.body, "where": FOOT, "stretch": None}),
         "SurfaceNodes.scalar": (
             SurfaceNodes.scalar,

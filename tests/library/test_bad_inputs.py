@@ -351,7 +351,6 @@ REFUSED = [
     ("NumberingError: trial and test space number", lambda w: Spaces(w.scalar.trial, w.P1)),
     ("components = -1", lambda w: Spaces.petrov_galerkin(w.mesh, -1)),
     ("components = '2'", lambda w: Spaces.galerkin(w.mesh, "2")),
-    ("8-node elements need a mesh of quadrilaterals", lambda w: Spaces.serendipity(w.mesh)),
     ("the trial space has the element Basix element", lambda w: test_space(w.P1)),
     ("the vector has 90 degrees of freedom, the space", lambda w: as_function(w.P1, w.f)),
     ("TypeError: name is 3: it has to be a string", lambda w: as_function(w.U, w.f, 3)),

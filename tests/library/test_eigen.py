@@ -13,7 +13,6 @@ from pw_elements import (
     NoModes,
     Reduction,
     SingularSystem,
-    Spaces,
     assemble_matrix,
     buckling,
     lumped_mass,
@@ -24,6 +23,7 @@ from pw_elements.algebra import symmetric_part
 from pw_elements.elasticity import StressState
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from study.discretisation import discretise, mass_left
+from study.elements import serendipity
 from study.matrices import dense
 from study.paper.s7_6_exact import Strip
 from study.verification.t_identity import distorted
@@ -203,7 +203,7 @@ def test_lumped_mass_of_standard_elements_is_refused():
     Q8 = quadrilaterals(COMM, (0.0, 0.0), (1.0, 1.0), (2, 1))
     for count, mesh, method, state in (
         (4, T6, GALERKIN, "plane stress"),
-        (6, Q8, Spaces.serendipity, "plane stress"),
+        (6, Q8, serendipity, "plane stress"),
         (36, box(), GALERKIN, "solid"),
     ):
         body, three = Elastic(mesh, method, state), r"(.*\(.*, .*, .*\)){3}"

@@ -34,11 +34,10 @@ from pw_elements.meshes import curved
 from pw_elements.spaces import (
     macro_element,
     quadratic_element,
-    serendipity_element,
     with_cell_rules,
 )
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
-from study.elements import one_cut, one_cut_element
+from study.elements import one_cut, one_cut_element, serendipity_element
 from study.matrices import dense
 from tests.contact.cases import PW
 from tests.library.random_meshes import Grid, points_within, structured

@@ -41,7 +41,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import ContactState, Surface
 from pw_elements.elasticity import StressState, nodal_load
 from pw_elements.meshes import PATTERNS, mapped, quadrilaterals, triangles
-from study.elements import composite
+from study.elements import composite, serendipity
 from tests.contact.polyline import Polyline
 
 Array = npt.NDArray[np.float64]
@@ -430,8 +430,8 @@ class _Maker:
         self.modulus = plan.modulus * stiffer
         self.size, self.lower = np.array(plan.size), np.array(plan.lower)
         mesh, self.facets = self._mesh()
-        make = composite if plan.element == "composite" else getattr(Spaces, plan.element)
-        spaces = make(mesh)
+        own = {"composite": composite, "serendipity": serendipity}
+        spaces = (own.get(plan.element) or getattr(Spaces, plan.element))(mesh)
         thickness = plan.thickness if plan.state.startswith("plane") else 1.0
         self.body = Body(
             spaces, Material(self.modulus, plan.nu), StressState(plan.state), thickness
