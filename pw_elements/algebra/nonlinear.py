@@ -133,8 +133,7 @@ class Newton:
         linear: bool,
         solver: LinearSolver,
     ) -> None:
-        self._system, self._fixed, self._prescribed = system, fixed, prescribed
-        self._linear = linear
+        self._system, self._fixed, self._linear = system, fixed, linear
         self._rows = (prescribed.getOwnershipRange()[0] + fixed).astype(PETSc.IntType)
         self._x = prescribed.duplicate()
         self._x.setArray(system.u.x.array[: self._x.getLocalSize()])
@@ -143,11 +142,10 @@ class Newton:
         self._singular: SingularSystem | None = None
         system.assemble()
         self._scale = equilibration(system.u.function_space, system.matrix)
-        if self._scale is not None:
-            system.matrix.diagonalScale(self._scale, self._scale)
-            self._x.pointwiseDivide(self._x, self._scale)
-            self._prescribed = prescribed.copy()
-            self._prescribed.pointwiseDivide(prescribed, self._scale)
+        system.matrix.diagonalScale(self._scale, self._scale)
+        self._x.pointwiseDivide(self._x, self._scale)
+        self._prescribed = prescribed.duplicate()
+        self._prescribed.pointwiseDivide(prescribed, self._scale)
         self._before = self._x.copy()
         diagonal = system.matrix.getDiagonal()
         # what makes equations of conditions
@@ -177,16 +175,13 @@ class Newton:
             self._prepared.release()
 
     def _take(self, x: PETSc.Vec) -> None:
-        if self._scale is not None:
-            scaled, x = x, x.duplicate()
-            x.pointwiseMult(scaled, self._scale)
-        self._system.take(x)
+        values = x.duplicate()
+        values.pointwiseMult(x, self._scale)
+        self._system.take(values)
 
     def _equations(self, _: PETSc.SNES, x: PETSc.Vec, out: PETSc.Vec) -> None:
         self._take(x)
-        forces = self._system.forces().array_r.copy()
-        if self._scale is not None:
-            forces *= self._scale.array_r
+        forces = self._system.forces().array_r * self._scale.array_r
         off = x.array_r[self._fixed] - self._prescribed.array_r[self._fixed]
         forces[self._fixed] = self._stiffness * off
         out.setArray(forces)
@@ -194,8 +189,7 @@ class Newton:
     def _linearised(self, _: PETSc.SNES, x: PETSc.Vec, *__: PETSc.Mat) -> None:
         self._take(x)
         self._system.assemble()
-        if self._scale is not None:
-            self._system.matrix.diagonalScale(self._scale, self._scale)
+        self._system.matrix.diagonalScale(self._scale, self._scale)
         self._system.matrix.zeroRows(self._rows, diag=self._stiffness)
         self._norm = self._system.matrix.norm(PETSc.NormType.INFINITY)
         try:

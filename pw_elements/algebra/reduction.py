@@ -342,9 +342,9 @@ class Reduction:
             K: stiffness (n, n).
         """
         self._check_system(K)
-        scale = None if self.space is None else equilibration(self.space, K)
-        if scale is None:
+        if self.space is None or not is_hybrid(self.space):
             return self
+        scale = equilibration(self.space, K)
         right = self.right.copy()
         right.diagonalScale(scale)
         left = right

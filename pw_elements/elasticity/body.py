@@ -473,13 +473,7 @@ class Body:
 
     def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
         geometry = self.spaces.mesh.ufl_domain().ufl_coordinate_element()
-        material = self.material
-        data = (
-            material.youngs_modulus,
-            material.poissons_ratio,
-            material.density,
-            self.thickness,
-        )
+        data = (*vars(self.material).values(), self.thickness)
         curved = geometry.degree > 1
         if curved or self.state is StressState.AXISYMMETRIC or not all(map(_constant, data)):
             return _RATIONAL_DEGREE

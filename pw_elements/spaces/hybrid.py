@@ -121,17 +121,18 @@ class SubSpace:
         return PETSc.Mat().createAIJ((self.sizes, self.rows), csr=csr, comm=comm)
 
 
-def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec | None:
+def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
     """Vector (n,): 1 at displacements; pressures over it, stiffness per area, are lengths."""
+    scale = K.createVecRight()
+    scale.set(1.0)
     if not is_hybrid(space):
-        return None
+        return scale
     fields = SubSpace.displacements(space), SubSpace.pressure(space)
     u, p = (field.numbers() for field in fields)
     largest = PETSc.NormType.INFINITY
     of_volume = K.createSubMatrix(p, u).norm(largest)
     of_equilibrium = fields[0].part(K.getDiagonal()).norm(largest)
     modulus = of_equilibrium / (of_volume or 1.0) or 1.0
-    scale = K.createVecRight()
     scale.setArray(1.0 + (modulus - 1.0) * fields[1].spread(np.ones(len(fields[1].owned))))
     return scale
 
