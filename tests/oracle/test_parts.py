@@ -1,28 +1,9 @@
-"""The oracle's own parts: its elements against Basix's, its contact against plain arithmetic."""
+"""The oracle's own law against plain arithmetic."""
 
 import numpy as np
 import pytest
 
-from pw_elements.spaces import macro_element
 from tests.oracle.contact import law_error
-from tests.oracle.elements import ELEMENTS, table
-
-CELLS = {"L3": "interval", "T6": "triangle", "Q9": "quadrilateral", "T10": "tetrahedron"}
-
-
-def places(name, count):
-    """Points (q, d) at which the weight functions are tabulated, from the trial functions there."""
-    functions = table(name, True, count)
-    return functions.shapes @ np.array(ELEMENTS[name].nodes) / 2, functions
-
-
-@pytest.mark.parametrize("name", CELLS)
-def test_weight_functions_are_those_of_the_library(name):
-    points, functions = places(name, 2)
-    tabulated = macro_element(CELLS[name]).tabulate(1, points)
-    np.testing.assert_allclose(functions.weights, tabulated[0], atol=1e-14)
-    slopes = np.moveaxis(tabulated[1:], 0, 2)
-    np.testing.assert_allclose(functions.weight_slopes, slopes, atol=1e-13)
 
 
 @pytest.mark.parametrize(
