@@ -17,7 +17,7 @@ from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Parabola, Plane, Sphere
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 from tests.oracle import assembly
-from tests.oracle.contact import Pair, solve
+from tests.oracle.contact import Pair, law_error, solve
 
 STATES = ("plane stress", "plane strain", "axisymmetric", "solid")
 TOLERANCE = 1e-8
@@ -213,3 +213,21 @@ def test_problems_are_of_all_kinds():
     assert any(problem.mu == 0 for problem in problems)
     floating = {problem.state for problem in problems if problem.floats}
     assert floating == {problem.state for problem in problems if not problem.floats} == set(STATES)
+
+
+@pytest.mark.parametrize(
+    ("force", "motion"),
+    [
+        ((-1e-3, 0.0), (0.0, 0.0)),  # pulls
+        ((1.0, 0.0), (-1e-3, 0.0)),  # has gone through
+        ((1.0, 0.0), (1e-3, 0.0)),  # pushes from afar
+        ((1.0, 0.301), (0.0, 0.0)),  # out of the cone
+        ((1.0, 0.1), (0.0, -1e-3)),  # slips inside of it
+        ((1.0, 0.3), (0.0, 1e-3)),  # slips along the friction
+    ],
+)
+def test_every_line_of_the_law_is_looked_at(force, motion):
+    good, none = np.array([[1.0, 0.3], [1.0, 0.1]]), np.array([[0.0, -0.5], [0.0, 0.0]])
+    mu = np.full(3, 0.3)
+    assert law_error(good, none, mu[:2]) < 1e-15
+    assert law_error(np.vstack([good, force]), np.vstack([none, motion]), mu) > 1e-4
