@@ -49,6 +49,8 @@ RIM = 6.0
 YOUNGS_MODULUS, POISSONS_RATIO = 1000.0, 0.3
 PRESSURE, PUSH, FRICTION, FRICTION_BETWEEN = 100.0, 20.0, 0.3, 0.2
 MODES = 6
+# Of a ball of radius 1 on a block of rubber 2 x 2 x 1: where it is pressed, and then moved, to
+BALL = ((0.0, 0.0, -0.15), (0.1, 0.0, -0.15))
 # What a linear system on contact's way is solved to, over its right-hand side
 FORCING = 0.02
 EXACT_DIGITS = 11
@@ -63,6 +65,7 @@ class Row:
     Args:
         task: "assembly", "factors", "frequencies", "contact", "bodies": two on each other,
             "search": who faces whom there, "pieces": loose ones side by side on a plane,
+            "sliding": a rough ball pressed into rubber, and on along it, at large strains,
             "incompressible": a solution, or "linear": one solution of K on contact's way, of the
             clamped block.
         element: as in the study, or one of CalculiX.
@@ -117,6 +120,8 @@ def rows() -> Iterator[Row]:
         yield Row("pieces", "pw-T6", n)
     for n in (10, 30, 100):
         yield Row("pieces", "pw-T10", n, "Iterative")
+    for n in (5, 10):
+        yield Row("sliding", "pw-T10", n, "Iterative")
     for n in (8, 11):
         yield Row("contact", "pw-hybrid-T10", n)
     for n in (8, 11, 16, 22):
@@ -197,6 +202,7 @@ def _one(row: Row) -> None:
         "bodies": _bodies,
         "search": _search,
         "pieces": _pieces,
+        "sliding": _sliding,
         "incompressible": _incompressible,
         "linear": _linear,
     }
@@ -578,6 +584,66 @@ def _pieces(row: Row) -> dict[str, float]:
         "iterations": found.iterations,
         "krylov_iterations": found.report.krylov_iterations,
         "displacement": found.displacement.norm(),
+    }
+
+
+def _sliding(row: Row) -> dict[str, float]:
+    """Two increments of neo-Hookean rubber, and one of the linear body on the same mesh."""
+    from mpi4py import MPI
+
+    import numpy as np
+    import ufl
+    from dolfinx import fem
+    from dolfinx.mesh import CellType, create_box
+
+    import pw_elements as pw
+    from pw_elements.contact import ContactPair, ContactProblem, Motion, Sphere, solve_contact
+    from study.discretisation import spaces
+
+    n = (2 * row.cells, 2 * row.cells, row.cells)
+    corners = [(-1.0, -1.0, -1.0), (1.0, 1.0, 0.0)]
+    mesh = create_box(MPI.COMM_WORLD, corners, n, CellType.tetrahedron)
+    made = spaces(row.element, mesh)
+    space, u = made.trial, fem.Function(made.trial)
+    F = ufl.Identity(3) + ufl.grad(u)
+    inverse = ufl.inv(F).T
+    stress = F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2})
+    residual = ufl.inner(stress, ufl.grad(ufl.TestFunction(made.test))) * dx
+    base = [pw.prescribe(space, k, lambda x: np.isclose(x[2], -1.0)) for k in range(3)]
+    motions = [Motion(motion) for motion in BALL]
+    pair = ContactPair(
+        lambda x: np.isclose(x[2], 0.0), Sphere((0.0, 0.0, 1.0), 1.0), FRICTION, motions[:1]
+    )
+    tangent = ufl.derivative(residual, u, ufl.TrialFunction(space))
+    supports = pw.Reduction.dirichlet(space, base)
+    pw.assemble_matrix(tangent, blocked=True)  # compiled now
+
+    def linear() -> Any:  # noqa: ANN401
+        K = pw.assemble_matrix(tangent, blocked=True)
+        nothing = K.createVecLeft()
+        return solve_contact(K, nothing, supports, pair, space, solver=pw.Iterative())
+
+    _, linear_seconds = _seconds(linear)
+    problem = ContactProblem.of_residual(residual, u, base, pair, solver=pw.Iterative())
+    state, seconds, steps, krylov = problem.undeformed, 0.0, 0, 0
+    for motion in motions:
+        state, taken = _seconds(
+            lambda state=state, motion=motion: problem.step(state, None, motion)
+        )
+        seconds, steps = seconds + taken, steps + state.iterations
+        krylov += state.report.krylov_iterations
+    (ball,) = state.pairs
+    return {
+        "dofs": space.dofmap.index_map.size_global * 3,
+        "seconds": seconds,
+        "linear_seconds": linear_seconds,
+        "over_linear": seconds / len(motions) / linear_seconds,
+        "iterations": steps,
+        "krylov_iterations": krylov,
+        "sticking": float((ball.status == 1).sum()),
+        "slipping": float((ball.status == 2).sum()),
+        "displacement": state.displacement.norm(),
     }
 
 
