@@ -374,6 +374,7 @@ class Krylov:
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         ksp.setTolerances(rtol=self._how.tolerance, atol=0.0, max_it=_MOST_ITERATIONS)
+        ksp.setComputeEigenvalues(True)
         counted = self._counted  # a method would make a cycle that is never freed
         ksp.setMonitor(lambda _, iteration, __: counted.append(int(iteration > 0)))
         # residuals are judged here, not by an error of PETSc's

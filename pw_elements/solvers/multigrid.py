@@ -344,6 +344,11 @@ class Multigrid:
         self._estimated = False
         self._forget(hierarchy=True)
 
+    def bound(self) -> None:
+        """Has the smoother's eigenvalues estimated anew, for what is solved now."""
+        self._estimated = False
+        self.ready()
+
     def set_up(self, preconditioner: PETSc.PC) -> None:
         """Makes a preconditioner one of these levels; its options prefix has been set."""
         preconditioner.setType("mg")

@@ -356,6 +356,30 @@ def test_krylov_finds_what_factors_find(kind):
     assert_same(factors, krylov, 1e-9, kind)
 
 
+def test_a_column_buckles_by_either_solver():
+    """The straight state is refused where it is unstable; perfect as it is, the column bends."""
+    forces = []
+    for solver in SOLVERS.values():
+        mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
+        spaces = Spaces.petrov_galerkin(mesh)
+        u = fem.Function(spaces.trial)
+        stress = neo_hookean(ufl.Identity(2) + ufl.grad(u))
+        dx = ufl.dx(metadata={"quadrature_degree": 4})
+        residual = ufl.inner(stress, ufl.grad(ufl.TestFunction(spaces.test))) * dx
+        foot = [prescribe(spaces.trial, k, lambda x: np.isclose(x[1], 0.0)) for k in (0, 1)]
+        pair = ContactPair(lambda x: np.isclose(x[1], 8.0), Plane((0, 8.0), (0, -1)))
+        problem = ContactProblem.of_residual(residual, u, foot, pair, solver=solver)
+        state, way = problem.undeformed, []
+        for depth in (0.05, 0.12):
+            state = problem.step(state, motions=Motion((0.0, -depth)))
+            way.append(-state.pairs[0].force[1])
+        assert state.substates
+        assert np.abs(state.displacement.array_r[::2]).max() > 0.1
+        forces.append(way)
+    assert forces[0][1] < 0.9 * 0.12 / 0.05 * forces[0][0]
+    assert np.allclose(*forces, rtol=1e-2)  # to the left or right, for which the mesh differs
+
+
 def test_levels_are_made_anew_when_it_pays(monkeypatch):
     """Most tangents take those of an earlier one, at the price of few more iterations."""
     mesh, made = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (16, 8)), []

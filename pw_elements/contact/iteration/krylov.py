@@ -61,6 +61,8 @@ _EXACT = 1e-11
 _MORE = 0.1
 # The same of a tangent, whose next one would be assembled anew
 _EXACT_TANGENT = 1e-13
+# Residual at which eigenvalues are looked at
+_EXAMINED = 1e-4
 # Forces over the residual from which on they say anything of the solution
 _KNOWN = 1e-3
 # A true residual over the one asked for that shows round-off at work, as does one that stays
@@ -417,6 +419,31 @@ class KrylovTangent:
         if self._wasted >= self._set_up:
             self._krylov.multigrid.renew()
             self._pace = None
+
+    def orientation(self) -> tuple[int, ...]:
+        """Signs of the levels, and of the tangent that has been solved last.
+
+        Over the levels its eigenvalues are near one, and each that changes its sign leaves them: an
+        outlier, which Arnoldi's method from an arbitrary vector finds first. This is no proof.
+        """
+        if self._krylov.foreign:
+            return ()
+        arbitrary, image = self._operator.createVecs()
+        first, last = arbitrary.getOwnershipRange()
+        arbitrary.setArray(np.cos(np.arange(first, last, dtype=float)))
+        sign = -1
+        for again in (False, True):
+            if again:  # a smoother beyond its bounds changes signs, too
+                self._multigrid.bound()
+            self._ksp.setTolerances(rtol=_EXAMINED, atol=0.0)
+            self._ksp.solve(arbitrary, image)
+            values = self._ksp.computeEigenvalues()
+            if not len(values):  # of another method than GMRES
+                return ()
+            sign = (-1) ** int(np.sum((values.imag == 0) & (values.real < 0)))
+            if sign > 0:
+                break
+        return 1, sign
 
     def encloses(self) -> bool:
         return self._enclosed

@@ -410,6 +410,10 @@ class Tangent:
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
         """Factors need no place to begin at."""
 
+    def orientation(self) -> tuple[int, ...]:
+        """Gives nothing besides what the solver tells by its determinants."""
+        return ()
+
     def release(self) -> None:
         """Factors go with the last reference."""
 

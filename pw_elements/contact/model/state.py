@@ -161,7 +161,8 @@ class ContactState:
         free: (pair, component) of the surfaces' free translations.
         orientations: signs of the determinants that `unique` compares; of
             `ContactProblem.of_residual` that of the last tangent, by which an unstable state is
-            told from a stable one. Empty with `Iterative()`: nothing tells.
+            told from a stable one. Empty with `Iterative()`, which looks for negative
+            eigenvalues of the preconditioned tangent by Arnoldi's method: no proof.
         scale: what `residuals` are relative to.
         smallness: largest strain, rotation and slip; a warning is logged where they leave the
             range of small displacements. None of `ContactProblem.of_residual`, where they may.

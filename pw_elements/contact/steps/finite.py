@@ -154,12 +154,13 @@ class FiniteStepping:
         if len(jumped):
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)
-        signs = system.tangent.solver.orientations[met:]
-        before = state.orientations if state.free == system.free else frozenset()
+        known = system.tangent.solver.orientations[met:]
+        signs = known or system.tangent.orientation()
+        before = state.orientations if known and state.free == system.free else frozenset()
         if signs and signs[-1] not in (before or signs[:1]):
             raise NotFound("the state found is unstable: its tangent's determinant has turned sign")
         found = contact_state(increment, now, 0, state, system.report, None)
-        return replace(found, unique=None, orientations=frozenset(signs[-1:]))
+        return replace(found, unique=None, orientations=frozenset(known[-1:]))
 
     def _begun(
         self, state: ContactState, goal: Target, system: ContactSystem, at: PETSc.Vec

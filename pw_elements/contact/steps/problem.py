@@ -383,7 +383,8 @@ class ContactProblem:
                 `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
                 the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
             solver: of linear systems, as in `solve`, but by default `Direct()`, which alone serves
-                two bodies and tells by determinants that a state is unstable.
+                two bodies and tells by determinants that a state is unstable; `Iterative()` looks
+                for negative eigenvalues.
             max_iterations: linear systems of one attempt.
             callback: as in `ContactProblem`.
             history: functions in the residual that belong to the state: steps start from those of
