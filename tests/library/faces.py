@@ -104,6 +104,7 @@ def calls(comm):
         "Body.initial_stress": (w.body.initial_stress, {"stress": w.body.stress(one), "form": "G"}),
         "ContactFields.of": (ContactFields.of, {"state": state, "body": w.body}),
         "ContactFields.fill": (fields.fill, {"state": state}),
+        "ContactFields.indicator": (fields.indicator, {}),
         "ContactProblem": (ContactProblem, contact | shared | {"callback": None}),
         "ContactProblem.of_residual": (
             ContactProblem.of_residual, finite | {"max_iterations": 25, "solver": Direct()}
@@ -111,6 +112,10 @@ def calls(comm):
         "ContactProblem.step": (
             problem.step,
             {"state": state, "load": w.load, "motions": [Motion((0, 0))], "guess": None}),
+        "ContactProblem.sensitivity": (
+            problem.sensitivity,
+            {"states": [problem.undeformed, state], "outputs": [("force", 0, 1)]}
+            | {"parameters": [(w.load, [0.0, 1.0])], "loads": [w.load], "weights": [[1.0]]}),
         "ContactProblem.save": (problem.save, {"state": state, "path": "/nowhere/state.npz"}),
         "ContactProblem.load": (problem.load, {"path": "/nowhere/state.npz"}),
         "ContactProblem.release": (problem.release, {}),
