@@ -84,8 +84,8 @@ def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
         None if u is None else (1 - share) * was + share * u
         for u, was in zip(end.translation, moved, strict=True)
     ]
-    force = (1 - share) * pushed + share * end.forces()
-    return Motion(translation, np.where(np.isnan(end.prescribed()), force, 0.0).tolist())
+    force = (1 - share) * pushed + share * end.forces()[:-1]
+    return Motion(translation, np.where(np.isnan(end.prescribed()[:-1]), force, 0.0).tolist())
 
 
 def residuals(

@@ -37,7 +37,14 @@ from pw_elements.contact import (
     solve_contact,
     write,
 )
-from pw_elements.contact.iteration import SLIP, STICK, CellGuard, DeformedKinematics, Reference
+from pw_elements.contact.iteration import (
+    SLIP,
+    STICK,
+    CellGuard,
+    DeformedKinematics,
+    Reference,
+    Tools,
+)
 from pw_elements.contact.iteration.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
@@ -166,9 +173,12 @@ def test_kinematics_are_consistent(name):
     surface, rng = SURFACES[name], np.random.default_rng(7)
     dim, m = (3 if name == "sphere" else 2), 20
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
-    start = Reference(rng.normal(size=(m, dim)) * 0.3, np.zeros((m, dim)), np.zeros((1, dim)))
-    view = DeformedKinematics(_at_points(surface, x, dim), start)
+    points, still = _at_points(surface, x, dim), np.zeros((1, dim + 1))
+    tools = Tools(points, [ContactPair(above, surface)])
+    start = Reference(rng.normal(size=(m, dim)) * 0.3, np.zeros((m, dim)), still)
+    view = DeformedKinematics(points, tools, start)
     a, U, r = (rng.normal(size=(n, dim)) * size for n, size in ((m, 0.3), (1, 0.1), (m, 1.0)))
+    U = np.append(U, [[0.0]], axis=1)
     here = view(U, a, r)
     h = 1e-5
     for direction in np.eye(dim):
@@ -204,12 +214,14 @@ def test_slip_is_the_arc():
         start = np.zeros((3, dim))
         start[:, -1] = 2.3  # above the surface
         ball = Sphere((0.0,) * dim, 2.0)
-        at_rest = Reference(np.zeros((3, dim)), np.zeros((3, dim)), np.zeros((1, dim)))
-        view = DeformedKinematics(_at_points(ball, start, dim), at_rest)
-        place = view(np.zeros((1, dim)), end - start, np.zeros((3, dim)))
+        points, still = _at_points(ball, start, dim), np.zeros((1, dim + 1))
+        tools = Tools(points, [ContactPair(above, ball)])
+        at_rest = Reference(np.zeros((3, dim)), np.zeros((3, dim)), still)
+        view = DeformedKinematics(points, tools, at_rest)
+        place = view(still, end - start, np.zeros((3, dim)))
         assert np.abs(np.linalg.norm(place.slip, axis=1) - 2 * angle).max() < 1e-12
         assert list(place.jumped) == [False, False, False]
-        far = view(np.zeros((1, dim)), -start * 2, np.zeros((3, dim)))
+        far = view(still, -start * 2, np.zeros((3, dim)))
         assert far.jumped.all()
 
 
@@ -520,7 +532,7 @@ def test_wrong_arguments_are_refused():
 def test_surfaces_without_closest_points_are_told():
     """A point at the centre of curvature has none, and the error says where it was at first."""
     rubber = Rubber()
-    far = SignedDistance(lambda x: x[:, 1] ** 2 + 1.0 + 0 * x[:, 0], lambda x: 2 * x * [0, 1])
+    far = SignedDistance(lambda x: (x[:, 1] - 1) ** 2 + 1.0, lambda x: 2 * (x - [0, 1]) * [0, 1])
     pair = replace(rubber.pair, surface=far)
     problem = ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
     with pytest.raises(NotFound, match="no closest point"):

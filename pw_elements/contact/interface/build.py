@@ -123,8 +123,18 @@ def nodal_interface(
         p.surface.shape if isinstance(p.surface, MatchingNodes) else p.surface  # type: ignore[misc]
         for p in pairs
     ]
-    for k, shape in enumerate(shapes):
+    for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
         _check_dimension(k, shape, dim)
+        if pair.pivot is not None and (not deformed or len(pair.pivot) != dim):
+            raise ValueError(
+                f"contact pair {k} has a pivot, "
+                + (
+                    f"which is not {dim}-D"
+                    if deformed
+                    else "but surfaces turn at large sliding "
+                    "only: state a residual, ContactProblem.of_residual"
+                )
+            )
     body = BodyNodes.of(space, reduction)
     names = [f"contact pair {k}" for k in range(len(pairs))]
     found = [body.owned(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)]

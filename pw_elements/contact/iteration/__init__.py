@@ -5,6 +5,7 @@ from pw_elements.contact.iteration.finite import (
     DeformedKinematics,
     FiniteEquilibrium,
     Sliding,
+    Tools,
 )
 from pw_elements.contact.iteration.law import (
     HELD,

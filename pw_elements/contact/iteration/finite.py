@@ -1,7 +1,12 @@
 """Large strains: equilibrium of any residual, and contact at the deformed body.
 
-A node is at y = X + u - U in the frame of its surface, which is moved by U without rotation. With
-the closest point p = y - g n of the surface, its normal n there, and N the derivative of n by y,
+A surface turns by R about its pivot c, and is moved by U: a node is at y = c + R^T (X + u - U - c)
+in its frame. With a the node's displacement, w the axis, d = X + a - U - c, and q = (U, angle),
+
+    dy = R^T (da - V dq),   V = (I, w x d),   d(R^T r) = R^T (dr - w x r dangle),
+
+so that force and torque of a surface are the sums of V^T r. With the closest point p = y - g n of
+the surface, its normal n there, and N the derivative of n by y,
 
     dg = n·dy,   dp = (I - n n^T - g N) dy,   dt = -(t·N dy) n
 
@@ -21,6 +26,7 @@ besides, and the law is one of three motions of a node, whose rows G are made an
 iteration: the changes of its gap and slip, and the angle by which its normal turns.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from mpi4py import MPI
@@ -37,10 +43,10 @@ from ufl.algorithms import extract_elements
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import TOLERANCE, DeformedPlace, frames
+from pw_elements.contact.iteration.law import TOLERANCE, DeformedPlace, Levers, frames
 from pw_elements.contact.iteration.newton import LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
-from pw_elements.contact.model import NotFound
+from pw_elements.contact.model import ContactPair, NotFound
 from pw_elements.spaces import SubSpace, is_hybrid
 
 # Of a node that another body faces: gap, slip and angle
@@ -61,16 +67,16 @@ class Sliding:
     Args:
         interface: the contact points (m).
         start: all unknowns (n,) where it starts.
-        before, after: translations (pairs, dim) of the opposite bodies there, and at its end.
+        before, after: placements (pairs, dim + 1) of the opposite bodies there, and at its end.
 
     Attributes:
         motion: G of the law, (m p, n), where its motions have been looked for last.
     """
 
     def __init__(self, interface: Interface, start: PETSc.Vec, before: Array, after: Array) -> None:
-        self._interface, self._translations = interface, after
+        self._interface, self._translations = interface, after[:, :-1]
         self._start = {
-            k: mortar.start(self._place(k, start, before))
+            k: mortar.start(self._place(k, start, before[:, :-1]))
             for k, mortar in interface.mortars.items()
         }
         # points of this process, and their places among the slave's nodes
@@ -158,25 +164,61 @@ class Sliding:
         return np.asarray(mortar.x + moved)
 
 
+class Tools:
+    """Surfaces of all pairs as they are at placements q, (pairs, dim + 1): U, then the angle."""
+
+    def __init__(self, interface: Interface, pairs: Sequence[ContactPair]) -> None:
+        self._pair, dim = interface.pair, interface.position.shape[1]
+        pivots, spins = zip(*(pair.spin(dim) for pair in pairs), strict=True)
+        self._away = interface.position - np.array(pivots)[self._pair]
+        self._spin = np.array(spins)[self._pair]  # J v = w x v, (m, dim, dim)
+
+    def turned(self, places: Array) -> Array:
+        """R - I, (m, dim, dim)."""
+        angle, J = places[self._pair, -1, None, None], self._spin
+        return np.asarray(np.sin(angle) * J + 2 * np.sin(angle / 2) ** 2 * J @ J)
+
+    def within(self, places: Array, displacement: Array) -> Array:
+        """Way y - X (m, dim) of points that have moved by a."""
+        at = displacement - places[self._pair, :-1]
+        return at + np.einsum("nba,nb->na", self.turned(places), at + self._away)
+
+    def carried(self, places: Array, within: Array) -> Array:
+        """Displacements (m, dim) of what has gone such a way."""
+        turned = np.einsum("nab,nb->na", self.turned(places), within + self._away)
+        return within + turned + places[self._pair, :-1]
+
+    def levers(self, places: Array, displacement: Array, force: Array) -> Levers:
+        """Levers of points that have moved by a, under forces (m, dim)."""
+        at, J = displacement - places[self._pair, :-1], self._spin
+        arm, spun = (np.einsum("nab,nb->na", J, v) for v in (self._away + at, force))
+        straight = np.broadcast_to(np.eye(J.shape[1]), J.shape)
+        return Levers(np.concatenate([straight, arm[:, :, None]], axis=2), spun, at)
+
+
 class DeformedKinematics:
     """Gaps, frames and slips of deformed points since an increment's start."""
 
     def __init__(
-        self, interface: Interface, past: Reference, sliding: Sliding | None = None
+        self, interface: Interface, tools: Tools, past: Reference, sliding: Sliding | None = None
     ) -> None:
-        self._interface, self._sliding = interface, sliding
-        self._start = past.displacement - past.translations[interface.pair]
+        self._interface, self._tools, self._sliding = interface, tools, sliding
+        self._start = tools.within(past.translations, past.displacement)
         gap, self._normal, self._bend = interface.closest(self._start)
         self._point = interface.position + self._start - gap[:, None] * self._normal
         self._gap = gap
 
-    def __call__(self, translations: Array, displacement: Array, force: Array) -> DeformedPlace:
-        """Linearisation at translations (pairs, dim), motions and forces (m, dim)."""
-        interface = self._interface
-        at = displacement - translations[interface.pair]
+    def stuck(self, places: Array, displacement: Array, closed: Mask) -> Array:
+        """Displacements (m, dim) of closed points that have gone with their surfaces."""
+        return np.where(closed[:, None], self._tools.carried(places, self._start), displacement)
+
+    def __call__(self, places: Array, displacement: Array, force: Array) -> DeformedPlace:
+        """Linearisation at placements (pairs, dim + 1), motions and forces (m, dim)."""
+        interface, tools = self._interface, self._tools
+        at, R = tools.within(places, displacement), np.eye(force.shape[1]) + tools.turned(places)
         gap, normal, bend = interface.closest(at)
-        frame = frames(normal, interface.equation >= 0)
-        tangents = frame[:, 1:]
+        frame = frames(np.einsum("nab,nb->na", R, normal), interface.equation >= 0)
+        tangents = frame[:, 1:] @ R
         bent = tangents @ bend  # t·N
         chord = interface.position + at - gap[:, None] * normal - self._point
         s = np.linalg.norm(normal - self._normal, axis=1) / 2
@@ -186,17 +228,18 @@ class DeformedKinematics:
         turning = np.einsum("na,nab->nb", self._normal, bend) / 4
         slipped = factor[:, None, None] * (tangents - (gap + across)[:, None, None] * bent)
         slipped -= (rise[:, None] * along)[:, :, None] * turning[:, None]
-        pressed = np.sum(normal * force, axis=1)
-        turned = [np.einsum("na,nab->nb", force, bend)[:, None], -pressed[:, None, None] * bent]
+        pressed, back = np.sum(frame[:, 0] * force, axis=1), np.swapaxes(R, 1, 2)
+        turned = [np.einsum("na,nab->nb", force, R @ bend)[:, None], -pressed[:, None, None] * bent]
         place = DeformedPlace(
             interface,
-            translations,
-            at,
+            places,
+            tools.levers(places, displacement, force),
+            displacement,
             frame,
             gap,
             factor[:, None] * along,
-            np.concatenate([normal[:, None], slipped], axis=1),
-            np.concatenate(turned, axis=1),
+            np.concatenate([normal[:, None], slipped], axis=1) @ back,
+            np.concatenate(turned, axis=1) @ back,
             s > _RIGHT_ANGLE,
         )
         return place if self._sliding is None else self._sliding.into(place, force)
@@ -217,8 +260,10 @@ class DeformedKinematics:
         within = np.zeros(len(place.gap), dtype=bool)
         if not len(self._interface.gathered(place.jumped[place.jumped])):
             return within
+        dim = self._start.shape[1]
+        end = self._tools.within(place.translations, place.at[:, :dim])
         for share in _WAY:
-            within |= self._interface.closest((1 - share) * self._start + share * place.at)[0] < 0
+            within |= self._interface.closest((1 - share) * self._start + share * end)[0] < 0
         return place.jumped & within
 
 

@@ -200,7 +200,7 @@ class LinearisedLaw:
 
     E: Array  # (m, dim, dim), of forces in the nodes' coordinates
     C: Array  # (m, dim, dim), of motions
-    D: Array  # (m, dim, dim), of translations of surfaces
+    D: Array  # (m, dim, k), of translations of surfaces, and of angles if they may turn
     c: Array  # (m, dim)
 
     def where(self, translations: Array, motion: Array) -> "LinearisedLaw":
@@ -208,6 +208,33 @@ class LinearisedLaw:
         known = np.einsum("nij,nj->ni", self.D, translations)
         known -= np.einsum("nij,nj->ni", self.C, motion)
         return replace(self, c=self.c + known)
+
+
+@dataclass(frozen=True)
+class Levers:
+    """Forces V^T r of points (m) on their surfaces' k motions, linear where points are at a_0.
+
+    Motions q are translations U and perhaps an angle, whose torque changes with the lever arms:
+
+        V^T r - w·(a - U - at) e,    e = (0, 1), at = a_0 - U_0.
+    """
+
+    carried: Array  # V (m, dim, k), how surfaces carry points that they hold
+    spun: Array  # w (m, dim), change of forces that turn with the surface, by the angle
+    at: Array  # (m, dim)
+
+    @classmethod
+    def straight(cls, m: int, dim: int) -> "Levers":
+        """Levers of surfaces that do not turn."""
+        return cls(np.broadcast_to(np.eye(dim), (m, dim, dim)), *np.zeros((2, m, dim)))
+
+    def forces(self, force: Array) -> Array:
+        """V^T r (m, k) of forces (m, dim)."""
+        return np.einsum("nak,na->nk", self.carried, force)
+
+    def where(self, motions: Array, motion: Array) -> "Levers":
+        """The levers of what is left free, parts of q (m, k) and of a (m, dim) being known."""
+        return replace(self, at=self.at + motions[:, : motion.shape[1]] - motion)
 
 
 @dataclass(frozen=True)
@@ -315,6 +342,11 @@ class Kinematics:
         c = np.einsum("nab,nb->na", to_nodes, c)
         return LinearisedLaw(to_nodes @ E, to_nodes @ C, to_nodes @ D, c)
 
+    @property
+    def levers(self) -> Levers:
+        """Levers of surfaces that do not turn."""
+        return Levers.straight(*self.past.shape)
+
     def _from(self, translations: Array) -> Array:
         """Translations (n, dim) of the nodes' surfaces from the place of linearisation."""
         return (translations - self.translations)[self.interface.pair]
@@ -324,12 +356,13 @@ class Kinematics:
 class DeformedPlace:
     """Gap, slip and force components where deformed nodes are, and their derivatives.
 
-    Nodes have p motions each, which are y = X + a - U for those that rigid surfaces face.
+    Nodes have p motions each, which are their own for those that rigid surfaces face.
     """
 
     interface: Interface  # contact points (m)
-    translations: Array  # U there, (pairs, dim)
-    at: Array  # the motions without X, (m, p)
+    translations: Array  # U and angles there, (pairs, dim + 1)
+    levers: Levers
+    at: Array  # the motions there, (m, p)
     frame: Array  # normals and tangents, (m, dim, dim)
     gap: Array  # (m,), infinite where nothing faces a node
     slip: Array  # (m, dim - 1)
@@ -358,8 +391,10 @@ class DeformedPlace:
         c = b - np.einsum("nab,nb->na", B, known) + np.einsum("nab,nb->na", C, self.at)
         to_nodes = np.swapaxes(self.frame, 1, 2)
         E, C, c = to_nodes @ E, to_nodes @ C, np.einsum("nab,nb->na", to_nodes, c)
-        rigid = self.interface.faced == RIGID
-        D = np.where(rigid[:, None, None], C[:, :, : self.frame.shape[1]], 0.0)
+        rigid = (self.interface.faced == RIGID)[:, None, None]
+        D = np.where(rigid, C[:, :, : self.frame.shape[1]] @ self.levers.carried, 0.0)
+        D[:, :, -1] += np.einsum("nab,nb->na", E, self.levers.spun)
+        c -= np.einsum("nak,nk->na", D, self.translations[self.interface.pair])
         return LinearisedLaw(E, C, D, c)
 
 

@@ -143,8 +143,10 @@ class Increment:
         self,
         system: ContactSystem,
         equilibrium: Equilibrium,  # at the end
-        prescribed: Array,  # translations of the surfaces (pairs, dim), NaN where they are free
-        totals: Array,  # forces of the free translations
+        # translations of the surfaces (pairs, dim), NaN where they are free; and angles, as all
+        # translations have them (pairs, dim + 1) where the body is deformed
+        prescribed: Array,
+        totals: Array,  # forces of the free translations, and torques
         past: Reference,
         stated: float = 1.0,  # share of what supports and interference prescribe
         # kinematics of the deformed body, taken anew in each iteration; else of the undeformed one
@@ -191,6 +193,8 @@ class Increment:
 
     def _solved(self, active: ActiveSet, place: Place, more: bool = False) -> Iterate:
         known = np.nan_to_num(self.prescribed)[self.interface.pair]
+        if self.deformed is not None:
+            self.system.levers = place.levers.where(known, self.supported)
         load, law = self.equilibrium.load, place.law(active, self.system.scale)
         law = law.where(known, self.system.followed(self.equilibrium.offset))
         accuracy: Accuracy = "more" if more else "final" if self.precise else "rough"
@@ -271,10 +275,10 @@ class Increment:
 
     def residuals(self, now: Iterate, force: float, length: Array | float) -> dict[str, Array]:
         """The fields of `Residuals` on this process, over a force and lengths (m,)."""
-        unbalanced = self.system.totals(now.force) - self.totals
+        unbalanced = self.system.totals(now.place.levers.forces(now.force)) - self.totals
         return now.contact.residuals(force, length) | {
             "equilibrium": np.array([now.unbalanced / force]),
-            "balance": np.abs(unbalanced) / force,
+            "balance": np.abs(unbalanced) / (force * self.system.arms(now.place.levers)),
         }
 
     def violation(self, now: Iterate) -> float:
@@ -314,9 +318,11 @@ class Increment:
 
     def _lost(self, now: Iterate) -> tuple[float, float]:
         """Forces that may be nothing but round-off: of displacements, and of coordinates."""
+        position = self.interface.position
+        arms = now.place.levers.carried[:, :, position.shape[1] :].sum(axis=2)  # from pivots
         lengths = (
             _LOST * self.system.moved(now.full),
-            ROUND_OFF * np.abs(self.interface.position),
+            ROUND_OFF * (np.abs(position) + np.abs(arms)),
         )
         forces = [(self.system.scale[:, None] * part).max(initial=0.0) for part in lengths]
         moved, placed = np.max(self.system.comm.allgather(forces), axis=0)

@@ -68,7 +68,8 @@ def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
     held = (interface.faced == DEFORMABLE) & interface.cone.rough & ~tangents.any(axis=(1, 2))
     status = np.where(held & (active.status != OPEN), HELD, active.status).astype(np.int8)
     moved = now.displacement - past.displacement
-    moved = moved - (now.translations - past.translations)[interface.pair]
+    dim = moved.shape[1]
+    moved = moved - (now.translations - past.translations)[interface.pair, :dim]
     along = moved - np.sum(moved * normal, axis=1)[:, None] * normal
 
     slip = np.einsum("nab,na->nb", tangents, contact.slip)
@@ -84,6 +85,7 @@ def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
         normal=normal,
         force_normal=contact.force[:, 0],
         force_tangential=vectors(contact.force[:, 1:]),
+        torque=now.place.levers.forces(now.force)[:, dim:].sum(axis=1),
         gap=contact.gap,
         slip=slip,
         friction=interface.cone.coefficient(contact.force[:, 0]),
@@ -101,15 +103,18 @@ def pair_states(
 
     `points` are what else `PairState` has of each of them, (m, ...); zero and open by default.
     """
-    zero = np.zeros_like(force)
+    zero, dim = np.zeros_like(force), force.shape[1]
     at = {name: getattr(interface, name) for name in ("position", "node", "faced")}
     at |= dict.fromkeys(("force_tangential", "slip", "displacement", "direction"), zero)
-    at |= dict.fromkeys(("force_normal", "turning"), zero[:, 0])
+    at |= dict.fromkeys(("force_normal", "turning", "torque"), zero[:, 0])
     at |= {"status": np.full(len(zero), OPEN, dtype=np.int8)} | points
+    torque = at.pop("torque")
     return tuple(
         PairState(
-            translation=translations[k].copy(),
+            translation=translations[k, :dim].copy(),
             force=interface.in_order(k, force).sum(axis=0),
+            rotation=np.array(translations[k, dim:].sum()),
+            torque=np.array(interface.in_order(k, torque).sum()),
             opposite=interface.opposite[k].copy(),
             opposite_force=interface.on_opposite(k, force),
             **{name: interface.in_order(k, values) for name, values in at.items()},
@@ -120,7 +125,8 @@ def pair_states(
 
 def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale, Residuals]:
     force = _largest(increment, np.linalg.norm(now.force, axis=1))
-    shifts = increment.interface.shifts(now.translations)
+    pair = increment.interface.pair
+    shifts = np.einsum("nak,nk->na", now.place.levers.carried, now.translations[pair])
     moved = np.concatenate([increment.system.moved(now.full), shifts])
     length = _largest(increment, np.linalg.norm(moved, axis=1))
     scale = before

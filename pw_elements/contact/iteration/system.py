@@ -9,12 +9,14 @@ the free translations U at the end:
     (E L K + C G) a - D U   = c + E L f     theirs
     sum L K a               = totals + sum L f
 
+Where surfaces turn, U has angles, too, and sums are those of `Levers`.
+
 The nonzero pattern is that of all active sets. Its rows are built once, before the iteration.
 `KrylovTangent` assembles nothing instead.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from mpi4py import MPI
@@ -28,7 +30,7 @@ from pw_elements.algebra import Reduction, free_pressure
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stated_mean
-from pw_elements.contact.iteration.law import Accuracy, LinearisedLaw, Solved
+from pw_elements.contact.iteration.law import Accuracy, Levers, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
 from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
 
@@ -40,20 +42,17 @@ class PointRows:
     """Rows E L K + C G - D of the contact points, whose entries are linear in E, C and D.
 
     Each row of a point has all columns that any of its equations and motions have. L K is (m dim,
-    n), G (m p, n) with p motions a point; `borders` (free translations, m dim) are ones where a
-    translation moves a point; `own` (m, dim) are local numbers of the rows in the matrix, -1 where
-    there is none.
+    n), G (m p, n) with p motions a point; `borders` (m k, n) are ones where a free translation,
+    one of k of each surface, moves a point; `own` (m, dim) are local numbers of the rows in the
+    matrix, -1 where there is none.
     """
 
     def __init__(
         self, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
     ) -> None:
         (m, dim), n = own.shape, np.int64(forces.shape[1])
-        moved = borders.T.tocoo()
-        last = moved.row, moved.col + n - borders.shape[0]
-        follow = sp.coo_matrix((-moved.data, last), forces.shape)
-        parts = [part.tocoo() for part in (forces, motion, follow)]
-        widths = [dim, motion.shape[0] // max(m, 1), dim]
+        parts = [part.tocoo() for part in (forces, motion, -borders)]
+        widths = [dim, motion.shape[0] // max(m, 1), borders.shape[0] // max(m, 1)]
         before, width = np.cumsum([0, *widths[:2]]), sum(widths)
         point, across = (
             np.concatenate(each)
@@ -146,25 +145,24 @@ def with_points(
     return indptr, indices, data
 
 
-def border_columns(free: Sequence[tuple[int, int]], pair: Local, dim: int) -> sp.csr_matrix:
-    """(free translations, m dim): ones at the components of the points that each one moves."""
-    column = [np.flatnonzero(pair == number) * dim + axis for number, axis in free]
-    indptr = np.concatenate([[0], np.cumsum([len(c) for c in column])]).astype(np.int64)
-    columns = np.concatenate([np.empty(0, dtype=np.int64), *column])
-    return sp.csr_matrix((np.ones(len(columns)), columns, indptr), (len(free), len(pair) * dim))
+def border_columns(free: Sequence[tuple[int, int]], pair: Local, each: int) -> sp.csr_matrix:
+    """(m each, free translations): ones where one, among each surface's, moves a point."""
+    row = [np.flatnonzero(pair == number) * each + axis for number, axis in free]
+    rows = np.concatenate([np.empty(0, dtype=np.int64), *row])
+    column = np.repeat(np.arange(len(free)), [len(r) for r in row])
+    return sp.csr_matrix((np.ones(len(rows)), (rows, column)), (len(pair) * each, len(free)))
 
 
-def balance_rows(sums: sp.csr_matrix, comm: MPI.Comm) -> sp.csr_matrix:
+def balance_rows(sums: sp.coo_matrix, comm: MPI.Comm) -> sp.csr_matrix:
     """Equations of free translations, on the last process; `sums` are this process' own part."""
-    parts = comm.gather(sums, root=comm.size - 1)
+    parts = comm.gather((sums.row, sums.col, sums.data), root=comm.size - 1)
     if parts is None:
         return sp.csr_matrix((0, sums.shape[1]))
-    total = sum(parts[1:], start=parts[0]).tocoo()
     own = np.arange(sums.shape[0])
-    row = np.concatenate([total.row, own])
-    column = np.concatenate([total.col, sums.shape[1] - len(own) + own])
-    data = np.append(total.data, np.zeros(len(own)))
-    balance = sp.csr_matrix((data, (row, column)), total.shape)
+    parts.append((own, sums.shape[1] - len(own) + own, np.zeros(len(own))))
+    # zeros stay: sums have one pattern
+    row, column, data = (np.concatenate(each) for each in zip(*parts, strict=True))
+    balance = sp.csr_matrix((data, (row, column)), sums.shape)
     balance.sort_indices()
     return balance
 
@@ -227,8 +225,10 @@ class ContactSystem:
         interface: Interface,
         free: Free,
         solver: LinearSolver,
+        levers: Levers | None = None,
     ) -> None:
         self.reduction, self.interface, self.free = reduction, interface, free
+        self.levers = levers or Levers.straight(*interface.position.shape)
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
         reduced = reduction.supported if is_matrix_free(solver) else reduction.matrix
@@ -248,6 +248,8 @@ class ContactSystem:
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
         if is_matrix_free(solver):
+            if any(axis == interface.position.shape[1] for _, axis in free):
+                raise ValueError("surfaces that are free to turn need a solver such as Direct()")
             assert reduction.supports is not None, "other reductions are refused before"
             stiffness = K.getDiagonal().array_r[self._own] * self._flexible
             self.scale = stated_mean(stiffness / unit, stated)
@@ -256,7 +258,9 @@ class ContactSystem:
             self.tangent = KrylovTangent(K, reduction.supports, points, solver, self.stiffness)
             return
         self._moved = moved
-        self._borders = border_columns(free, interface.pair, self._own.shape[1])
+        borders = border_columns(free, interface.pair, self.levers.carried.shape[2])
+        before = sp.csr_matrix((borders.shape[0], moved.shape[1] - len(free)))
+        self._borders = sp.hstack([before, borders], "csr")
         read, rows, csr = self._rows()
         self.scale = stated_mean(own_entries(read, interface.equation) / unit, stated)
         sizes = len(csr[0]) - 1, read.shape[1]
@@ -270,8 +274,30 @@ class ContactSystem:
         operators = self.stiffness, self._force, self._flexible, self._spread
         fixed, read = tangent_rows(*operators, self.interface.equation, len(self.free))
         rows = PointRows(read, self._moved, self._borders, self._own)
-        border = balance_rows(self._borders @ read, self.comm)
+        border = balance_rows(self._balances(read), self.comm)
         return read, rows, with_points(fixed, rows, border)
+
+    def _balances(self, read: sp.csr_matrix) -> sp.coo_matrix:
+        """Linear forces (free, n) on free motions, by this process' points; zeros stay."""
+        (m, dim), levers = self._own.shape, self.levers
+        row, column, value = ([np.empty(0, dtype)] for dtype in (np.int64, np.int64, float))
+        for number, (pair, axis) in enumerate(self.free):
+            mine = np.flatnonzero(self.interface.pair == pair)
+            parts: list[tuple[sp.csr_matrix, int, Array]] = [(read, axis, np.ones((m, 1)))]
+            if axis == dim:
+                turning = levers.carried[:, :, axis], -levers.spun, levers.spun
+                every = read, self._moved, self._borders
+                parts = [(rows, 0, factors) for rows, factors in zip(every, turning, strict=True)]
+            for rows, first, factors in parts:
+                each, of = rows.shape[0] // max(m, 1), factors[mine]
+                at = first + mine[:, None] * each + np.arange(of.shape[1])
+                taken = rows[at.ravel()].tocoo()
+                row.append(np.full(taken.nnz, number))
+                column.append(taken.col)
+                value.append(of.ravel()[taken.row] * taken.data)
+        where = np.concatenate(row), np.concatenate(column)
+        shape = len(self.free), read.shape[1]
+        return sp.coo_matrix((np.concatenate(value), where), shape)
 
     def hand_on(self, force: PETSc.Mat) -> None:
         """Takes H, (n, m dim)."""
@@ -314,6 +340,8 @@ class ContactSystem:
         """Solves equilibrium under a reduced load with the law at every contact point."""
         self.solved += 1
         right, balance = self.right(load, law, totals)
+        if isinstance(self.tangent, KrylovTangent):  # its border has translations alone
+            law = replace(law, D=law.D[:, :, : law.E.shape[1]])
         found = self.tangent.solve(right, balance, law, accuracy)
         reduced = load.duplicate()
         reduced.setArray(found.unknowns[: len(right)])
@@ -325,7 +353,9 @@ class ContactSystem:
         loads, right = self._read(load), self._spread_load(load)
         stated = self._own >= 0
         right[self._own[stated]] = (np.einsum("nab,nb->na", law.E, loads) + law.c)[stated]
-        return right, totals + self.totals(loads)
+        known = self.levers.forces(loads)
+        known[:, -1] -= np.sum(self.levers.spun * self.levers.at, axis=1)
+        return right, totals + self.totals(known)
 
     def weighed(self, force: Array) -> PETSc.Vec:
         """Weights of equations, reduced, whose sum is that of forces by weights (m, dim)."""
@@ -361,11 +391,19 @@ class ContactSystem:
         return np.array((self._magnitudes * size).array_r.reshape(self._own.shape))
 
     def totals(self, forces: Array) -> Array:
-        """Sums of forces (m, dim) at the points of all processes, one per free translation."""
+        """Sums of forces on motions (m, k) at the points of all processes, one per free motion."""
         pair = self.interface.pair
         sums = np.array([forces[pair == k, axis].sum() for k, axis in self.free])
         self.comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)
         return sums
+
+    def arms(self, levers: Levers) -> Array:
+        """Longest lever arm of each free motion; 1 of translations."""
+        size = np.linalg.norm(levers.carried, axis=1)
+        pair, tiny = self.interface.pair, np.finfo(float).tiny
+        longest = np.array([size[pair == k, axis].max(initial=tiny) for k, axis in self.free])
+        self.comm.Allreduce(MPI.IN_PLACE, longest, MPI.MAX)
+        return longest
 
     def _read(self, equations: PETSc.Vec) -> Array:
         """L x, (m, dim), of a reduced vector; 0 where the law is not stated."""

@@ -9,19 +9,29 @@ from dolfinx.mesh import MeshTags
 from pw_elements.arrays import Array
 from pw_elements.checks import described, flag, is_function, is_number, number, of_type, vector
 from pw_elements.contact.model.friction import Coulomb, Friction
-from pw_elements.contact.model.surfaces import Surface
+from pw_elements.contact.model.surfaces import Surface, unit
 from pw_elements.spaces import Part
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Rigid translation of a surface at the end of one increment, from its initial place.
+    """Rigid motion of a surface at the end of one increment, from its initial place.
+
+    At large sliding, where its pair has a pivot, it may turn about that, too, by any angle; the
+    pivot moves with the translation.
+
+        ContactPair(top, Sphere((0, 1), 1), friction=0.3, pivot=(0, 1))
+        Motion((0.4, None), force=(0, -20.0), rotation=-0.4)  # rolls to the right under a weight
+        Motion((0.4, -0.1), rotation=None, torque=0.0)         # is dragged, on a shaft without any
 
     Args:
         translation: (dim,); None for a component that is free and follows from its force.
         force: (dim,), total force of the surface on the body in the free components (on the
             whole circumference in axisymmetry, where radial ones are sums of nodal forces round
             the axis); without meaning in prescribed ones.
+        rotation: angle in radians, right-handed about the pair's axis, in the plane
+            anticlockwise; None if it is free and follows from its torque.
+        torque: of the surface on the body about the pivot's present place, if it is free.
 
     Raises:
         ValueError: for values that are not finite numbers, or a force in a prescribed component.
@@ -29,32 +39,45 @@ class Motion:
 
     translation: Sequence[float | None]
     force: Sequence[float] | None = None
+    rotation: float | None = 0.0
+    torque: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, given in vars(self).items():
+        for name in ("translation", "force"):
+            given = getattr(self, name)
             if np.ndim(given) != 1 and (given is not None or name == "translation"):
                 raise ValueError(f"{name} {given!r} of a motion: it has to be a vector")
-        force = np.zeros(len(self.translation)) if self.force is None else self.force
-        if len(force) != len(self.translation):
+        if self.force is not None and len(self.force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
-        for component, (moved, pushed) in enumerate(zip(self.translation, force, strict=True)):
-            number(f"component {component} of a motion's force", pushed)
+        pairs = zip(self._motions, self._forces, strict=True)
+        for component, (moved, pushed) in enumerate(pairs):
+            turns = component == len(self.translation)
+            names = ("rotation", "torque") if turns else ("translation", "force")
+            who = "a motion" if turns else f"component {component} of a motion"
+            number(f"{who}'s {names[1]}", pushed)
             if moved is not None:
-                number(f"component {component} of a motion's translation", moved)
+                number(f"{who}'s {names[0]}", moved)
             if moved is not None and pushed:
                 raise ValueError(
-                    f"component {component} of a motion has a translation and a force: "
-                    "one of them follows from the other"
+                    f"{who} has a {names[0]} and a {names[1]}: one of them follows from the other"
                 )
 
+    @property
+    def _motions(self) -> list[float | None]:
+        return [*self.translation, self.rotation]
+
+    @property
+    def _forces(self) -> list[float]:
+        force = np.zeros(len(self.translation)) if self.force is None else self.force
+        return [*force, self.torque]
+
     def prescribed(self) -> Array:
-        """Translations (dim,), NaN where they are free."""
-        return np.array([np.nan if u is None else u for u in self.translation], dtype=float)
+        """Translations and angle (dim + 1,), NaN where they are free."""
+        return np.array([np.nan if u is None else u for u in self._motions], dtype=float)
 
     def forces(self) -> Array:
-        """Total forces (dim,), zero where none is given."""
-        force = np.zeros(len(self.translation)) if self.force is None else self.force
-        return np.array(force, dtype=float)
+        """Total forces and torque (dim + 1,), zero where none is given."""
+        return np.array(self._forces, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -157,11 +180,14 @@ class ContactPair:
             `coincident` it is the nominal depth: a number, or a function of positions as columns
             (3, n) that returns it for each node, (n,). Gaps of meshes on curved faces do not
             count then, which may be larger than the depth.
+        pivot: (dim,), point about which a rigid surface turns at large sliding, at its initial
+            place; in axisymmetry nothing turns.
+        axis: (3,), in space, direction of any length that it turns about.
 
     Raises:
         TypeError: for arguments of the wrong type, such as exchanged ones.
-        ValueError: for a friction that is negative or not a number, or an interference that is
-            not one of its sides.
+        ValueError: for a friction that is negative or not a number, an interference that is
+            not one of its sides, or a pivot of a body or, in space, without an axis.
     """
 
     nodes: Part
@@ -169,10 +195,18 @@ class ContactPair:
     friction: float | Callable[[Array], Array] | Friction = 0.0
     motions: Motion | Sequence[Motion] = ()
     interference: bool | float | Callable[[Array], Array] = False
+    pivot: Sequence[float] | None = None
+    axis: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         _check_nodes(self.nodes, "ContactPair(nodes, surface)")
         bodies = (MatchingNodes, DeformableSurface)
+        if self.pivot is not None and isinstance(self.surface, bodies):
+            raise ValueError("a body has no pivot: what turns it are its supports")
+        if (0 if self.pivot is None else len(vector("the pivot", self.pivot))) == 3:
+            unit(list(vector("the axis of a pivot in space", self.axis, 3)))
+        elif self.axis is not None:
+            raise ValueError("an axis belongs to a pivot in space")
         if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
             raise TypeError(
                 f"the surface of a contact pair is {described(self.surface)}: it has to have a gap "
@@ -203,6 +237,17 @@ class ContactPair:
         if isinstance(self.friction, Friction) and not isinstance(self.friction, type):
             return self.friction
         return Coulomb(self.friction)
+
+    def spin(self, dim: int) -> tuple[Array, Array]:
+        """Pivot c (dim,) and matrix J (dim, dim) by which points turn: their velocity is J (x - c).
+
+        J is zero where there is no pivot.
+        """
+        if self.pivot is None:
+            return np.zeros(dim), np.zeros((dim, dim))
+        axis = (0.0, 0.0, 1.0) if self.axis is None else unit(self.axis)
+        cross = np.asarray(np.cross(axis, np.eye(3)).T, dtype=float)
+        return np.array(self.pivot, dtype=float), cross[:dim, :dim]
 
 
 def _is_surface(thing: object) -> bool:

@@ -35,6 +35,8 @@ class PairState:
         translation: (dim,) of the surface from its initial place.
         force: (dim,), total force of the surface on the body; in axisymmetry sums round the
             axis, so that the radial one is no resultant.
+        rotation: (), angle of the surface about its pivot.
+        torque: (), of the surface on the body about the pivot's present place.
         displacement: (m, dim), of the nodes; relative to what they face where nodes match.
         direction: (m, dim), unit direction of the tangential force of slipping nodes, else zero.
         turning: (m,), of the law's linearisation at slipping nodes, which the next iteration needs.
@@ -56,6 +58,8 @@ class PairState:
     status: npt.NDArray[np.int8]
     translation: Array
     force: Array
+    rotation: Array
+    torque: Array
     displacement: Array
     direction: Array
     turning: Array
@@ -158,7 +162,7 @@ class ContactState:
         residuals: of all conditions.
         report: what solved the linear systems of this increment.
         increment: number of increments from the undeformed body, where it is 0.
-        free: (pair, component) of the surfaces' free translations.
+        free: (pair, component) of the surfaces' free translations; component dim is the angle.
         orientations: signs of the determinants that `unique` compares; of
             `ContactProblem.of_residual` that of the last tangent, by which an unstable state is
             told from a stable one. Empty with `Iterative()`, which looks for negative
@@ -201,3 +205,8 @@ class ContactState:
     def translations(self) -> Array:
         """Translations (pairs, dim) of all pairs' surfaces from their initial places."""
         return np.array([pair.translation for pair in self.pairs])
+
+    @property
+    def placements(self) -> Array:
+        """Translations and, last, angles (pairs, dim + 1) of all pairs' surfaces."""
+        return np.array([[*pair.translation, pair.rotation] for pair in self.pairs])

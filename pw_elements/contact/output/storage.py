@@ -33,7 +33,7 @@ _OF_NUMBERS = {
     "scale": Scale,
     "smallness": Smallness,
 }
-_FORMAT = "pw_elements contact state 4"
+_FORMAT = "pw_elements contact state 5"
 # Before the names of what tells a problem from others, and how far that may be off, by round-off
 _PROBLEM = "problem "
 _SAME = 1e-9

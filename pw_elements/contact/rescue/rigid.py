@@ -371,7 +371,7 @@ class RigidMotions:
         moved = product(modes)
         dim, of_pieces = interface.position.shape[1], local_rows(moved, 0)
         destroy(modes, moved)
-        surfaces = border_columns(self.modes.free, interface.pair, dim).T
+        surfaces = border_columns(self.modes.free, interface.pair, dim)
         still = sp.csr_array((len(interface.pair) * dim, self.modes.of_pieces))
         return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
 

@@ -29,6 +29,7 @@ from pw_elements.contact.iteration import (
     Policy,
     Reference,
     Sliding,
+    Tools,
     contact_state,
     newton,
     sticking,
@@ -75,7 +76,7 @@ class FiniteStepping:
                 "Iterative() does not serve two bodies at large sliding, whose stiffness changes "
                 "its pattern: use Direct()"
             )
-        self.space = self.interface.field.space
+        self.space, self._tools = self.interface.field.space, Tools(self.interface, pairs)
         self._guard = CellGuard(problem.u, problem.form)
         self.history, self._update = list(history), update
         self._system: ContactSystem | None = None
@@ -85,8 +86,9 @@ class FiniteStepping:
     ) -> ContactState:
         """The state at the end of one increment, as `ContactProblem.step` gives it."""
         begun, interface = perf_counter(), self.interface
-        start = Target(None, state.translations, np.array([pair.force for pair in state.pairs]))
-        end = Target.of(None, moved, interface)
+        held = np.array([[*pair.force, pair.torque] for pair in state.pairs])
+        start = Target(None, state.placements, held)
+        end = Target.of(None, moved, interface, turning=True)
         if any(pair in interface.mortars for pair, _ in end.free):
             raise ValueError(
                 "the surface of a deformed body is not free to move besides its displacements: "
@@ -135,11 +137,10 @@ class FiniteStepping:
         interface, translations = self.interface, goal.translations
         increment, _, kinematics = self._begun(state, goal, system, state.unknowns)
         past = increment.past
-        moved = np.where(np.isnan(translations), state.translations, translations)
+        moved = np.where(np.isnan(translations), past.translations, translations)
         system.start(lambda: state.unknowns, moved)
-        way = (moved - state.translations)[interface.pair]
         closed = interface.local([pair.status for pair in state.pairs]) != OPEN
-        along = past.displacement + np.where(closed[:, None], way, 0.0)
+        along = kinematics.stuck(moved, past.displacement, closed)
         place: DeformedPlace = kinematics(moved, along, past.force)
         first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
         told = reporter.iterated if reporter.wanted else None
@@ -166,16 +167,20 @@ class FiniteStepping:
         self, state: ContactState, goal: Target, system: ContactSystem, at: PETSc.Vec
     ) -> tuple[Increment, FiniteEquilibrium, DeformedKinematics]:
         """The equations from a state to a target, the body being at all unknowns (n,)."""
-        interface, past, sliding = self.interface, Reference.of(state, self.interface), None
+        interface, past, sliding = self.interface, self._reference(state), None
         if interface.mortars:
             sliding = Sliding(interface, state.unknowns, past.translations, goal.translations)
         reduction = replace(self._reduction, offset=self.prescribed())
         equilibrium = FiniteEquilibrium(self._body, system, reduction, self._guard, at, sliding)
-        kinematics = DeformedKinematics(interface, past, sliding)
+        kinematics = DeformedKinematics(interface, self._tools, past, sliding)
         increment = Increment(
             system, equilibrium, goal.translations, goal.totals, past, deformed=kinematics
         )
         return increment, equilibrium, kinematics
+
+    def _reference(self, state: ContactState) -> Reference:
+        """Points and surfaces in a state, with their angles."""
+        return replace(Reference.of(state, self.interface), translations=state.placements)
 
     def prescribed(self) -> PETSc.Vec:
         """Prescribed displacements (n,) as conditions have them now."""
@@ -184,10 +189,14 @@ class FiniteStepping:
     def linearised(self, part: Part) -> Linearised:
         """The equations at the end of a part, where it leaves u, constants and conditions."""
         self._apply(part.load, part.share)
-        system, goal = self._bound(part.state.free), Target.reached(part.state)
+        system, goal = self._bound(part.state.free), Target.reached(part.state, turning=True)
         begun = self._begun(part.before, goal, system, part.state.unknowns)
         increment, equilibrium, kinematics = begun
-        now = Reference.of(part.state, self.interface)
+        states, dim = (part.before, part.state), self.interface.position.shape[1]
+        turned = any(pair.rotation for state in states for pair in state.pairs)
+        if turned or any(axis == dim for _, axis in part.state.free):
+            raise ValueError("has a surface that has turned, of which no derivatives are given")
+        now = self._reference(part.state)
         place = kinematics(now.translations, now.displacement, now.force)
         found = increment.seen(part.state.unknowns, now.translations, place)
         by_start = kinematics.by_start(place)
@@ -198,7 +207,11 @@ class FiniteStepping:
         if self._system is None or self._system.free != free:
             self.release()
             K = self._body.matrix
-            self._system = ContactSystem(K, self._reduction, self.interface, free, self.solver)
+            nothing = np.zeros_like(self.interface.position)
+            rest = np.zeros((self.interface.pairs, nothing.shape[1] + 1))
+            levers = self._tools.levers(rest, nothing, nothing)
+            system = K, self._reduction, self.interface, free, self.solver, levers
+            self._system = ContactSystem(*system)
         return self._system
 
     def _restore(self, state: ContactState) -> None:

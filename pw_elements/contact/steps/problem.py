@@ -118,6 +118,7 @@ def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
 
 def checked_step(
     space: fem.FunctionSpace,
+    pairs: Sequence[ContactPair],
     own: ContactState,
     state: ContactState,
     motions: Motion | Sequence[Motion | None] | None,
@@ -134,7 +135,7 @@ def checked_step(
     moved = _of_pairs("motions", each, len(own.pairs))
     for k, motion in enumerate(moved):
         if motion is not None:
-            _check_motions([motion], space, k)
+            _check_motions([motion], space, pairs[k], k)
     return moved
 
 
@@ -217,7 +218,7 @@ def checked_increments(
                 raise ValueError(
                     f"contact pair {k} has {len(moved)} motions for {len(given)} increments"
                 )
-            _check_motions(moved, space, k)
+            _check_motions(moved, space, pair, k)
             motions.append(moved or [None] * len(given))
         guesses = _each(start, ContactState, "a state to start from")
         if guesses and len(guesses) != len(given):
@@ -272,7 +273,8 @@ def _check_function(name: str, given: object, remedy: str) -> None:
 
 def _check_finite(state: ContactState, what: str) -> None:
     for pair in state.pairs:
-        known = (pair.force_normal, pair.force_tangential, pair.displacement, pair.translation)
+        names = ("force_normal", "force_tangential", "displacement", "translation", "rotation")
+        known = [getattr(pair, name) for name in names]
         if not all(np.isfinite(values).all() for values in known):
             raise ValueError(f"{what} has forces or displacements that are not finite")
 
@@ -284,11 +286,15 @@ def _check_guess(state: ContactState, pairs: int) -> None:
     _check_finite(state, "the state to start from")
 
 
-def _check_motions(motions: Sequence[Motion], space: fem.FunctionSpace, pair: int) -> None:
+def _check_motions(
+    motions: Sequence[Motion], space: fem.FunctionSpace, pair: ContactPair, number: int
+) -> None:
     dim = space.mesh.geometry.dim
-    for motion in _each(motions, Motion, f"a motion of contact pair {pair}"):
+    for motion in _each(motions, Motion, f"a motion of contact pair {number}"):
         if len(motion.translation) != dim:
-            raise ValueError(f"the motion of contact pair {pair} is not {dim}-D")
+            raise ValueError(f"the motion of contact pair {number} is not {dim}-D")
+        if pair.pivot is None and motion.rotation != 0:
+            raise ValueError(f"contact pair {number} turns about nothing: give it a pivot")
 
 
 class ContactProblem:
@@ -379,7 +385,7 @@ class ContactProblem:
             u: unknown function in the trial space, which may be hybrid; steps set it.
             conditions: Dirichlet conditions; constants and functions in them may change.
             pairs: of rigid surfaces with a `closest` point, `Plane`, `Sphere`, `SignedDistance`,
-                which are moved, not turned; or in the plane and in axisymmetry of a
+                which may turn about a `pivot`; or in the plane and in axisymmetry of a
                 `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
                 the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
             solver: of linear systems, as in `solve`, but by default `Direct()`, which alone serves
@@ -459,7 +465,7 @@ class ContactProblem:
             NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
         """
-        moved = checked_step(self._space, self.undeformed, state, motions, guess)
+        moved = checked_step(self._space, self.pairs, self.undeformed, state, motions, guess)
         if self._finite is not None:
             return self._finite.step(state, checked_loading(load, guess), moved)
         load = self._K.createVecRight() if load is None else load

@@ -222,7 +222,9 @@ class Linearised:
         reduction = replace(self._reduction, offset=given.offset).under(self._K, given.load)
         pair = system.interface.pair
         law = replace(self._law, c=given.friction[pair, None] * self._by_friction)
-        law = law.where(moved[pair], system.followed(reduction.offset))
+        still = law.D.shape[2] - moved.shape[1]  # surfaces that may turn do not
+        known = np.pad(moved[pair], [(0, 0), (0, still)])
+        law = law.where(known, system.followed(reduction.offset))
         return reduction.load(self._K, given.load), law, totals, moved, reduction.offset
 
 

@@ -95,30 +95,36 @@ class Target:
     """What is prescribed at the end of an increment, or of a part of one."""
 
     load: PETSc.Vec | None  # f (n,), in all; None of a residual, which holds it
-    translations: Array  # of the surfaces (pairs, dim), NaN where they are free
-    forces: Array  # total forces of the surfaces (pairs, dim), of those that are free
+    # of the surfaces (pairs, k), NaN where they are free; with the angle last where they may turn
+    translations: Array
+    forces: Array  # total forces of the surfaces (pairs, k), of those that are free
     stated: float = 1.0  # share of the displacements that supports and interference prescribe
 
     @classmethod
     def of(
-        cls, load: PETSc.Vec | None, motions: Sequence[Motion | None], interface: Interface
+        cls,
+        load: PETSc.Vec | None,
+        motions: Sequence[Motion | None],
+        interface: Interface,
+        turning: bool = False,
     ) -> "Target":
-        """As the user states it; surfaces without a motion rest."""
-        rest = np.zeros(interface.position.shape[1])
-        each = list(motions) or [None] * interface.pairs
-        return cls(
-            load,
-            np.array([rest if m is None else m.prescribed() for m in each]),
-            np.array([rest if m is None else m.forces() for m in each]),
-        )
+        """As the user states it; surfaces without a motion rest, and may be `turning`."""
+        dim = interface.position.shape[1]
+        rest, k = Motion([0.0] * dim), dim + turning
+        each = [m or rest for m in motions] or [rest] * interface.pairs
+        prescribed, forces = zip(*((m.prescribed()[:k], m.forces()[:k]) for m in each), strict=True)
+        return cls(load, np.array(prescribed), np.array(forces))
 
     @classmethod
-    def reached(cls, state: ContactState, load: PETSc.Vec | None = None) -> "Target":
+    def reached(
+        cls, state: ContactState, load: PETSc.Vec | None = None, turning: bool = False
+    ) -> "Target":
         """What a state is the end of."""
-        translations = state.translations
+        translations = state.placements if turning else state.translations
         for at in state.free:
             translations[at] = np.nan
-        return cls(load, translations, np.array([pair.force for pair in state.pairs]))
+        forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
+        return cls(load, translations, forces[:, : translations.shape[1]])
 
     @property
     def free(self) -> Free:

@@ -1,0 +1,271 @@
+"""Rigid tools that turn: derivatives, poses that are one, torques, restart, refusals."""
+
+from dataclasses import replace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_unit_cube
+
+from pw_elements import Spaces, prescribe
+from pw_elements.contact import (
+    ContactPair,
+    ContactProblem,
+    DeformableSurface,
+    Motion,
+    Sphere,
+)
+from pw_elements.contact.iteration import DeformedKinematics, Reference, Tools
+from pw_elements.meshes import triangles
+from tests.contact.cases import Block
+from tests.contact.test_large import SURFACES, Rubber, _at_points, above, neo_hookean
+from tests.parallel import same_numbers
+
+PIVOT = (0.2, 0.5)
+PRESSED = Motion((0.0, -0.15), rotation=0.1)
+# dragged under a force, and turned by a torque
+FREE = Motion((0.1, None), (0.0, -0.3), rotation=None, torque=-0.02)
+STORED = 1
+
+
+def roller(pivot=PIVOT, mesh=None, **options):
+    """The block of `Rubber` below a circle with a pivot."""
+    rubber = Rubber(mesh=mesh)
+    pair = replace(rubber.pair, pivot=pivot)
+    problem = ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair, **options)
+    rubber.problem = problem
+    return rubber
+
+
+def walked(problem, motions):
+    states = [problem.undeformed]
+    for motion in motions:
+        states.append(problem.step(states[-1], motions=motion))
+    return states[1:]
+
+
+@pytest.mark.parametrize("name", ["plane", "circle", "sphere", "ellipse"])
+def test_what_turns_is_linearised_consistently(name):
+    """Gap, slip and forces in the tool's frame, and its torque, change as their derivatives say."""
+    surface, rng = SURFACES[name], np.random.default_rng(3)
+    dim, m, h = (3 if name == "sphere" else 2), 20, 1e-5
+    x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
+    axis = (1.0, -2.0, 0.5) if dim == 3 else None
+    points = _at_points(surface, x, dim)
+    tools = Tools(points, [ContactPair(above, surface, pivot=rng.normal(size=dim), axis=axis)])
+    q = np.append(rng.normal(size=dim) * 0.1, 0.7)[None]
+    before = np.append(rng.normal(size=dim) * 0.1, 0.5)[None]
+    # in the frame of the surface all is near to its place
+    starts, ends = (rng.normal(size=(m, dim)) * 0.2 for _ in range(2))
+    view = DeformedKinematics(
+        points, tools, Reference(tools.carried(before, starts), np.zeros((m, dim)), before)
+    )
+    a, r = tools.carried(q, ends), rng.normal(size=(m, dim))
+    here = view(q, a, r)
+    R, V, w = np.eye(dim) + tools.turned(q), here.levers.carried, here.levers.spun
+
+    def seen(share, motion, way):
+        """Gap, slip and force in the surface's frame, and the torque."""
+        there, moved = q + share * motion, a + share * way
+        place, turn = view(there, moved, r), np.eye(dim) + tools.turned(there)
+        slip = np.einsum("nta,nt->na", place.frame[:, 1:] @ turn, place.slip)
+        parts = place.gap[:, None], slip, place.frame[:, :1] @ turn, r[:, None] @ turn
+        torque = place.levers.forces(r)[:, -1:]
+        return np.concatenate([*(part.reshape(m, -1) for part in parts), torque], axis=1)
+
+    motions = [*np.eye(dim + 1), *np.zeros((dim, dim + 1))]
+    ways = [*np.zeros((dim + 1, dim)), *np.eye(dim)]
+    for motion, way in zip(motions, ways, strict=True):
+        way = np.tile(way, (m, 1))
+        found = (seen(h, motion, way) - seen(-h, motion, way)) / (2 * h)
+        gap, slip, normal, force, torque = np.split(found, np.cumsum([1, dim, dim, dim]), axis=1)
+        relative = way - V @ motion
+        known = np.einsum("nab,nb->na", here.moved, relative)
+        assert np.abs(gap[:, 0] - known[:, 0]).max() < 1e-7
+        tangents = here.frame[:, 1:] @ R
+        assert np.abs(np.einsum("nta,na->nt", tangents, slip) - known[:, 1:]).max() < 1e-7
+        # of the pressing component, r being fixed in space
+        spun = np.einsum("nba,nb->na", R, w) * motion[-1]
+        assert np.abs(force + spun).max() < 1e-7
+        own = np.einsum("nb,nba->na", here.frame[:, 0], R), np.einsum("nba,nb->na", R, r)
+        pressed = np.sum(normal * own[1] + force * own[0], axis=1)
+        turns = np.einsum("nab,nb->na", here.turned, relative)
+        turns -= np.einsum("nab,nb->na", here.frame, w) * motion[-1]
+        assert np.abs(pressed - turns[:, 0]).max() < 1e-7
+        known = -np.sum(w * (way - motion[:-1]), axis=1)
+        assert np.abs(torque[:, 0] - known).max() < 1e-7
+
+
+def turned(vectors, angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return vectors @ np.array([[cos, sin], [-sin, cos]])
+
+
+def test_any_pivot_states_the_same_poses():
+    """A turn about one point is a turn about another, and moved; torques differ by F x r."""
+    (one,) = walked(roller().problem, [Motion((0.05, -0.15), rotation=0.3)])[-1].pairs
+    other, shift = (-0.4, 0.1), np.array([-0.6, -0.4])
+    moved = turned(shift, 0.3) - shift + [0.05, -0.15]
+    (two,) = walked(roller(pivot=other).problem, [Motion(moved, rotation=0.3)])[-1].pairs
+    assert np.abs(one.force_vector - two.force_vector).max() < 1e-10
+    assert np.abs(one.slip - two.slip).max() < 1e-10
+    arm = shift + two.translation - one.translation
+    assert one.torque == pytest.approx(two.torque + np.cross([*arm, 0], [*two.force, 0])[2])
+    away = one.position + one.displacement - PIVOT - one.translation
+    torque = np.cross(np.pad(away, [(0, 0), (0, 1)]), np.pad(one.force_vector, [(0, 0), (0, 1)]))
+    assert one.torque == pytest.approx(torque[:, 2].sum(), rel=1e-12)
+
+
+def test_a_torque_turns_as_far_as_the_angle_needs():
+    """Free angle and height come out as prescribed; Newton's method converges quadratically."""
+    seen = []
+    rubber = roller(callback=lambda progress: seen.append(progress.violation))
+    pressed, driven = walked(rubber.problem, [PRESSED, Motion((0.1, -0.2), rotation=-0.1)])
+    (asked,) = driven.pairs
+    free = Motion((0.1, None), (0.0, asked.force[1]), rotation=None, torque=float(asked.torque))
+    del seen[:]
+    found = rubber.problem.step(pressed, motions=free)
+    (pair,) = found.pairs
+    assert found.free == ((0, 1), (0, 2))
+    assert pair.rotation == pytest.approx(-0.1, abs=1e-9)
+    assert np.abs(pair.force_vector - asked.force_vector).max() < 1e-9
+    assert found.residuals.balance < 1e-9
+    before, last = (violation * 1e-9 for violation in seen[-4:-2])
+    assert last < 20 * before**2
+
+
+def test_what_turns_with_its_body_makes_no_slip():
+    """Body and tool, turned by a right angle together: forces turn, and all nodes stick."""
+    rubber = roller()
+    base = fem.Function(rubber.space)
+    x = rubber.space.tabulate_dof_coordinates()[:, :2]
+    nodes = fem.locate_dofs_geometrical(rubber.space, lambda x: np.isclose(x[1], -1.0))
+    held = fem.dirichletbc(base, nodes)
+    pair = replace(rubber.pair, pivot=PIVOT)
+    problem = ContactProblem.of_residual(rubber.residual, rubber.u, held, pair)
+    pressed = walked(problem, [Motion((0.05, -0.15), rotation=0.1)])[-1]
+    arm = x - PIVOT - pressed.pairs[0].translation
+
+    def load(share):
+        base.x.array[:] = (turned(arm, share * np.pi / 2) - arm).ravel()
+
+    after = problem.step(pressed, load, Motion((0.05, -0.15), rotation=0.1 + np.pi / 2))
+    (was,), (now,) = pressed.pairs, after.pairs
+    size = np.abs(was.force_vector).max()
+    assert np.abs(turned(was.force_vector, np.pi / 2) - now.force_vector).max() < 1e-9 * size
+    assert np.abs(now.slip).max() < 1e-10
+    assert now.torque == pytest.approx(was.torque, rel=1e-9)
+
+
+def ball(comm, friction):
+    """A cube on a held base below a sphere that turns about its upright diameter."""
+    mesh = create_unit_cube(comm, 2, 2, 2, CellType.tetrahedron)
+    pair = Spaces.petrov_galerkin(mesh)
+    u, dx = fem.Function(pair.trial), ufl.dx(metadata={"quadrature_degree": 4})
+    F = ufl.Identity(3) + ufl.grad(u)
+    residual = ufl.inner(neo_hookean(F), ufl.grad(ufl.TestFunction(pair.test))) * dx
+    held = [prescribe(pair.trial, k, lambda x: np.isclose(x[2], 0.0)) for k in range(3)]
+    top = 0.5, 0.4, 1.8
+    pair = ContactPair(
+        lambda x: np.isclose(x[2], 1.0), Sphere(top, 0.8), friction, pivot=top, axis=(0, 0, 2)
+    )
+    return ContactProblem.of_residual(residual, u, held, pair)
+
+
+def test_a_ball_turns_about_an_axis():
+    """Without friction nothing happens; with it, the torque turns the ball as far."""
+    down = (0.0, 0.0, -0.15)
+    smooth = walked(ball(MPI.COMM_SELF, 0.0), [Motion(down), Motion(down, rotation=0.7)])
+    still, spun = (state.pairs[0] for state in smooth)
+    assert np.abs(still.force_vector - spun.force_vector).max() < 1e-9
+    assert abs(spun.torque) < 1e-12
+    rough = ball(MPI.COMM_SELF, 0.5)
+    pressed, driven = walked(rough, [Motion(down), Motion(down, rotation=0.05)])
+    (pair,) = driven.pairs
+    away = pair.position + pair.displacement - [0.5, 0.4, 1.8] - pair.translation
+    assert pair.torque == pytest.approx(np.cross(away, pair.force_vector)[:, 2].sum(), rel=1e-12)
+    assert pair.torque > 1e-3
+    free = Motion(down, rotation=None, torque=float(pair.torque))
+    assert rough.step(pressed, motions=free).pairs[0].rotation == pytest.approx(0.05, abs=1e-8)
+
+
+def way_and_resumed(comm, folder):
+    """Numbers at the end of a way, and of one that goes on from a file."""
+    mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
+    problem, path = roller(mesh=mesh).problem, folder / "state.npz"
+    motions = [PRESSED, Motion((0.1, -0.2), rotation=-0.1), FREE]
+    states = walked(problem, motions)
+    if not path.exists():
+        problem.save(states[STORED], path)
+    last = problem.step(problem.load(path), motions=motions[-1])
+    names = ("force_vector", "slip", "gap", "displacement", "translation", "rotation", "torque")
+    return {
+        f"{start} {name}": getattr(state.pairs[0], name)
+        for start, state in (("whole", states[-1]), ("resumed", last))
+        for name in names
+    }
+
+
+def test_processes_and_restarts_find_the_same_numbers(tmp_path):
+    """One, two and three, which go on from what one has stored, with the angle in it."""
+    same_numbers(way_and_resumed, tmp_path, processes=(2, 3), rel=1e-9)
+    found = way_and_resumed(MPI.COMM_SELF, tmp_path)
+    for name in [name for name in found if name.startswith("whole")]:
+        again = found[name.replace("whole", "resumed")]
+        assert np.abs(found[name] - again).max() < 1e-12, name
+
+
+def test_an_increment_that_is_cut_turns_in_parts():
+    """Parts have their shares of the angle."""
+    rubber = roller(max_iterations=6)
+    state = rubber.problem.step(
+        rubber.problem.undeformed, motions=Motion((0.0, -0.25), rotation=-1.0)
+    )
+    assert state.substates
+    for share, part in state.substates:
+        assert part.pairs[0].rotation == pytest.approx(-share, abs=1e-14)
+    assert state.pairs[0].rotation == -1.0
+
+
+REFUSED = {
+    "both": ({"rotation": 0.1, "torque": 1.0}, "a rotation and a torque"),
+    "no number": ({"rotation": np.nan}, "rotation"),
+    "no finite torque": ({"rotation": None, "torque": np.inf}, "torque"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_wrong_motions_are_refused(name):
+    """A rotation follows from its torque, or is a number."""
+    motion, words = REFUSED[name]
+    with pytest.raises(ValueError, match=words):
+        Motion((0.0, 0.0), **motion)
+
+
+def test_derivatives_of_what_has_turned_are_refused():
+    """They would lack the turn of the frame that slip is seen in."""
+    problem = roller().problem
+    (state,) = walked(problem, [PRESSED])
+    with pytest.raises(ValueError, match="has turned"):
+        problem.sensitivity([problem.undeformed, state], ("force", 0, 0), ("friction", 0))
+
+
+def test_wrong_pivots_are_refused():
+    """Of bodies, at small displacements, in space without an axis, in the plane with one."""
+    rubber, block = Rubber(), Block(4)
+    with pytest.raises(ValueError, match="are its supports"):
+        ContactPair(above, DeformableSurface(above), pivot=PIVOT)
+    with pytest.raises(ValueError, match="axis"):
+        ContactPair(above, rubber.pair.surface, pivot=(0, 0, 1))
+    with pytest.raises(ValueError, match="in space"):
+        ContactPair(above, rubber.pair.surface, pivot=PIVOT, axis=(0, 0, 1))
+    with pytest.raises(ValueError, match="give it a pivot"):
+        rubber.problem.step(rubber.problem.undeformed, motions=Motion((0, 0), rotation=0.1))
+    pair = replace(rubber.pair, pivot=(0, 0, 1), axis=(0, 0, 1))
+    with pytest.raises(ValueError, match="not 2-D"):
+        ContactProblem.of_residual(rubber.residual, rubber.u, rubber.held, pair)
+    with pytest.raises(ValueError, match="of_residual"):
+        block.problem(replace(block.pair(0.3), pivot=(0.0, -1.0)))
