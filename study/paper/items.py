@@ -165,7 +165,7 @@ _TESTED = {
     "V13": ("library/test_recovery",),
     "V14": ("study/test_verification_residual",),
     "V15": ("study/test_verification_rubber", "library/test_hybrid"),
-    "V16": ("contact/test_large",),
+    "V16": ("contact/test_large", "contact/test_turning"),
     "V17": ("contact/test_sliding", "oracle/test_sliding"),
     "Q": ("study/test_rivals",),
     "W": ("study/test_engineering",),

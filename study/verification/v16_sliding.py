@@ -28,6 +28,7 @@ from study.verification.v16_rubber import (
     cube,
     follow,
 )
+from study.verification.v16_turning import bush, wheel
 
 TITLE = "Large strains and large sliding: rubber below a cylinder"
 
@@ -262,6 +263,10 @@ CASES += [
 CASES += [
     Case("V16", f"hertz-pw-T6-{n}", hertz, {"element": "pw-T6", "radius": float(n)})
     for n in (4, 16, 64)
+]
+CASES += [
+    Case("V16", "bush-pw-T6", bush, {"element": "pw-T6"}),
+    Case("V16", "wheel-pw-hybrid-T6-4", wheel, {"element": "pw-hybrid-T6", "elements": 4}),
 ]
 CASES += [
     Case("V16", f"calculix-pw-T6-{case}", against_calculix, stated)
