@@ -34,6 +34,7 @@ from pw_elements.solvers.matrices import (
     connected_pieces,
     destroy,
     galerkin_product,
+    is_blocked,
     python_matrix,
     selection,
     unbalanced,

@@ -46,6 +46,7 @@ from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing
+from pw_elements.solvers import is_blocked
 from pw_elements.spaces import Assembled
 
 Load: TypeAlias = PETSc.Vec | Callable[[float], PETSc.Vec]
@@ -333,7 +334,10 @@ class _March:
         v: PETSc.Vec,
     ) -> None:
         """Starts from displacements and velocities at the time 0, which `advance` will change."""
-        self._K, self._mass, self._step, self._interface = K, mass, step, interface
+        # products by nodes are faster than PETSc's by inodes
+        blocked = K.getBlockSize() > 1 and not is_blocked(K)
+        self._K = K.convert("baij", PETSc.Mat()) if blocked else K
+        self._mass, self._step, self._interface = mass, step, interface
         self._inverse = np.where(free, 1 / mass, 0.0)
         self._paths, self._load, self._comm = paths, load, interface.comm
         dim = interface.position.shape[1]
