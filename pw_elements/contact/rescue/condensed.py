@@ -30,7 +30,7 @@ found, so that they let go.
 import logging
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from petsc4py import PETSc
@@ -85,10 +85,10 @@ _DAMPED_STEPS = 100
 # Unknowns of the complementarity problem: its table takes 16 bytes times their square
 _MOST_UNKNOWNS = 3000
 # What takes as long as a linear system, over which part of it: a solution with factors, Newton's
-# step on a dense system and what grows with its size's cube, a trial of a line search, and Lemke's
-# pivots, which take their number's cube
+# step on a dense system, what grows with its size's cube and its singular values, a trial of a
+# line search, and one of Lemke's pivots, which grows with the square of the table's size
 _SUBSTITUTED = 0.05
-_DENSE_STEP, _DENSE, _SEARCHED = 0.15, 1e-9, 0.02
+_DENSE_STEP, _DENSE, _SINGULAR_VALUES, _SEARCHED = 0.15, 1e-9, 2e-8, 0.02
 _PIVOTED = 5e-8
 
 
@@ -97,6 +97,10 @@ class Budget:
     """What a remedy may still do, in linear systems and what takes about as long."""
 
     left: float
+    allowed: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.allowed = self.left
 
     def take(self, systems: float) -> bool:
         """Whether there was anything left before so many are taken."""
@@ -321,8 +325,8 @@ def _sum(one: Affine, other: Affine) -> Affine:
     return Affine(one.slope + other.slope, one.value + other.value)
 
 
-def lemke(M: Array, q: Array) -> Array | None:
-    """Finds x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if the method ends on a ray.
+def lemke(M: Array, q: Array, budget: Budget) -> Array | None:
+    """Finds x >= 0 with M x + q >= 0 and x.(M x + q) = 0; None if it ends on a ray, or has to.
 
     Rows are chosen with a generic q very near to the given one, so that no ratios are equal, and
     no basis comes back; the solution is that of its last basis for the given q.
@@ -337,6 +341,8 @@ def lemke(M: Array, q: Array) -> Array | None:
     basic, other = np.arange(n), np.arange(n, artificial + 1)
     row, column = int(np.argmin(generic)), n
     for _ in range(_PIVOTS * n):
+        if not budget.take(_PIVOTED * n**2):
+            return None
         _pivot(table, row, column)
         leaving, basic[row], other[column] = basic[row], other[column], basic[row]
         if leaving == artificial:
@@ -362,7 +368,7 @@ def _pivot(table: Array, row: int, column: int) -> None:
     table[row, column] = 1.0 / pivot
 
 
-def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | None:
+def sprung(problem: CondensedIncrement, spring: float, near: Array, budget: Budget) -> Array | None:
     """The z of a problem with polygonal cones and springs at rest `near`; None without one."""
     faced = np.flatnonzero(problem.faced)
     directions = _directions(problem, faced)
@@ -407,7 +413,7 @@ def sprung(problem: CondensedIncrement, spring: float, near: Array) -> Array | N
     M[last, rough] = steep[faced[rough]]
     q[last] = (limit - steep * force)[faced[rough]]
     scale = np.abs(q).max(initial=0.0) or 1.0
-    x = lemke(M, q / scale)
+    x = lemke(M, q / scale, budget)
     return None if x is None else slope @ (scale * x[: pressed + count]) + value
 
 
@@ -429,8 +435,7 @@ def without_active_sets(
     comm, dim = increment.interface.comm, increment.interface.position.shape[1]
     points = sum(comm.allgather(len(increment.interface.pair)))
     size = points * (2 + (2 if dim == 2 else SIDES))  # of the complementarity problem, at most
-    pivots = _PIVOTED * float(size) ** 3
-    if size > _MOST_UNKNOWNS or pivots > budget.left:
+    if size > _MOST_UNKNOWNS or _SUBSTITUTED * points * dim > budget.left:
         told(comm, logging.INFO, "too many contact points to do without active sets", ".contact")
         return None
     words = f"without active sets, for what {budget.left:.0f} linear systems take at most"
@@ -445,7 +450,7 @@ def without_active_sets(
     one_of_many: NotUnique | None = None
     for spring in _SPRINGS:
         for _ in range(_SPRING_ROUNDS):
-            if not budget.take(pivots):
+            if not budget.take(0):
                 break
             with collective(comm):
                 found = _search(problem, spring, near, budget) if comm.rank == 0 else None
@@ -463,7 +468,7 @@ def without_active_sets(
             problem = CondensedIncrement(increment, condensation, place)
     if one_of_many is not None:
         raise one_of_many
-    _refuse_loose(first, increment)
+    _refuse_loose(first, increment, budget)
     return None
 
 
@@ -514,7 +519,7 @@ def _search(
     problem: CondensedIncrement, spring: float, near: Array, budget: Budget
 ) -> tuple[Array | None, Array | None, float]:
     """The z with springs, and without, as far as they are found, and what is left to do."""
-    z = sprung(problem, spring, near)
+    z = sprung(problem, spring, near, budget)
     exact = None if z is None else problem.newton(z, _NEWTON_STEPS, False, budget)
     if z is not None and exact is None:
         exact = problem.newton(z, _DAMPED_STEPS, True, budget)
@@ -526,9 +531,11 @@ def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> 
     return ActiveSet(*(scattered(increment.interface, part) for part in vars(active).values()))
 
 
-def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
+def _refuse_loose(problem: CondensedIncrement, increment: Increment, budget: Budget) -> None:
     """Raises NotUnique if there is a state without contact forces, in which nothing touches."""
     comm = increment.interface.comm
+    if _SINGULAR_VALUES * problem.unknowns**3 > budget.allowed:
+        return
     with collective(comm):
         found = _loose(problem) if comm.rank == 0 else None
     z = comm.bcast(found)
@@ -543,21 +550,20 @@ def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
 def _loose(problem: CondensedIncrement) -> Array | None:
     """The z without contact forces in which the smallest gap is largest; None if it is not open."""
     n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0) or 1.0
-    stiffness = problem.scale.mean()
     balanced = np.concatenate([problem.force.slope.reshape(-1, n), problem.balance.slope])
     forces = np.append(problem.force.value.ravel(), problem.balance.value)
+    left, size, motions = np.linalg.svd(balanced, full_matrices=False)
+    held = size > _SINGULAR * size.max(initial=0.0)
+    if held.all():
+        return None
+    z, free = -motions[held].T @ (forces @ left[:, held] / size[held]), motions[~held].T
     faced = problem.faced
     best = linprog(
-        np.append(np.zeros(n), -1.0),
-        A_ub=np.column_stack([-problem.gap.slope[faced], np.ones(int(faced.sum()))]),
-        b_ub=problem.gap.value[faced] / scale,
-        A_eq=np.column_stack([balanced / stiffness, np.zeros(len(balanced))]),
-        b_eq=-forces / (stiffness * scale),
-        bounds=[(None, None)] * n + [(None, 1.0)],
+        np.append(np.zeros(free.shape[1]), -1.0),
+        A_ub=np.column_stack([-problem.gap.slope[faced] @ free, np.ones(int(faced.sum()))]),
+        b_ub=problem.gap.at(z)[faced] / scale,
+        bounds=[(None, None)] * free.shape[1] + [(None, 1.0)],
     )
     if not best.success or best.x[-1] <= _OPEN:
         return None
-    z = scale * best.x[:n]
-    points, dim = problem.frame.shape[:2]
-    none = ActiveSet(np.zeros(points, np.int8), np.zeros((points, dim - 1)), *np.zeros((3, points)))
-    return z + problem.step(none, z)
+    return z + scale * (free @ best.x[:-1])
