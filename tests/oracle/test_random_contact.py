@@ -42,9 +42,10 @@ def outcome(seed):
         if kind == "NoEquilibrium":
             proof = flaws(stated, len(states), error)
             wrong += [] if sound(proof) else [proof]
-        elif kind in ("NotFound", "NotUnique") and _is_searchable(stated):
-            found = search(linear_increment(stated, states))
-            wrong += [] if found is None else ["a search finds a state"]
+        elif _is_searchable(stated):
+            increment = linear_increment(stated, states)
+            one = kind != "FreeBody" or _is_determined(increment)
+            wrong += ["a search finds a state"] * (one and search(increment) is not None)
     found = residuals(*walked(stated, states))
     wrong += [found] * (not worst(found) < TOLERANCE)
     mu = max(pair.mu for pair in stated.sketch.pairs)
@@ -62,6 +63,14 @@ def _is_searchable(stated):
         for pair in stated.sketch.pairs
     )
     return linear and nodes <= 60 and stated.space.mesh.geometry.dim == 2
+
+
+def _is_determined(increment):
+    """Whether no motion leaves all alone that the law and the balances speak of."""
+    rough = increment.faced & (increment.mu > 0)
+    parts = increment.normal, increment.shear, increment.gap[increment.faced]
+    rows = np.concatenate([*parts, increment.slip[rough], increment.balance])[:, :-1]
+    return np.linalg.matrix_rank(rows) == rows.shape[1]
 
 
 def _pressed(stated, states):

@@ -20,7 +20,6 @@ class Blocks:
     def __init__(self, seed, **options):
         random = np.random.default_rng(seed)
         ratio = 10 ** (random.uniform(2, 6) * random.choice([-1, 1]))
-        self.stiffer = max(ratio, 1 / ratio)
         divisions = tuple(int(n) for n in random.integers(2, 6, 2))
         cell, slave = (
             random.choice(["triangle", "quadrilateral"]),
@@ -49,6 +48,16 @@ class Blocks:
             except (NotFound, NotUnique):
                 return states, load
         return states, None
+
+    def round_off(self, state):
+        """That of a row of K a, of some 40 terms, over the largest contact force."""
+        K = self.problem._K.copy()
+        K.setValuesCSR(*K.getValuesCSR()[:2], np.abs(K.getValuesCSR()[2]))
+        K.assemble()
+        size = state.displacement.copy()
+        size.abs()
+        force = max(np.abs(pair.force_vector).max() for pair in state.pairs)
+        return 20 * np.finfo(float).eps * (K * size).max()[1] / force
 
     def is_solved_by_search(self, state, load):
         """Whether a search of all statuses finds a state, on the body condensed to its points."""
@@ -84,8 +93,8 @@ def test_loose_blocks_are_refused_with_cause_only_and_iterations_solve_them_as_f
     for seed in range(NIGHTLY if request.config.getoption("--nightly") else SUITE):
         blocks = Blocks(seed)
         states, load = blocks.solve()
-        residual = max(state.residuals.largest() for state in states)
-        assert residual < 1e-8 + 1e-13 * blocks.stiffer, seed
+        for state in states[1:]:
+            assert state.residuals.largest() < 1e-9 + blocks.round_off(state), seed
         assert load is None or not blocks.is_solved_by_search(states[-1], load), seed
         (known, refused), (found, load) = (
             Blocks(seed, solver=solver, remedies=()).solve() for solver in (Direct(), Iterative())
