@@ -7,7 +7,7 @@ The active set that an increment starts from is chosen here, too.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import blake2b
 
 from mpi4py import MPI
@@ -51,17 +51,6 @@ _RESCUES = 3
 _TOUCHING_GAP = 1e-9
 
 
-@dataclass(frozen=True)
-class _Part:
-    """The points of a pair, (m) of this process and (n) of all."""
-
-    own: Indices  # (m,), among this process' points
-    order: Indices  # (n,)
-    place: Indices  # (m,), of the own points in this order
-    x: Array  # (n, dim), positions in this order
-    around: Indices  # (n, k), the nearest ones of each
-
-
 class EdgeRelease:
     """Lets points at the edge of a contact, or of its sticking part, go as deep again as they pull.
 
@@ -72,26 +61,15 @@ class EdgeRelease:
     node to node, so that means of neighbours tell who pulls.
     """
 
-    def __init__(
-        self,
-        position: Array,
-        pair: Local,
-        chosen: Sequence[int],
-        comm: MPI.Comm,
-    ) -> None:
-        self._comm = comm
-        self._parts: list[_Part] = []
+    def __init__(self, interface: Interface, chosen: Sequence[int]) -> None:
+        self._interface = interface
+        self._points: dict[int, tuple[Array, Indices]] = {}  # positions, and their nearest ones
         for k in chosen:
-            own = np.flatnonzero(pair == k)
-            x = np.concatenate(comm.allgather(position[own]))
-            first = sum(comm.allgather(len(own))[: comm.rank])
+            x = interface.in_order(k, interface.position)
             # the same on any number of processes, which round coordinates in their own ways
             x = np.round(x / np.ptp(x, axis=0).max(initial=1e-300), _DECIMALS)
-            order = np.lexsort(x.T)
-            place = np.argsort(order)[first : first + len(own)]
             near = min(_NEIGHBOURS[x.shape[1]], len(x))
-            around = cKDTree(x[order]).query(x[order], near)[1].reshape(len(x), near)
-            self._parts.append(_Part(own, order, place, x[order], around))
+            self._points[k] = x, cKDTree(x).query(x, near)[1].reshape(len(x), near)
 
     def deeper(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
         """The new set, in which more points let go next to those that have done so."""
@@ -110,14 +88,16 @@ class EdgeRelease:
 
     def _beside(self, before: Mask, now: Mask, pull: Array) -> Mask:
         """Points (m,) to let go that hold now and did before, by forces (m,) that pull these."""
-        deeper = np.zeros(len(now), dtype=bool)
-        for part in self._parts:
-            values = self._comm.allgather((before[part.own], now[part.own], pull[part.own]))
-            held, holds, force = (
-                np.concatenate(each)[part.order] for each in zip(*values, strict=True)
-            )
-            pulls = held & (np.where(held, force, 0.0)[part.around].mean(axis=1) > 0)
-            free, rest, x = ~held & ~holds, held & ~pulls, part.x
+        deeper = []
+        for k in range(self._interface.pairs):
+            held, holds, force = (self._interface.in_order(k, v) for v in (before, now, pull))
+            deep = np.zeros(len(held), dtype=bool)
+            deeper.append(deep)
+            if k not in self._points:
+                continue
+            x, around = self._points[k]
+            pulls = held & (np.where(held, force, 0.0)[around].mean(axis=1) > 0)
+            free, rest = ~held & ~holds, held & ~pulls
             if not (pulls.any() and free.any() and rest.any()):
                 continue
             width, nearest = cKDTree(x[free]).query(x[pulls])
@@ -125,10 +105,9 @@ class EdgeRelease:
             to_rest, to_others = (cKDTree(x[some]).query(along)[0] for some in (rest, ~rest))
             width[np.mean(to_rest < to_others, axis=1) > _HELD_SHARE] = 0.0  # no edge
             found = cKDTree(x).query_ball_point(x[pulls], _WAY_SHARE * width)
-            deep = np.zeros(len(x), dtype=bool)
             deep[np.concatenate(found).astype(np.int64)] = True
-            deeper[part.own] = (deep & held & holds)[part.place]
-        return deeper
+            deep &= held & holds
+        return self._interface.local(deeper)
 
 
 class Cycles:
@@ -273,11 +252,10 @@ class Policy:
 
     @classmethod
     def of(cls, free_motions: FreeMotions, interface: Interface) -> "Policy":
-        pair, comm = interface.pair, interface.comm
+        comm = interface.comm
         mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
-        edges = EdgeRelease(interface.position, pair, mortar, comm)
-        hold = LastHold(free_motions, pair, interface.pairs, comm)
-        return cls(hold, comm, edges if mortar else None)
+        hold = LastHold(free_motions, interface.pair, interface.pairs, comm)
+        return cls(hold, comm, EdgeRelease(interface, mortar) if mortar else None)
 
     def restart(self, first: ActiveSet | None = None) -> None:
         """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""
