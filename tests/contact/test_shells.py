@@ -13,8 +13,6 @@ from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Reduction, assemble_vector, boundary_measure, prescribe, solve
 from pw_elements.contact import SLIP, ContactFields, ContactPair, DeformableSurface, NotFound, Plane
-from pw_elements.contact.rescue import Budget
-from pw_elements.contact.steps.stepping import Target, held_by, in_parts
 from pw_elements.meshes import curved, quadrilaterals, triangles
 from study.verification.c_mesh_families import meshed
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -334,13 +332,6 @@ class Ring(Elastic):
         shaft = Plane((BORE + FIT, 0), (1, 0))
         return ContactPair(at(0, BORE), shaft, mu, interference=interference)
 
-    def stepping(self, mu=0.0):
-        """A problem, its stepping, and the increment's start and end."""
-        problem = self.problem(self.pair(mu), self.ends)
-        stepping = problem._stepping
-        start = held_by(problem.undeformed, self.K, stepping.interface)
-        return problem, stepping, start, Target.of(self.nothing, (), stepping.interface)
-
 
 @pytest.mark.parametrize(
     ("method", "build"), [(PW, triangles), (GALERKIN, triangles), (PW, quadrilaterals)]
@@ -363,16 +354,18 @@ def test_interference_has_to_be_asked_for():
         ring.contact(ring.pair(interference=False), ring.ends)
 
 
-def test_a_fit_in_parts_obeys_the_law_in_each_of_them():
+def test_a_fit_in_parts_obeys_the_law_in_each_of_them(monkeypatch):
     ring = Ring(3)
-    problem, stepping, start, end = ring.stepping(0.2)
+    problem = ring.problem(ring.pair(0.2), ring.ends)
+    solved, first = problem._stepping._solved, problem.undeformed
 
-    def timid(state, target):
-        if target.stated - (0.0 if state is problem.undeformed else 0.5) > 0.5:
+    def timid(state, target, *others):
+        if target.stated - (0.0 if state is first else 0.5) > 0.5:
             raise NotFound("too much")
-        return stepping._solved(state, target)
+        return solved(state, target, *others)
 
-    _, cut = in_parts(timid, problem.undeformed, start, end, Budget(np.inf))
+    monkeypatch.setattr(problem._stepping, "_solved", timid)
+    cut = problem.step(first, ring.nothing)
     conditions = [prescribe(ring.space, 1, at(1, z)) for z in (0.0, HEIGHT)]
     stated = Stated(ring.K, ring.space, [ring.nothing], conditions, [ring.pair(0.2)])
     assert [share for share, _ in cut.substates] == [0.5]

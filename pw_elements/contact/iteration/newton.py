@@ -23,7 +23,13 @@ from pw_elements.contact.iteration.law import (
 )
 from pw_elements.contact.iteration.policy import Policy, counted, same
 from pw_elements.contact.iteration.system import ContactSystem
-from pw_elements.contact.model import ContactFailed, ContactState, NotFound, NotUnique
+from pw_elements.contact.model import (
+    ContactFailed,
+    ContactState,
+    NoEquilibrium,
+    NotFound,
+    NotUnique,
+)
 from pw_elements.solvers import SingularSystem
 
 # What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
@@ -343,7 +349,8 @@ def newton(
     anew where the active set has been found, until nothing changes; where the body is deformed, in
     each iteration.
 
-    `told`, if it is given, is called with each iteration's number, active set and violation.
+    `told`, if it is given, is called with each iteration's number, active set and violation; it may
+    raise a NoEquilibrium.
 
     Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
     with exact ones.
@@ -353,8 +360,9 @@ def newton(
     """
     try:
         return _iterated(increment, active, place, policy, most, told)
-    except ContactFailed:
-        if increment.precise or increment.deformed is not None:
+    except ContactFailed as failure:
+        proved = isinstance(failure, NoEquilibrium)
+        if increment.precise or increment.deformed is not None or proved:
             raise
         increment.precise = True
         return _iterated(increment, active, place, policy, most, told)

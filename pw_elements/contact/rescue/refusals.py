@@ -24,6 +24,7 @@ in space, 0.2 in the plane.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import linprog
@@ -59,6 +60,9 @@ from pw_elements.contact.rescue.condensed import (
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.solvers import NotConverged, SolverReport
+
+# A refusal, if there is one, and the pairs of which none was looked for
+Proof: TypeAlias = tuple[NoEquilibrium | None, list[int]]
 
 # Work of the loads over the sum of its parts' magnitudes: none below
 _ZERO_WORK = 1e-9
@@ -201,9 +205,7 @@ def _turning(increment: Increment, place: Kinematics) -> Mask:
     return turning
 
 
-def no_equilibrium(
-    increment: Increment, place: Kinematics, rigid: RigidMotions
-) -> tuple[NoEquilibrium | None, list[int]]:
+def no_equilibrium(increment: Increment, place: Kinematics, rigid: RigidMotions) -> Proof:
     """The refusal with its proof, if there is one; the same on all processes.
 
     And the pairs of which no proof was looked for: their surfaces are curved and free to move.
@@ -223,7 +225,7 @@ def rescue(
     failure: ContactFailed | NotConverged,
     increment: Increment,
     place: Kinematics,
-    rigid: RigidMotions,
+    proved: Callable[[], Proof],
     condensed: Callable[[], Condensation] | None,
     budget: Budget,
     policy: Callable[[], Policy],
@@ -236,7 +238,7 @@ def rescue(
     The body is condensed unless that is not to be tried. A failure to converge stays one, unless
     statics explain it.
     """
-    proof, unproved = no_equilibrium(increment, place, rigid)
+    proof, unproved = proved()
     if proof is not None:
         raise proof from None
     if isinstance(failure, NotConverged):

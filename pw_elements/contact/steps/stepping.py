@@ -18,7 +18,7 @@ another state than the whole one would, had it been found, and says so by `Conta
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from time import perf_counter
 from typing import Literal, TypeAlias
 
@@ -60,7 +60,7 @@ from pw_elements.contact.model import (
     Motion,
     NotFound,
 )
-from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, rescue
+from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, no_equilibrium, rescue
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, hush, told
@@ -77,6 +77,9 @@ from pw_elements.spaces import Assembled
 _SMALLEST = 1 / 16
 # What counts as no gap, over the extent of the contact nodes
 _TOUCHING = 1e-9
+
+# Iterations, more than most increments take, after which a proof against it is looked for
+_DOUBTFUL = 6
 
 # What is tried where the iteration fails: one without active sets, and smaller increments; and
 # what either may take, over the first attempt, which counts as so many linear systems at least
@@ -190,32 +193,6 @@ def homogeneous(state: ContactState) -> bool:
         np.all(np.abs(pair.gap[np.isfinite(pair.gap)]) <= _TOUCHING * extent)
         for pair in state.pairs
     )
-
-
-def in_parts(
-    step: Callable[[ContactState, Target], ContactState],
-    state: ContactState,
-    start: Target,
-    end: Target,
-    budget: Budget,
-) -> tuple[float, ContactState | None]:
-    """The share that is solved of a step from what a state holds, and the state there.
-
-    A `step` uses up the budget; none is begun without any.
-    """
-    comm = state.displacement.comm
-    words = f"in parts, for what {budget.left:.0f} linear systems take at most"
-    told(comm, logging.INFO, words, ".contact")
-    parts, _ = divided(
-        lambda now, share: step(now, between(start, end, share)),
-        state,
-        (0.5, _SMALLEST, 1.0),
-        lambda: budget.left > 0,
-    )
-    done = parts[-1][0] if parts else 0.0
-    words = f"{done:.4g} of the increment has been solved in {len(parts)} parts"
-    told(comm, logging.INFO, words, ".contact")
-    return done, joined(parts) if parts else None
 
 
 def divided(
@@ -391,28 +368,38 @@ class Stepping:
             try:
                 found = self._solved(state, end, guess, reporter)
             except NotFound as failure:
-                done, joined = self._cut(state, end, reporter)
-                if joined is not None:
-                    iterations, report = self._spent(end.free, before)
-                    joined = replace(joined, iterations=iterations, report=report)
-                if done < 1 or joined is None:
-                    if joined is not None:
-                        failure.reached = done, joined
-                        failure.args = (f"{failure}. In parts {done:.3g} of it was reached",)
+                parts = self._cut(state, end, reporter)
+                if not parts:
                     raise
-                found = joined
+                iterations, report = self._spent(end.free, before)
+                found = replace(joined(parts), iterations=iterations, report=report)
+                done, _ = parts[-1]
+                if done < 1:
+                    failure.reached = done, found
+                    failure.args = (f"{failure}. In parts {done:.3g} of it was reached",)
+                    raise
         reporter.ended(found, perf_counter() - begun)
         return found
 
     def _cut(
         self, state: ContactState, end: Target, reporter: Reporter
-    ) -> tuple[float, ContactState | None]:
-        """The share of the way to a target that is found in parts, and the state there."""
+    ) -> list[tuple[float, ContactState]]:
+        """Ends (share, state) of the parts that are found on the way to a target."""
         if "cutback" not in self._remedies or homogeneous(state):
-            return 0.0, None
+            return []
         start, budget = held_by(state, self._K, self.interface), self._budget("cutback")
-        step = partial(self._solved, guess=None, reporter=reporter, budget=budget)
-        return in_parts(step, state, start, end, budget)
+        comm = self.interface.comm
+        words = f"in parts, for what {budget.left:.0f} linear systems take at most"
+        told(comm, logging.INFO, words, ".contact")
+
+        def part(now: ContactState, share: float) -> ContactState:
+            return self._solved(now, between(start, end, share), None, reporter, budget)
+
+        parts, _ = divided(part, state, (0.5, _SMALLEST, 1.0), lambda: budget.left > 0)
+        done = parts[-1][0] if parts else 0.0
+        words = f"{done:.4g} of the increment has been solved in {len(parts)} parts"
+        told(comm, logging.INFO, words, ".contact")
+        return parts
 
     def _budget(self, remedy: Remedy) -> Budget:
         usual = _USUAL * min(1.0, _FEW / self._K.getSize()[0]) ** 1.5
@@ -422,18 +409,25 @@ class Stepping:
         self,
         state: ContactState,
         target: Target,
-        guess: ContactState | None = None,
-        reporter: Reporter | None = None,
+        guess: ContactState | None,
+        reporter: Reporter,
         budget: Budget | None = None,
     ) -> ContactState:
         """The state at a target, in one piece; of a part, within a budget."""
         increment, place, policy = self._begun(state, target, guess)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
         active = initial_active_set(place, state, guess, rigid.left_free, target.idle)
-        told = reporter.iterated if reporter and reporter.wanted else None
+        proved = cache(partial(no_equilibrium, increment, place, rigid))
+
+        def iterated(iteration: int, active: ActiveSet, violation: float) -> None:
+            if reporter.wanted:
+                reporter.iterated(iteration, active, violation)
+            if iteration == _DOUBTFUL and (proof := proved()[0]):
+                raise proof
+
         most = self._most if budget is None else int(max(1, min(self._most, budget.left)))
         try:
-            now = newton(increment, active, place, policy(), most, told)
+            now = newton(increment, active, place, policy(), most, iterated)
         except (ContactFailed, NotConverged) as failure:
             solved = increment.system.solved - before[0]
             if budget is None:
@@ -444,7 +438,7 @@ class Stepping:
                 failure,
                 increment,
                 place,
-                rigid,
+                proved,
                 (lambda: self._condensed) if "condensed" in self._remedies else None,
                 budget or self._budget("condensed"),
                 policy,
@@ -455,8 +449,7 @@ class Stepping:
         else:
             if budget is not None:
                 budget.take(increment.system.solved - before[0])
-        if reporter:
-            reporter.violation = increment.violation(now)
+        reporter.violation = increment.violation(now)
         return self._ended(increment, now, state, before)
 
     def linearised(self, part: Part) -> Linearised:
