@@ -35,6 +35,8 @@ from pw_elements.solvers import SingularSystem
 # What of the violation may be round-off over stiffness x displacement; over stiffness x coordinate
 # it is `ROUND_OFF`, for a gap is a difference of coordinates
 _LOST = 1e-13
+# Iterations, more than most increments take
+_DOUBTFUL = 6
 # Relative change of friction beside a singular tangent, and of a solution that goes on there
 _FRICTION_CHANGE = 1e-6
 _SOLUTION_CHANGE = 1e-3
@@ -342,6 +344,7 @@ def newton(
     policy: Policy,
     most: int,
     told: Callable[[int, ActiveSet, float], None] | None = None,
+    doubt: Callable[[], None] | None = None,
 ) -> Iterate:
     """Iterates from an active set and a place of linearisation until all conditions hold.
 
@@ -349,8 +352,8 @@ def newton(
     anew where the active set has been found, until nothing changes; where the body is deformed, in
     each iteration.
 
-    `told`, if it is given, is called with each iteration's number, active set and violation; it may
-    raise a NoEquilibrium.
+    `told`, if it is given, is called with each iteration's number, active set and violation,
+    `doubt` once, after more iterations than most increments take: it may raise a NoEquilibrium.
 
     Where solutions are iterative, and so inexact on the way, and it fails, it is tried once more
     with exact ones.
@@ -359,13 +362,13 @@ def newton(
         NotUnique, NotFound: as `solve_contact` says.
     """
     try:
-        return _iterated(increment, active, place, policy, most, told)
+        return _iterated(increment, active, place, policy, most, told, doubt)
     except ContactFailed as failure:
         proved = isinstance(failure, NoEquilibrium)
         if increment.precise or increment.deformed is not None or proved:
             raise
         increment.precise = True
-        return _iterated(increment, active, place, policy, most, told)
+        return _iterated(increment, active, place, policy, most, told, doubt)
 
 
 def _iterated(
@@ -375,6 +378,7 @@ def _iterated(
     policy: Policy,
     most: int,
     told: Callable[[int, ActiveSet, float], None] | None,
+    doubt: Callable[[], None] | None,
 ) -> Iterate:
     system = increment.system
     policy.restart(active)
@@ -384,6 +388,8 @@ def _iterated(
         violation = increment.violation(now)
         if told:
             told(iteration, active, violation)
+        if doubt and violation > 1 and iteration == _DOUBTFUL:
+            doubt()
         if now.place is not place:
             if violation <= 1:
                 return now

@@ -37,7 +37,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgWarning, solve
+from scipy.linalg import LinAlgWarning, lstsq, solve
 from scipy.linalg.blas import dger
 from scipy.optimize import linprog
 
@@ -253,7 +253,7 @@ class CondensedIncrement:
             try:
                 return np.asarray(solve(matrix, right))
             except (np.linalg.LinAlgError, LinAlgWarning):
-                return np.asarray(np.linalg.lstsq(matrix, right, rcond=_SINGULAR)[0])
+                return np.asarray(lstsq(matrix, right, _SINGULAR, lapack_driver="gelsy")[0])
 
     def in_components(self, framed: Affine) -> Affine:
         """Turns values along each point's frame into the stated components (p, ...)."""

@@ -78,9 +78,6 @@ _SMALLEST = 1 / 16
 # What counts as no gap, over the extent of the contact nodes
 _TOUCHING = 1e-9
 
-# Iterations, more than most increments take, after which a proof against it is looked for
-_DOUBTFUL = 6
-
 # What is tried where the iteration fails: one without active sets, and smaller increments; and
 # what either may take, over the first attempt, which counts as so many linear systems at least
 # where these are of no more unknowns
@@ -419,15 +416,14 @@ class Stepping:
         active = initial_active_set(place, state, guess, rigid.left_free, target.idle)
         proved = cache(partial(no_equilibrium, increment, place, rigid))
 
-        def iterated(iteration: int, active: ActiveSet, violation: float) -> None:
-            if reporter.wanted:
-                reporter.iterated(iteration, active, violation)
-            if iteration == _DOUBTFUL and (proof := proved()[0]):
+        def doubt() -> None:
+            if proof := proved()[0]:
                 raise proof
 
+        told = reporter.iterated if reporter.wanted else None
         most = self._most if budget is None else int(max(1, min(self._most, budget.left)))
         try:
-            now = newton(increment, active, place, policy(), most, iterated)
+            now = newton(increment, active, place, policy(), most, told, doubt)
         except (ContactFailed, NotConverged) as failure:
             solved = increment.system.solved - before[0]
             if budget is None:
