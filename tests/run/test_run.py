@@ -209,15 +209,22 @@ def test_without_mount_root_goes_on_to_the_systems_own_packages(bare, tmp_path, 
     assert ("python3-pytest" in installed) == tests
 
 
+CODENAME = "$VERSION_CODENAME"
 LISTED = """case "$*" in
 *--print-uris*) . /etc/os-release && echo "'http://system/dists/$VERSION_CODENAME/InRelease' x" ;;
 *update*) echo unreachable && exit 100 ;; esac"""
 
 
-@pytest.mark.parametrize("given", [None, "http://given/debian"])
-def test_without_a_debian_mirror_one_is_asked_for_and_a_given_one_is_taken(bare, tmp_path, given):
+@pytest.mark.parametrize(
+    ("given", "name"), [(None, CODENAME), (None, "sid"), ("http://given/debian", CODENAME)]
+)
+def test_without_a_debian_mirror_one_is_asked_for_and_a_given_one_is_taken(
+    bare, tmp_path, given, name
+):
+    """Sid's mirror has the name of no release."""
     env = {"PW_ELEMENTS_MIRROR": given} if given else {}
-    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": LISTED}
+    listed = LISTED.replace(CODENAME, name)
+    programs = FOUND | MOUNTS | {"id": "echo 0", "dpkg": "echo amd64", "apt_get": listed}
     process = bare("true", env=env, **programs)
     assert process.returncode == 1
     assert "name one by PW_ELEMENTS_MIRROR=ADDRESS" in process.stderr
