@@ -274,9 +274,9 @@ def test_small_displacements_have_derivatives_too():
 def test_what_has_no_derivatives_is_refused_in_words():
     case = Rubber(0, steps=2)
     problem, states = case.solve()
-    known = states, case.outputs, case.shear, case.loads
+    known = states, case.outputs, [case.shear], case.loads
     with pytest.raises(ValueError, match="state 2 is not the end of a step from the one before"):
-        problem.sensitivity(states, case.outputs, case.shear, [case.loads[0], case.loads[0]])
+        problem.sensitivity(states, case.outputs, [case.shear], [case.loads[0]] * 2)
     with pytest.raises(ValueError, match="give the states at the start and at the end"):
         problem.sensitivity(states[:1], *known[1:])
     for parameter, words in (
@@ -286,23 +286,23 @@ def test_what_has_no_derivatives_is_refused_in_words():
         (("radius", 0), "give a constant"),
     ):
         with pytest.raises(ValueError, match=words):
-            problem.sensitivity(states, case.outputs, parameter, case.loads)
+            problem.sensitivity(states, case.outputs, [parameter], case.loads)
     for output in (("pressure", 0, 0), "force"):
         with pytest.raises(ValueError, match="give a functional"):
-            problem.sensitivity(states, output, *known[2:])
+            problem.sensitivity(states, [output], *known[2:])
     with pytest.raises(ValueError, match="weights of the shape"):
         problem.sensitivity(*known, np.ones(2))
     rubber, _ = hardened()
     undeformed = rubber.problem.undeformed
     with pytest.raises(ValueError, match="has a history"):
-        rubber.problem.sensitivity([undeformed, undeformed], ("force", 0, 1), ("friction", 0))
+        rubber.problem.sensitivity([undeformed, undeformed], [("force", 0, 1)], [("friction", 0)])
     steel = Steel()
     problem, states = steel.solve()
     with pytest.raises(ValueError, match="a stiffness K tells neither"):
-        problem.sensitivity(states, ("force", 0, 1), case.shear)
+        problem.sensitivity(states, [("force", 0, 1)], [case.shear])
     problem, states = steel.solve(solver=Iterative())
     with pytest.raises(ValueError, match="nor by an iterative solver"):
-        problem.sensitivity(states, ("force", 0, 1), ("friction", 0))
+        problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)])
 
 
 def test_a_status_about_to_change_is_named():
@@ -311,4 +311,4 @@ def test_a_status_about_to_change_is_named():
     states = [problem.undeformed, problem.step(problem.undeformed)]
     words = r"state 1 has contact nodes, first at \(0, 0\), about to change their status: a force"
     with pytest.raises(ValueError, match=words):
-        problem.sensitivity(states, ("force", 0, 1), ("friction", 0))
+        problem.sensitivity(states, [("force", 0, 1)], [("friction", 0)])

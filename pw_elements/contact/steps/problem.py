@@ -486,8 +486,8 @@ class ContactProblem:
     def sensitivity(
         self,
         states: Sequence[ContactState],
-        outputs: Output | Sequence[Output],
-        parameters: Parameter | Sequence[Parameter],
+        outputs: Sequence[Output],
+        parameters: Sequence[Parameter],
         loads: Sequence[Loading | None] = (),
         weights: npt.ArrayLike | None = None,
     ) -> Array:

@@ -383,86 +383,67 @@ _NO_RESIDUAL = (
 
 
 def checked_outputs(
-    given: Any,  # noqa: ANN401
-    pairs: int,
-    space: fem.FunctionSpace,
-    forms: bool,
+    given: Sequence[Any], pairs: int, space: fem.FunctionSpace, forms: bool
 ) -> list[Output]:
-    """Outputs, one or several; functionals where `forms` are known."""
-    dim = space.mesh.geometry.dim
-    outputs = list(given) if isinstance(given, Sequence) and not _named(given) else [given]
-    for output in outputs:
-        named = _named(output) and output[0] in ("force", "translation") and len(output) == 3
-        if not (named or isinstance(output, (ufl.Form, PETSc.Vec))):
-            raise ValueError(
-                f"the output {output!r}: give a functional, a vector of weights, "
-                '("force", pair, axis) or ("translation", pair, axis)'
-            )
-        if named:
-            _number(output[1], pairs, "contact pairs")
-            _number(output[2], dim, "components")
-        elif isinstance(output, ufl.Form) and not forms:
-            raise ValueError(_NO_RESIDUAL)
-        elif isinstance(output, PETSc.Vec):
-            arguments.same_sizes("weights", output.getSizes(), "the space", space)
-    return outputs
+    """Outputs; functionals where `forms` are known."""
+    for output in given:
+        match output:
+            case ("force" | "translation", pair, axis):
+                _number(pair, pairs, "contact pairs")
+                _number(axis, space.mesh.geometry.dim, "components")
+            case ufl.Form() if forms:
+                pass
+            case ufl.Form():
+                raise ValueError(_NO_RESIDUAL)
+            case PETSc.Vec():
+                arguments.same_sizes("weights", output.getSizes(), "the space", space)
+            case _:
+                raise ValueError(
+                    f"the output {output!r}: give a functional, a vector of weights, "
+                    '("force", pair, axis) or ("translation", pair, axis), in a list'
+                )
+    return list(given)
 
 
 def checked_parameters(
-    given: Any,  # noqa: ANN401
+    given: Sequence[Any],
     states: int,
     pairs: Sequence[ContactPair],
     space: fem.FunctionSpace,
     forms: bool,
 ) -> list[tuple[Parameter, Array]]:
-    """Parameters, one or several, with their rates (states, ...); constants where `forms` are."""
-    several = isinstance(given, Sequence) and not (_named(given) or _rated(given))
+    """Parameters with their rates (states, ...); constants where `forms` are known."""
     found: list[tuple[Parameter, Array]] = []
-    for parameter in list(given) if several else [given]:
+    for parameter in given:
         rates: Any = np.ones(states)
         shape: tuple[int, ...] = (states,)
         if isinstance(_thing(parameter), fem.Constant) and not forms:
             raise ValueError(_NO_RESIDUAL)
-        if isinstance(_thing(parameter), PETSc.Vec):
-            arguments.same_sizes("a load", _thing(parameter).getSizes(), "the space", space)
-        if isinstance(parameter, fem.Constant):
-            if parameter.value.shape:
-                raise ValueError("a constant of several components needs rates: (constant, rates)")
-        elif _rated(parameter):
-            rates = parameter[1]
-            shape += np.shape(getattr(parameter[0], "value", 0.0))
-        elif _named(parameter) and parameter[0] == "friction" and len(parameter) == 2:
-            pair = _number(parameter[1], len(pairs), "contact pairs")
-            if not isinstance(pairs[pair].law, Coulomb):
-                raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
-        elif _named(parameter) and parameter[0] == "motion" and len(parameter) == 3:
-            _number(parameter[1], len(pairs), "contact pairs")
-            rates = parameter[2]
-            shape += (space.mesh.geometry.dim,)
-        else:
-            raise ValueError(
-                f'the parameter {parameter!r}: give a constant, ("friction", pair), ("motion", '
-                "pair, rates), (constant, rates) or (vector, rates)"
-            )
+        match parameter:
+            case fem.Constant():
+                if parameter.value.shape:
+                    raise ValueError("a constant with components needs rates: (constant, rates)")
+            case (fem.Constant() as constant, rates):
+                shape += constant.value.shape
+            case (PETSc.Vec() as load, rates):
+                arguments.same_sizes("a load", load.getSizes(), "the space", space)
+            case ("friction", pair):
+                law = pairs[_number(pair, len(pairs), "contact pairs")].law
+                if not isinstance(law, Coulomb):
+                    raise ValueError(f"the law of friction of contact pair {pair} is not Coulomb's")
+            case ("motion", pair, rates):
+                _number(pair, len(pairs), "contact pairs")
+                shape += (space.mesh.geometry.dim,)
+            case _:
+                raise ValueError(
+                    f'the parameter {parameter!r}: give a constant, ("friction", pair), ("motion", '
+                    "pair, rates), (constant, rates) or (vector, rates), in a list"
+                )
         rates = np.asarray(rates, dtype=float)
         if rates.shape != shape or not np.isfinite(rates).all():
             raise ValueError(f"rates of the shape {rates.shape}: {shape} finite numbers are needed")
         found.append((parameter, rates))
     return found
-
-
-def _named(given: Any) -> bool:  # noqa: ANN401
-    return isinstance(given, tuple) and len(given) > 0 and isinstance(given[0], str)
-
-
-def _rated(given: Any) -> bool:  # noqa: ANN401
-    """Whether it is something with its rates, which are no constant or vector of their own."""
-    pair = isinstance(given, tuple) and len(given) == 2
-    return (
-        pair
-        and isinstance(given[0], (fem.Constant, PETSc.Vec))
-        and not (isinstance(given[1], (fem.Constant, PETSc.Vec)) or _named(given[1]))
-    )
 
 
 def _number(given: Any, count: int, what: str) -> int:  # noqa: ANN401
