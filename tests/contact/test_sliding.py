@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ufl
 
-from pw_elements import Iterative, Spaces
+from pw_elements import Iterative, Spaces, prescribe
 from pw_elements.contact import (
     SLIP,
     ContactFields,
@@ -16,7 +16,7 @@ from pw_elements.contact import (
     Motion,
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
-from tests.contact.sliding import PATH, STORED, die, forces_and_gaps, slid
+from tests.contact.sliding import PATH, STORED, Bodies, die, forces_and_gaps, slid, two
 from tests.parallel import same_numbers
 
 FRICTION = 0.3
@@ -144,19 +144,55 @@ def test_a_way_that_is_resumed_is_the_way(tmp_path):
 
 
 def test_processes_find_the_same_numbers():
-    same_numbers(forces_and_gaps, processes=(2,), rel=1e-9)
+    same_numbers(forces_and_gaps, processes=(2,), rel=1e-9)  # one of them without points
 
 
-def test_fields_have_pressures_and_both_forces():
+def test_fields_have_pressures_and_forces_of_both_sides():
+    """The master's are means of the slave's, and sum up to its force over what hands it on."""
     bodies = die()
-    state = slid(bodies)[-1]
-    fields = ContactFields.of(state, bodies.body)
-    (pair,) = state.pairs
+    states = slid(bodies)
+    fields = ContactFields.of(states[0], bodies.body)
+    fields.fill(states[-1])
+    (pair,) = states[-1].pairs
     forces = fields.force.x.array.reshape(-1, 2)
     assert np.abs(forces[pair.opposite] - pair.opposite_force).max() < 1e-15
     closed = pair.status > 0
-    assert (fields.pressure.x.array[pair.node][closed] > 0).all()
-    assert fields.opposite == (None,)
+    own, theirs = (fields.pressure.x.array[node] for node in (pair.node[closed], pair.opposite))
+    assert (own > 0).all()
+    pressed = theirs > 0.1 * np.nanmax(theirs)
+    assert 3 < pressed.sum() < len(theirs)
+    assert np.nanmax(theirs) < 1.1 * own.max()
+    (other,) = fields.opposite
+    seen = other.results(pair)
+    assert 0 < seen.draw < 0.1
+    assert seen.draw == -seen.pressed.min() / seen.pressed.max()
+    true = fields.true_pressure.x.array[pair.opposite][pressed]
+    assert np.abs(true / theirs[pressed] - 1).max() < 0.2
+    again = ContactFields.of(states[-1], bodies.body)
+    for one, same in zip(fields.functions(), again.functions(), strict=True):
+        assert np.array_equal(one.x.array, same.x.array, equal_nan=True), one.name
+
+
+def test_an_even_pressure_arrives_as_it_is():
+    """Two blocks between smooth walls, the lower one wider: meshes do not match, forces do."""
+    mesh = two(((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y))
+
+    def at(height):
+        return lambda x: np.isclose(x[1], height)
+
+    walled = Bodies(mesh, at(0.51), at(0.5), at(0), at(1), 0.0)
+    walls = prescribe(walled.space, 0, lambda x: np.isclose(x[0] * (1 - x[0]), 0))
+    problem = ContactProblem.of_residual(
+        walled.residual, walled.u, [*walled.held, walls], walled.pair
+    )
+    state = problem.step(problem.undeformed, lambda share: walled.hold((0, -0.1 * share), 0))
+    fields = ContactFields.of(state, walled.body)
+    (pair,) = state.pairs
+    both = np.concatenate([pair.node, pair.opposite])
+    for function in (fields.pressure, fields.true_pressure, fields.tributary_pressure):
+        values = function.x.array[both]
+        assert np.ptp(values) < 1e-9 * values.max()
+    assert abs(fields.pressure.x.array[both[0]] - pair.force[1]) < 1e-9 * pair.force[1]
 
 
 def refusals():
@@ -168,7 +204,9 @@ def refusals():
     )
     unknown = DeformableSurface(surface.where)
     coincident = replace(surface, coincident=True)
+    nowhere = replace(bodies.pair, nodes=lambda x: np.zeros(x.shape[1], dtype=bool))
     return [
+        (bodies.residual, nowhere, "pair 0 has no nodes: its marker holds nowhere"),
         (standard, bodies.pair, "piecewise-linear weights"),
         (bodies.residual, replace(bodies.pair, surface=unknown), "revolved=True or False"),
         (bodies.residual, replace(bodies.pair, surface=coincident), "plane and in axisymmetry"),

@@ -20,5 +20,6 @@ from pw_elements.contact.interface.operators import (
     ROUND_OFF,
     Interface,
     NoContactStated,
+    of_owners,
 )
 from pw_elements.contact.interface.sliding import SlidingMortar

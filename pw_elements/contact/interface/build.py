@@ -397,6 +397,8 @@ def _sides(
     assert isinstance(master, DeformableSurface)
     own = node + np.int64(space.dofmap.index_map.local_range[0])
     every = np.concatenate(space.mesh.comm.allgather(own))
+    if not len(every):
+        raise ValueError(f"contact pair {number} has no nodes: its marker holds nowhere")
     one = gathered_trace(space, facets_between(space, every))
     other = gathered_trace(space, exterior_facets(space.mesh, master.where))
     if not len(other.node):

@@ -8,7 +8,7 @@ surfaces exactly. Corners of quadrilaterals are in the order of the tensor produ
 are bilinear in places that are no polynomials of coordinates, unless they are parallelograms.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import basix
@@ -97,6 +97,10 @@ class Trace:
     def nodes(self) -> Indices:
         """Numbers (n,) of the nodes, sorted."""
         return np.unique(self.node)
+
+    def moved(self, x: Array) -> "Trace":
+        """The same surface with its nodes at positions (n, dim)."""
+        return replace(self, x=x[np.searchsorted(self.nodes, self.node)])
 
     def normals(self, nodes: Indices) -> Array:
         """Unit normals (..., dim) of nodes (...), means over the sub-facets around by sizes."""

@@ -98,13 +98,13 @@ def _dot(a: Vector, b: Vector) -> Any:  # noqa: ANN401
     return a[0] * b[0] + a[1] * b[1]
 
 
-def _stacked(numbers: Sequence[Varying]) -> tuple[Array, Array]:
+def stacked(numbers: Sequence[Varying]) -> tuple[Array, Array]:
     """Values (q, j) and derivatives (q, j, k) of numbers (q,) with derivatives (q, k)."""
     parts = ([v.value for v in numbers], [v.slope for v in numbers])
     return np.stack(parts[0], axis=1), np.stack(parts[1], axis=1)
 
 
-def _matrix(values: Array, row: Indices, column: Indices, shape: tuple[int, int]) -> sp.csr_array:
+def matrix(values: Array, row: Indices, column: Indices, shape: tuple[int, int]) -> sp.csr_array:
     """Sums of values by their places, which are of the values' shape or broadcast to it."""
     where = tuple(np.broadcast_to(place, values.shape).ravel() for place in (row, column))
     return sp.csr_array(sp.coo_array((values.ravel(), where), shape))
@@ -153,7 +153,7 @@ class Meeting:
 
         def along(direction: Array) -> sp.csr_array:
             node = np.arange(m)[:, None]
-            return _matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
+            return matrix(direction, node, 2 * node + np.arange(2), (m, 2 * m))
 
         moved = sp.csr_array(sp.kron(start, sp.eye_array(2))) - self.changes
         gap = along(n) @ self.changes
@@ -199,13 +199,13 @@ class SlidingMortar:
         np.add.at(whole, one, W)
         lumped = np.array([[1, 1, 0], [0, 1, 1]])
         integral = 3 * np.arange(f)[:, None] + np.arange(3)
-        areas_of = _matrix(
+        areas_of = matrix(
             np.tile(lumped, (f, 1, 1)), self._one[:, :, None], integral[:, None], (m, 3 * f)
         )
         areas = areas_of @ whole.ravel()
         faced = areas > 0
         over = 1 / (areas + ~faced)
-        rise = _matrix(dW, integral[one][:, :, None], local[:, None], (3 * f, 2 * n))
+        rise = matrix(dW, integral[one][:, :, None], local[:, None], (3 * f, 2 * n))
         # duals over areas, which depend on five numbers each: a's at a and b, and b's
         given = np.column_stack([whole[one], areas[own]])
         units = np.tile(np.eye(5)[:, None], (len(given), 1))
@@ -214,9 +214,9 @@ class SlidingMortar:
         a_over, b_over = (aa + ab) / (determinant * A), (ab + bb) / (determinant * B)
         duals, bent = (
             each.reshape(-1, 2, 2, *each.shape[2:])
-            for each in _stacked([bb * a_over, -ab * a_over, -ab * b_over, aa * b_over])
+            for each in stacked([bb * a_over, -ab * a_over, -ab * b_over, aa * b_over])
         )
-        parts = _matrix(duals @ Q, own[:, :, None], theirs[:, None] - m, (m, n - m))
+        parts = matrix(duals @ Q, own[:, :, None], theirs[:, None] - m, (m, n - m))
 
         def turned(force: Array) -> sp.csr_array:
             row = (2 * (theirs - m)[:, :, None] + np.arange(2))[..., None]
@@ -224,15 +224,15 @@ class SlidingMortar:
             through = np.einsum("qjx,qjiv,qik->qkxv", force[own], bent, Q)
             variable = np.concatenate([integral[one], 3 * f + own], axis=1)[:, None, None]
             rises = sp.vstack([rise, areas_of @ rise])
-            by_variable = _matrix(through, row, variable, (2 * (n - m), 3 * f + m))
-            return _matrix(direct, row, local[:, None, None], (2 * (n - m), 2 * n)) + (
+            by_variable = matrix(through, row, variable, (2 * (n - m), 3 * f + m))
+            return matrix(direct, row, local[:, None, None], (2 * (n - m), 2 * n)) + (
                 by_variable @ rises
             )
 
         D, dD = (v[:, [[0, 1], [1, 2]]] for v in (W, dW))
         rows = sp.diags_array(over) @ (
-            _matrix(D, own[:, :, None], own[:, None], (m, n))
-            - _matrix(Q, own[:, :, None], theirs[:, None], (m, n))
+            matrix(D, own[:, :, None], own[:, None], (m, n))
+            - matrix(Q, own[:, :, None], theirs[:, None], (m, n))
         )
         places = rows @ x
         away = x[own][:, None] - places[own][:, :, None]  # (q, 2, 2, 2), of i from j's place
@@ -240,7 +240,7 @@ class SlidingMortar:
         changed -= np.einsum("qjkc,qkx->qjxc", dQ, x[theirs])
         row = (2 * own[:, :, None] + np.arange(2))[..., None]
         changed = changed * over[own][:, :, None, None]
-        changes = _matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
+        changes = matrix(changed, row, local[:, None, None], (2 * m, 2 * n))
         changes += sp.kron(rows, sp.eye_array(2))
         normals, angles = self._normals(x)
         return Meeting(faced, normals, places, rows, parts, areas, angles, changes, turned)
@@ -257,7 +257,7 @@ class SlidingMortar:
         signed = turn[:, None] * np.array([1, -1])[:, None]
         shape = len(chord), x.size
         normals = np.stack(self._unit(tuple(across.T), slice(None)), axis=1)
-        return normals, _matrix(signed, node[:, :, None], column, shape)
+        return normals, matrix(signed, node[:, :, None], column, shape)
 
     def _segments(self, x: Array) -> tuple[Indices, Indices, tuple, tuple]:
         """Segments (q): slaves' facets, six nodes each, and integrals with their derivatives.
@@ -281,8 +281,8 @@ class SlidingMortar:
             for node, unit in zip(nodes.T, units, strict=True)
         ]
         W, Q = self._integrals(corners, nodes, (low[some] < -1, high[some] > 1))
-        value, slope = _stacked(Q)
-        return one, nodes, _stacked(W), (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12))
+        value, slope = stacked(Q)
+        return one, nodes, stacked(W), (value.reshape(-1, 2, 2), slope.reshape(-1, 2, 2, 12))
 
     def start(self, x: Array) -> sp.csr_array:
         """S_0, (m, m + k), at positions (m + k, 2)."""

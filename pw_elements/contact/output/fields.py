@@ -18,7 +18,12 @@ from dolfinx import fem, io
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import arguments, collective, same_everywhere, sizes_of, vector
 from pw_elements.contact.model import ContactState, PairState
-from pw_elements.contact.output.mortar_sides import Opposite, mortar_sides, over_areas
+from pw_elements.contact.output.mortar_sides import (
+    Opposite,
+    OppositeResults,
+    mortar_sides,
+    over_areas,
+)
 from pw_elements.elasticity import (
     Body,
     StressState,
@@ -57,7 +62,7 @@ class ContactFields:
     those of the pair's nodes that they face, and the status is the prevailing one. On both sides,
     pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
     side: the forces are right there, but not their quotients by such an area. At large sliding
-    nodes of a deformable surface have forces alone.
+    the areas are those of the pair's own nodes, which hand them on as they do their forces.
 
     Pressures are forces over areas and need the body (thickness, circumference); they are None if
     only the space is given. `SurfaceNodes` explains the three measures of pressure. They
@@ -137,17 +142,14 @@ class ContactFields:
         known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
         own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
         deformed = state.smallness is None
-        both = [mortar_sides(k, pair, known, space, deformed) for k, pair in enumerate(state.pairs)]
+        both = [mortar_sides(k, state, known, space) for k in range(len(state.pairs))]
         surfaces = tuple(surface for surface, _ in both if surface is not None)
         opposite = tuple(other for _, other in both)
-        if known is None:
-            fields = cls(*always, None, None, None, surfaces, opposite, *own)
-        else:
-            fields = cls(*always, pressure, tributary, traction, surfaces, opposite, *own)
-            fields = replace(fields, body=known)
-            if deformed:
-                true = fem.Function(scalars, name="true_pressure")
-                fields = replace(fields, true_pressure=true)
+        fields = cls(*always, None, None, None, surfaces, opposite, *own)
+        if known is not None:
+            true = fem.Function(scalars, name="true_pressure") if deformed else None
+            areal = {"pressure": pressure, "tributary_pressure": tributary, "traction": traction}
+            fields = replace(fields, **areal, true_pressure=true, body=known)
         fields.fill(state)
         return fields
 
@@ -170,6 +172,9 @@ class ContactFields:
             alike &= other is None or other.is_of(pair)
         if not alike:
             raise ValueError("the state has other contact nodes than the fields")
+        if state.smallness is None:  # who faces whom has changed
+            both = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
+            object.__setattr__(self, "opposite", tuple(other for _, other in both))
         as_function(space, state.displacement, out=self.displacement)
         _spread(self.force, pairs, [pair.force_vector for pair in pairs])
         for pair in pairs:
@@ -184,39 +189,52 @@ class ContactFields:
         quotients = [over_areas(s, p) for s, p in each]
         for k, out in enumerate((self.pressure, self.tributary_pressure, self.traction)):
             _spread(out, pairs, [values[k] for values in quotients])
-        self._fill_opposite(pairs)
-        self._fill_true(pairs, [nominal for nominal, _, _ in quotients])
+        true = self._fill_true(pairs, [nominal for nominal, _, _ in quotients])
+        self._fill_opposite(pairs, true)
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
-    def _fill_true(self, pairs: Sequence[PairState], nominal: Sequence[Array]) -> None:
-        """True pressures of the pairs' own nodes, over whole areas."""
+    def _fill_true(
+        self, pairs: Sequence[PairState], nominal: Sequence[Array]
+    ) -> Sequence[Opposite | None]:
+        """True pressures of the pairs' own nodes, over whole areas; what hands on such areas."""
         if self.true_pressure is None or self.body is None:
-            return
+            return self.opposite
         space, u = self.displacement.function_space, self.displacement
         stretch = SurfaceNodes.stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
             stretch *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
         each = [
-            SurfaceNodes.of(self.body, facets_between(space, pair.node), stretch).pressure(
-                pair.force_normal
-            )
-            for pair in pairs
+            SurfaceNodes.of(self.body, facets_between(space, pair.node), stretch) for pair in pairs
         ]
-        known = [np.where(np.isnan(n), n, true) for n, true in zip(nominal, each, strict=True)]
+        known = [
+            np.where(np.isnan(values), values, surface.pressure(pair.force_normal))
+            for values, surface, pair in zip(nominal, each, pairs, strict=True)
+        ]
         _spread(self.true_pressure, pairs, known)
+        return [
+            other and replace(other, area=other.vectors(pair, surface.own_area))
+            for other, pair, surface in zip(self.opposite, pairs, each, strict=True)
+        ]
 
-    def _fill_opposite(self, pairs: Sequence[PairState]) -> None:
-        """Scalars, slips and tractions at nodes that face pairs and are in none."""
+    def _seen(
+        self, pairs: Sequence[PairState], opposite: Sequence[Opposite | None]
+    ) -> OppositeResults | None:
+        """Results at all nodes that face pairs, where any do."""
         space, n = self.displacement.function_space, len(self.gap.x.array)
         each = [
             other.results(pair).on(_here(space, pair.opposite), n)
-            for other, pair in zip(self.opposite, pairs, strict=True)
+            for other, pair in zip(opposite, pairs, strict=True)
             if other is not None
         ]
-        if not each:
+        return sum(each[1:], each[0]) if each else None
+
+    def _fill_opposite(self, pairs: Sequence[PairState], true: Sequence[Opposite | None]) -> None:
+        """Scalars, slips and tractions at nodes that face pairs and are in none."""
+        space = self.displacement.function_space
+        seen, truly = self._seen(pairs, self.opposite), self._seen(pairs, true)
+        if seen is None or truly is None:
             return
-        seen = sum(each[1:], each[0])
         at = seen.faced
         for pair in pairs:
             here = _here(space, np.concatenate([pair.node, pair.faced]))
@@ -228,6 +246,7 @@ class ContactFields:
             (self.pressure, seen.pressure),
             (self.tributary_pressure, seen.tributary_pressure),
             (self.traction, seen.traction),
+            (self.true_pressure, truly.pressure),
         ):
             if out is not None:
                 block = out.function_space.dofmap.index_map_bs

@@ -12,6 +12,9 @@ opposite's pressures times their areas sum up to the force. On flat faces |b_k| 
 w_k over what faces the pair. The pressures are sums over duals that have either sign: where the
 opposite mesh is the finer one they are off by a part of the differences of neighbouring p_j.
 
+At large sliding the sides meet as they are deformed, while a_j is an area of the undeformed pair,
+or of the deformed one for true pressures.
+
 At the opposite nodes no law is stated. Forces are the nodes' own, pressures these over areas. Gap,
 slip and friction are means of those of the pairs' nodes, weighted with integrals of the products
 of both weights, and the status is that of which a node faces most.
@@ -26,9 +29,16 @@ from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import listed
-from pw_elements.contact.interface import Overlap, gathered_trace, whole_areas
+from pw_elements.contact.interface import (
+    Overlap,
+    SlidingMortar,
+    Trace,
+    gathered_trace,
+    of_owners,
+    whole_areas,
+)
 from pw_elements.contact.iteration import OPEN
-from pw_elements.contact.model import PairState
+from pw_elements.contact.model import ContactState, PairState
 from pw_elements.elasticity import Body, StressState, SurfaceNodes, facets_between
 
 # Part of a node's area that has to face the other side for quotients by it. Where the pressure is
@@ -97,6 +107,12 @@ class OppositeResults:
         return self._over(self.pressed, self.tributary)
 
     @property
+    def draw(self) -> float:
+        """Largest force that draws, over the largest that presses; zero where nothing presses."""
+        pressed = self.pressed.max(initial=0.0)
+        return float(max(0.0, -self.pressed.min(initial=0.0)) / pressed) if pressed > 0 else 0.0
+
+    @property
     def traction(self) -> Array:
         """Tangential traction (n, dim); NaN where the pressure is."""
         return self._over(self.pulled, self.area)
@@ -115,6 +131,7 @@ class Opposite:
     node: Indices  # (k,), of its own
     means: sp.csr_array  # (k, m), integrals of products of both sides' weights
     handed: sp.csr_array | None  # (k, m), parts of the pair's forces as above; None without a body
+    covered: Array  # (m,), part of the pair's nodes' areas that faces it
     barely: Mask  # (k,), those with forces of a node that barely faces them
     area: Array  # (k, dim), vectors as above, out of the pair's body; zero without a body
     tributary: Array  # (k, dim), the same from tributary areas
@@ -152,6 +169,12 @@ class Opposite:
             self.share,
         )
 
+    def vectors(self, pair: PairState, area: Array) -> Array:
+        """Area vectors (k, dim) of whole areas (m,) of the pair's nodes; zero without a body."""
+        if self.handed is None:
+            return np.zeros_like(self.area)
+        return -np.asarray(self.handed @ ((area * self.covered)[:, None] * pair.normal))
+
     @property
     def normal(self) -> Array:
         """Unit normals (k, dim) out of the pair's body; zero where nothing faces it."""
@@ -160,53 +183,73 @@ class Opposite:
 
 
 def mortar_sides(
-    number: int,
-    pair: PairState,
-    body: Body | None,
-    space: fem.FunctionSpace,
-    deformed: bool = False,
+    number: int, state: ContactState, body: Body | None, space: fem.FunctionSpace
 ) -> tuple[SurfaceNodes | None, Opposite | None]:
-    """The pair's own surface, with a body, and what it faces, where that is deformable.
+    """A pair's own surface, with a body, and what it faces, where that is deformable.
 
     The space is that of the displacements. Areas of the own surface are of what faces the opposite
     one, and NaN where that is too little for a pressure; nodes that face nothing have their whole
-    areas, and no forces. Where bodies are deformed, whole areas count, and nothing is said of the
-    opposite one: who faces it changes.
+    areas, and no forces. At large sliding the own surface has whole areas.
     """
+    pair, deformed = state.pairs[number], state.smallness is None
     own = None if body is None else _surface(number, pair, body, space)
-    if deformed or not len(pair.opposite):
+    if not len(pair.opposite):
         return own, None
     nodes = pair.node, pair.opposite
     one, other = (gathered_trace(space, facets_between(space, side)) for side in nodes)
-    first, last = space.dofmap.index_map.local_range
-    mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap = Overlap.of(one, other, pair.node[mine], revolved=False)
-    means = _integrals(space, pair, overlap, mine, overlap.weight)
+    revolved = body is not None and body.state is StressState.AXISYMMETRIC
+    if not deformed:
+        means, duals = _fixed(space, pair, one, other, revolved)
+        covered = np.asarray(duals.sum(axis=0))
+        handed = duals @ sp.diags_array(1 / np.where(covered > 0, covered, 1.0))
+    else:
+        mortar = SlidingMortar(one, other, revolved)
+        moved = state.displacement.array_r.reshape(-1, mortar.x.shape[1])
+        x = mortar.x + of_owners(space, mortar.nodes, moved)
+        x[mortar.slaves :] += pair.translation
+        slaves, masters = (np.searchsorted(np.sort(side), side) for side in nodes)
+        mortar.kept[slaves] = pair.normal != 0
+        met = mortar.meet(x)
+        covered, handed = met.areas[slaves], met.parts[slaves][:, masters].T
+        means = -met.rows[slaves][:, mortar.slaves + masters].T @ sp.diags_array(covered)
+        one, other = one.moved(x[: mortar.slaves]), other.moved(x[mortar.slaves :])
     if own is None or body is None:
         none = np.zeros_like(pair.opposite_force)
-        return None, Opposite(*nodes, means, None, none[:, 0] > 0, none, none, none[:, 0], None)
-    if revolved := body.state is StressState.AXISYMMETRIC:
-        overlap = Overlap.of(one, other, pair.node[mine], revolved)
-    duals = _integrals(space, pair, overlap, mine, overlap.dual)
+        return None, Opposite(
+            *nodes, means, None, covered, none[:, 0] > 0, none, none, none[:, 0], None
+        )
     whole, opposite_whole = (
         whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    covered = np.asarray(duals.sum(axis=0))
     share = covered / whole
-    handed = duals @ sp.diags_array(1 / np.where(covered > 0, covered, 1.0))
-    area, tributary = (
-        -(handed @ ((area * share)[:, None] * pair.normal))
-        for area in (own.own_area, own.tributary_area)
-    )
     barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
     part = (handed @ covered) / opposite_whole
     opposite = SurfaceNodes.of(body, facets_between(space, pair.opposite))
     if not np.array_equal(opposite.node, pair.opposite):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
-    counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
-    own = replace(own, own_area=own.own_area * counts, tributary_area=own.tributary_area * counts)
-    return own, Opposite(*nodes, means, handed, barely, area, tributary, part, opposite)
+    own_areas = own.own_area, own.tributary_area
+    if not deformed:
+        counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
+        counted = [area * counts for area in own_areas]
+        own = replace(own, own_area=counted[0], tributary_area=counted[1])
+    none = np.zeros_like(pair.opposite_force)
+    seen = Opposite(*nodes, means, handed, share, barely, none, none, part, opposite)
+    area, tributary = (seen.vectors(pair, area) for area in own_areas)
+    return own, replace(seen, area=area, tributary=tributary)
+
+
+def _fixed(
+    space: fem.FunctionSpace, pair: PairState, one: Trace, other: Trace, revolved: bool
+) -> tuple[sp.csr_array, sp.csr_array]:
+    """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
+    first, last = space.dofmap.index_map.local_range
+    mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
+    overlap = Overlap.of(one, other, pair.node[mine], revolved=False)
+    means = _integrals(space, pair, overlap, mine, overlap.weight)
+    if revolved:
+        overlap = Overlap.of(one, other, pair.node[mine], revolved)
+    return means, _integrals(space, pair, overlap, mine, overlap.dual)
 
 
 def _integrals(

@@ -20,7 +20,7 @@ from scipy.sparse import csgraph
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
-from pw_elements.contact.model import ContactState, PairState
+from pw_elements.contact.model import ContactState
 from pw_elements.contact.output.fields import check_state
 from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
@@ -88,7 +88,7 @@ def plot(
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
     if along is not None and (dim == 3 or along not in (0, 1)):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
-    side = _Side.of(pair, state.pairs[pair], body, opposite)
+    side = _Side.of(pair, state, body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     name = "pressure" if state.smallness else "nominal pressure"
     if dim == 3:
@@ -113,9 +113,10 @@ class _Side:
     traction: Array
 
     @classmethod
-    def of(cls, number: int, pair: PairState, body: Body, opposite: bool) -> _Side:
-        own, other = mortar_sides(number, pair, body, body.spaces.displacements.trial)
+    def of(cls, number: int, state: ContactState, body: Body, opposite: bool) -> _Side:
+        own, other = mortar_sides(number, state, body, body.spaces.displacements.trial)
         assert own is not None
+        pair = state.pairs[number]
         if not opposite:
             pressure, _, traction = over_areas(own, pair)
             return cls(own, pair.normal, pair.friction, pair.status, pressure, traction)
