@@ -2,11 +2,12 @@
 
 from study.peers.cylinder import CYLINDERS, Cylinder
 from study.peers.decks import Block, HalfBeam, NativePressure, TwoTriangles
+from study.peers.die import DIES, Die
 from study.peers.hertz_line import LINES, Line
 from study.peers.standard_decks import SPECIMENS, AnySpecimen
 from study.peers.two_bodies import PAIRS, Blocks, Spheres
 
-Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres | Line | Cylinder
+Problem = TwoTriangles | Block | HalfBeam | AnySpecimen | Blocks | Spheres | Line | Cylinder | Die
 
 PROBLEMS: dict[str, Problem] = {
     "two-triangles": TwoTriangles(),
@@ -27,4 +28,5 @@ PROBLEMS: dict[str, Problem] = {
     **PAIRS,
     **LINES,
     **CYLINDERS,
+    **DIES,
 }

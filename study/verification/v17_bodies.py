@@ -17,29 +17,45 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, locate_entities_boundary
 from scipy.integrate import quad
 
-from pw_elements import prescribe
+from pw_elements import Spaces, SurfaceNodes, prescribe
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact import OPEN, SLIP, ContactPair, ContactProblem, DeformableSurface
+from pw_elements.contact.interface import gathered_trace
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.meshes import curved
 from study.core.cases import Case
 from study.core.store import Result
 from study.discretisation import spaces
 from study.line_mesh import on_lines
+from study.peers.calculix import peer_of, tracked_digest
+from study.peers.die import (
+    CURVATURE,
+    DEPTH,
+    DIES,
+    ELEMENTS,
+    FRICTION,
+    GAP,
+    HALF,
+    PRESSED,
+    TIMES,
+    lines,
+    shaped,
+)
 from study.units import dimensionless
 from study.verification.graded_meshes import joined
+from study.verification.sliding_quadratic import DualQuadraticProblem
 from study.verification.v16_rubber import Rubber
 
 TITLE = "Two deformable bodies at large sliding"
 
 # Lengths over the die's width, which is one, stresses over the shear modulus
-FRICTION, GAP, CURVATURE, DEPTH = 0.3, 0.01, 1.2, 0.15
-ELEMENTS = 10  # of the slave, that the die slides over
-PRESSED, SLID = 4, 16  # increments
 EDGE = 2  # nodes at each end of the contact that do not count
 PRESSED_LEAST = 1e-9  # of the largest nodal force: less is round-off, of either sign
 INNER = 0.3  # of the master's largest nodal force, below which its nodes do not count
 ROUND_OFF = 1e-12  # of the law, over the largest force
+# A flat die: elements per width of its side and the block's, height, and way; its top is tilted,
+# or the rear end would lift, and the side not be flat
+FLAT, HEIGHT, SLIDE, FLAT_DEPTH, TILT = (8, 6), 0.4, 1.0, 0.05, 0.5
 # Rings: radii, distance at first, and way; cells round and across
 RADII, APART, WAY, RINGS = (0.7, 1.0), 0.005, 0.3, ((24, 2), (17, 2))
 # Tubes: radii, what the inner one's hole grows to, cells across, Poisson's ratio
@@ -89,29 +105,43 @@ def _pair(state: ContactState) -> PairState:
 
 def follow(
     bodies: Rubber,
-    pair: ContactPair,
+    sides: Sequence[Indices],
     hold: Callable[[float, Array], None],
     held: Sequence[Mask],
     times: Sequence[float],
+    flat: Callable[[Array], Mask] | None = None,
 ) -> Course:
     """Two bodies' way, at the ends of increments.
 
     Args:
-        bodies: of one mesh.
-        pair: of their sides.
+        bodies: of one mesh; standard elements have dual quadratic multipliers.
+        sides: facets of the slave and of the master.
         hold: writes displacements of all nodes (n, 2) at a time.
         held: masks of nodes (n,) that are held so.
         times: of the ends.
+        flat: marker of nodes that do not move vertically.
     """
-    given, course = fem.Function(bodies.field.space), Course()
+    space, course = bodies.field.space, Course()
+    given = fem.Function(space)
     nodes = np.flatnonzero(np.any(held, axis=0)).astype(np.int32)
     conditions = [fem.dirichletbc(given, nodes)]
+    if flat is not None:
+        conditions.append(prescribe(space, 1, flat))
 
     def told(progress: object) -> None:
         if getattr(progress, "state", None) is None:
             course.violations[-1].append(getattr(progress, "violation", np.inf) * 1e-9)
 
-    problem = ContactProblem.of_residual(bodies.residual, bodies.w, conditions, pair, callback=told)
+    own, opposite = (side.astype(np.int32) for side in sides)
+    of_pair = fem.locate_dofs_topological(space, 1, own)
+    pair = ContactPair(of_pair, DeformableSurface(opposite, False), FRICTION)
+    stated = bodies.residual, bodies.w, conditions, pair
+    problem: ContactProblem | DualQuadraticProblem
+    if bodies.element.startswith("pw"):
+        problem = ContactProblem.of_residual(*stated, callback=told)
+    else:
+        traces = gathered_trace(space, own), gathered_trace(space, opposite)
+        problem = DualQuadraticProblem(*stated, traces, told)
     state, before = problem.undeformed, 0.0
     for end in times:
 
@@ -126,15 +156,8 @@ def follow(
 
 def die_meshes(own: int, opposite: int) -> tuple[Mesh, tuple[Indices, Indices]]:
     """A parabolic die and a block, with so many elements per width; facets of their sides."""
-    x, y = _lines(-1.5, 2.5, 4 * opposite), _lines(-1.0, 0.0, opposite // 2)
-    block = _degree_two(x, y, lambda x: x)
-    x, y = _lines(-0.5, 0.5, own), _lines(0.0, 1.0, own // 2)
-
-    def shaped(x: Array) -> Array:
-        low = GAP + CURVATURE * x[:, 0] ** 2 / 2
-        return np.column_stack([x[:, 0], low + x[:, 1] * (1 - low), x[:, 2]])
-
-    mesh, _ = joined(block, _degree_two(x, y, shaped))
+    block, upper = lines(own, opposite)
+    mesh, _ = joined(_degree_two(*block, lambda x: x), _degree_two(*upper, shaped))
 
     def under(x: Array) -> Mask:
         return np.asarray(np.isclose(x[1], GAP + CURVATURE * x[0] ** 2 / 2) & (x[1] > GAP / 2))
@@ -147,38 +170,21 @@ def _facets(mesh: Mesh, where: Callable[[Array], Mask]) -> Indices:
     return locate_entities_boundary(mesh, mesh.topology.dim - 1, where).astype(np.int64)
 
 
-def _stated(bodies: Rubber, sides: Sequence[Indices]) -> ContactPair:
-    own, opposite = sides
-    nodes = fem.locate_dofs_topological(bodies.field.space, 1, own.astype(np.int32))
-    return ContactPair(nodes, DeformableSurface(opposite.astype(np.int32), False), FRICTION)
-
-
 def die(element: str, own: int, opposite: int) -> Result:
     """A parabolic die pressed into a block and slid over ten of its elements."""
-    mesh, sides = die_meshes(own, opposite)
-    bodies = Rubber(element, mesh)
-    x = bodies.x
-    base, top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], 1)
-    way = ELEMENTS / own
-
-    def hold(time: float, given: Array) -> None:
-        given[top] = [way * max(0.0, time - 1), -DEPTH * min(time, 1.0)]
-
-    times = [(k + 1) / PRESSED for k in range(PRESSED)] + [1 + (k + 1) / SLID for k in range(SLID)]
-    course = follow(bodies, _stated(bodies, sides), hold, (base, top), times)
+    bodies, sides, course = _die(element, own, opposite)
     slid = course.states[PRESSED:]
-    own_forces = [_along(bodies, _pair(s).node, _pair(s).force_normal, EDGE) for s in slid]
-    theirs = [_on_master(bodies, s) for s in slid]
+    weights = _weights(bodies, sides)
     last, force = _pair(slid[-1]), np.array([_pair(s).force for s in course.states])
     place = last.position + last.displacement
-    node, pressed, _, _ = theirs[-1]
+    node, pressed = _on_master(bodies, slid[-1])
     scalars = course.counts() | {
         "balance_error": course.balance(),
         "moment_defect": max(_moment(bodies, s) for s in slid),
         "cone_error": course.cone(),
-        "mid_over_corner": float(np.median(own_forces)),
-        "mid_over_corner_master": float(np.median([ratio for *_, ratio, _ in theirs])),
-        "edge_draw": max(draw for *_, draw in theirs),
+        **_evenness(bodies, slid, np.ones(len(bodies.x)), ""),
+        **_evenness(bodies, slid, weights, "_pressure"),
+        "edge_draw": max(_draw(_on_master(bodies, s)[1]) for s in slid),
         "N": force[-1, 1],
         "T_over_N": abs(force[-1, 0] / force[-1, 1]),
         "slipping": float(np.mean(last.status[last.status != OPEN] == SLIP)),
@@ -186,15 +192,77 @@ def die(element: str, own: int, opposite: int) -> Result:
     curves = {
         "x": place[:, 0],
         "force_n": last.force_normal,
+        "pressure": last.force_normal / weights[last.node],
         "status": last.status.astype(float),
         "master_x": bodies.x[node, 0] + _moved(bodies, slid[-1])[node, 0],
         "master_force": pressed,
+        "master_pressure": pressed / weights[node],
         "nodes": bodies.x + _moved(bodies, slid[-1]),
         "cells": bodies.field.space.dofmap.list.copy(),
         "N": force[:, 1],
         "T": force[:, 0],
     }
     return _result(scalars, curves, len(bodies.w.x.array))
+
+
+def _die(
+    element: str, own: int, opposite: int, peer: bool = False
+) -> tuple[Rubber, tuple[Indices, Indices], Course]:
+    mesh, sides = die_meshes(own, opposite)
+    bodies = Rubber(element, mesh, peer)
+    x = bodies.x
+    base, top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], 1)
+    way = ELEMENTS / own
+
+    def hold(time: float, given: Array) -> None:
+        given[top] = [way * max(0.0, time - 1), -DEPTH * min(time, 1.0)]
+
+    times = TIMES[:HALF] if peer else TIMES
+    return bodies, sides, follow(bodies, sides, hold, (base, top), times)
+
+
+def against_calculix(element: str, case: str, tracked: str) -> Result:
+    """The force on the die along CalculiX' way, with its energy, from its tracked record."""
+    peer, known = DIES[case], peer_of(case, tracked).numbers
+    bodies, _, course = _die(element, peer.own, peer.opposite, peer=True)
+    force = np.array([_pair(state).force for state in course.states])
+    normal, tangential = force[:, 1], -force[:, 0]
+    largest = known["N"].max()
+    scalars = {
+        "N_difference": np.abs(normal - known["N"]).max() / largest,
+        "T_difference": np.abs(tangential - known["T"]).max() / largest,
+        "N": normal[-1],
+        "T": tangential[-1],
+    }
+    curves = {"N": normal, "T": tangential, "N_calculix": known["N"], "T_calculix": known["T"]}
+    return _result(scalars, curves, len(bodies.w.x.array))
+
+
+def ironed(element: str) -> Result:
+    """A flat die that slips all over, on a block whose upper side stays flat."""
+    (across, _), (width, _) = lines(*FLAT)
+    up = GAP + _lines(0.0, HEIGHT, 3)
+    block = _degree_two(across, _lines(-1.0, 0.0, 3), lambda x: x)
+    mesh, _ = joined(block, _degree_two(width, up, lambda x: x))
+    sides = [_facets(mesh, lambda x, y=y: np.isclose(x[1], y)) for y in (GAP, 0.0)]
+    bodies = Rubber(element, mesh)
+    x = bodies.x
+    base, top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], up[-1])
+
+    def hold(time: float, given: Array) -> None:
+        given[top, 0] = SLIDE * max(0.0, time - 1)
+        given[top, 1] = -FLAT_DEPTH * min(time, 1.0) * (1 - TILT * x[top, 0])
+
+    times = [0.5, 1.0, *(1 + (k + 1) / 8 for k in range(8))]
+    course = follow(bodies, sides, hold, (base, top), times, lambda x: np.isclose(x[1], 0))
+    slid = [_pair(state) for state in course.states[-4:]]
+    scalars = course.counts() | {
+        "friction_error": max(abs(-p.force[0] / p.force[1] / FRICTION - 1) for p in slid),
+        "slipping": min(float(np.mean(p.status == SLIP)) for p in slid),
+        "cone_error": course.cone(),
+        "balance_error": course.balance(),
+    }
+    return _result(scalars, {}, len(bodies.w.x.array))
 
 
 def turned(element: str, degrees: int) -> Result:
@@ -210,7 +278,7 @@ def turned(element: str, degrees: int) -> Result:
         given[:] = moved @ _turn(degrees * max(0.0, time - 1)).T - x
 
     times = [0.5, 1.0, *(1 + (k + 1) / parts for k in range(parts))]
-    course = follow(bodies, _stated(bodies, sides), hold, (base, top), times)
+    course = follow(bodies, sides, hold, (base, top), times)
     before, after = _pair(course.states[1]), _pair(course.states[-1])
     back = after.force_vector @ _turn(degrees)
     size = np.abs(before.force_vector).max()
@@ -244,8 +312,8 @@ def rings(element: str) -> Result:
         def hold(time: float, given: Array, high: Mask = high) -> None:
             given[high] = [0.0, -WAY * time]
 
-        pair = _stated(bodies, sides[::-1] if exchanged else sides)
-        course = follow(bodies, pair, hold, (low, high), [(k + 1) / 8 for k in range(8)])
+        times = [(k + 1) / 8 for k in range(8)]
+        course = follow(bodies, sides[::-1] if exchanged else sides, hold, (low, high), times)
         found.append(abs(_pair(course.states[-1]).force[1]))
         if not exchanged:
             scalars = course.counts() | {"cone_error": course.cone()}
@@ -356,17 +424,43 @@ def _moved(bodies: Rubber, state: ContactState) -> Array:
     return np.asarray(state.displacement.array_r.reshape(-1, bodies.dim))
 
 
-def _along(bodies: Rubber, node: Indices, force: Array, edge: int) -> float:
-    """Median of mid-side forces over the mean of their neighbours', in the order of places."""
-    order = np.argsort(bodies.x[node, 0])
-    force, corner = force[order], bodies.corner[node[order]]
-    inner = np.flatnonzero(force > PRESSED_LEAST * force.max())[edge:-edge]
-    middle = inner[~corner[inner]]
-    return float(np.median(2 * force[middle] / (force[middle - 1] + force[middle + 1])))
+def _weights(bodies: Rubber, sides: Sequence[Indices]) -> Array:
+    """Integrals (n,) of nodes' own test functions over the undeformed sides, ones elsewhere."""
+    way = Spaces.petrov_galerkin if bodies.element.startswith("pw") else Spaces.galerkin
+    scalars, weights = way(bodies.w.function_space.mesh, 0), np.ones(len(bodies.x))
+    for side in sides:
+        surface = SurfaceNodes.scalar(scalars, side.astype(np.int32))
+        weights[surface.node] = surface.own_area
+    return weights
 
 
-def _on_master(bodies: Rubber, state: ContactState) -> tuple[Indices, Array, float, float]:
-    """The master's nodes in order, pressing forces, mid-side over corner, what draws over peak."""
+def _evenness(
+    bodies: Rubber, states: Sequence[ContactState], weights: Array, of: str
+) -> dict[str, float]:
+    """Medians of mid-side over mean corner values of both sides, forces over weights (n,)."""
+    own, theirs = [], []
+    for state in states:
+        pair = _pair(state)
+        order = np.argsort(bodies.x[pair.node, 0])
+        node, force = pair.node[order], pair.force_normal[order]
+        inner = np.flatnonzero(force > PRESSED_LEAST * force.max())[EDGE:-EDGE]
+        own.append(_middle(bodies, node, force / weights[node], inner))
+        node, force = _on_master(bodies, state)
+        force = force / weights[node]
+        inner = np.flatnonzero(force > INNER * force.max())
+        theirs.append(_middle(bodies, node, force, inner))
+    names = f"mid_over_corner{of}", f"mid_over_corner{of}_master"
+    return {name: float(np.median(v)) for name, v in zip(names, (own, theirs), strict=True)}
+
+
+def _middle(bodies: Rubber, node: Indices, values: Array, inner: Indices) -> float:
+    """Median of mid-side values over the mean of their neighbours', in the order of places."""
+    middle = inner[~bodies.corner[node[inner]]]
+    return float(np.median(2 * values[middle] / (values[middle - 1] + values[middle + 1])))
+
+
+def _on_master(bodies: Rubber, state: ContactState) -> tuple[Indices, Array]:
+    """The master's nodes in order, and what presses them."""
     pair = _pair(state)
     order = np.argsort(bodies.x[pair.opposite, 0])
     node, force = pair.opposite[order], pair.opposite_force[order]
@@ -374,10 +468,12 @@ def _on_master(bodies: Rubber, state: ContactState) -> tuple[Indices, Array, flo
     chord = np.gradient(x, axis=0)
     normal = np.stack([chord[:, 1], -chord[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    pressed = np.sum(normal * force, axis=1)
-    middle = np.flatnonzero(~bodies.corner[node] & (pressed > INNER * pressed.max()))
-    ratio = float(np.median(2 * pressed[middle] / (pressed[middle - 1] + pressed[middle + 1])))
-    return node, pressed, ratio, float(max(0.0, -pressed.min() / pressed.max()))
+    return node, np.sum(normal * force, axis=1)
+
+
+def _draw(pressed: Array) -> float:
+    """What draws the most over what presses the most."""
+    return float(max(0.0, -pressed.min() / pressed.max()))
 
 
 def _moment(bodies: Rubber, state: ContactState) -> float:
@@ -396,12 +492,21 @@ def _result(scalars: dict[str, float], curves: dict[str, Array], dofs: int) -> R
 
 
 CASES = [
-    Case("V17", f"die-pw-T6-{name}", die, {"element": "pw-T6", "own": own, "opposite": opposite})
-    for name, own, opposite in (("equal", 16, 16), ("finer", 16, 24), ("coarser", 16, 8))
+    Case(
+        "V17", f"die-{element}-{name}", die, {"element": element, "own": own, "opposite": opposite}
+    )
+    for element in ("pw-T6", "galerkin-T6")
+    for name, own, opposite in (("equal", 12, 12), ("finer", 12, 18), ("coarser", 12, 6))
 ]
 CASES += [
     Case("V17", f"turned-pw-T6-{degrees}", turned, {"element": "pw-T6", "degrees": degrees})
     for degrees in (90, 170)
 ]
+CASES.append(Case("V17", "ironed-pw-T6", ironed, {"element": "pw-T6"}))
 CASES.append(Case("V17", "rings-pw-T6", rings, {"element": "pw-T6"}))
 CASES.append(Case("V17", "fit-pw-hybrid-T6", fit, {"element": "pw-hybrid-T6"}))
+CASES += [
+    Case("V17", f"calculix-pw-T6-{case}", against_calculix, stated)
+    for case in DIES
+    for stated in [{"element": "pw-T6", "case": case, "tracked": tracked_digest(case)}]
+]
