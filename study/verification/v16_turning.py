@@ -59,11 +59,11 @@ def wheel(element: str, elements: int) -> Result:
     state = problem.step(problem.undeformed, motions=Motion((0.0, -1 / RADIUS)))
     state = problem.step(state, motions=Motion((0.0, None), (0.0, -force)))
     traction = TRACTION * FRICTION * force
-    drive = {"force": (0.0, -force), "rotation": None, "torque": -traction * RADIUS}
+    down, torque = (0.0, -force), -traction * RADIUS
     places = np.arange(1, round(2 * WAY * elements) + 1) * size / 2  # from node to node
     states = []
     for x in places:
-        state = problem.step(state, motions=Motion((x, None), **drive))
+        state = problem.step(state, motions=Motion((x, None), down, None, torque))
         states.append(state)
     angle = -np.array([state.pairs[0].rotation for state in states])
     creep = np.diff(angle * RADIUS, prepend=0.0) / np.diff(places, prepend=0.0) - 1
