@@ -326,9 +326,9 @@ def way_and_resumed(comm, folder):
     return numbers(ends)
 
 
-def numbers(ends):
+def numbers(ends, more=()):
     """What is compared of states by name."""
-    names = ("force_vector", "slip", "gap", "status", "displacement")
+    names = ("force_vector", "slip", "gap", "status", "displacement", *more)
     return {f"{end} {n}": getattr(state.pairs[0], n) for end, state in ends.items() for n in names}
 
 

@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube
 
-from pw_elements import Spaces, prescribe
+from pw_elements import Iterative, Spaces, prescribe
 from pw_elements.contact import (
     ContactPair,
     ContactProblem,
@@ -21,14 +21,23 @@ from pw_elements.contact import (
 from pw_elements.contact.iteration import DeformedKinematics, Reference, Tools
 from pw_elements.meshes import triangles
 from tests.contact.cases import Block
-from tests.contact.test_large import SURFACES, Rubber, _at_points, above, neo_hookean
-from tests.parallel import same_numbers
+from tests.contact.test_large import (
+    SOLVERS,
+    SURFACES,
+    Rubber,
+    _at_points,
+    above,
+    neo_hookean,
+    numbers,
+)
+from tests.parallel import assert_same, same_numbers
 
 PIVOT = (0.2, 0.5)
 PRESSED = Motion((0.0, -0.15), rotation=0.1)
 # dragged under a force, and turned by a torque
 FREE = Motion((0.1, None), (0.0, -0.3), rotation=None, torque=-0.02)
 STORED = 1
+PLACE = ("translation", "rotation", "torque")
 
 
 def roller(pivot=PIVOT, mesh=None, **options):
@@ -160,7 +169,7 @@ def test_what_turns_with_its_body_makes_no_slip():
     assert now.torque == pytest.approx(was.torque, rel=1e-9)
 
 
-def ball(comm, friction):
+def ball(comm, friction, **options):
     """A cube on a held base below a sphere that turns about its upright diameter."""
     mesh = create_unit_cube(comm, 2, 2, 2, CellType.tetrahedron)
     pair = Spaces.petrov_galerkin(mesh)
@@ -172,7 +181,7 @@ def ball(comm, friction):
     pair = ContactPair(
         lambda x: np.isclose(x[2], 1.0), Sphere(top, 0.8), friction, pivot=top, axis=(0, 0, 2)
     )
-    return ContactProblem.of_residual(residual, u, held, pair)
+    return ContactProblem.of_residual(residual, u, held, pair, **options)
 
 
 def test_a_ball_turns_about_an_axis():
@@ -192,6 +201,30 @@ def test_a_ball_turns_about_an_axis():
     assert rough.step(pressed, motions=free).pairs[0].rotation == pytest.approx(0.05, abs=1e-8)
 
 
+def rolled(solver):
+    """In the plane, where the last motion is free to rise, too."""
+    weighted = Motion((0.1, None), (0.0, -0.3), rotation=-0.1)
+    return roller(solver=solver).problem, [PRESSED, weighted]
+
+
+def spun(solver):
+    """In space, about an upright axis."""
+    down = (0.0, 0.0, -0.15)
+    return ball(MPI.COMM_SELF, 0.5, solver=solver), [Motion(down), Motion(down, rotation=0.05)]
+
+
+@pytest.mark.parametrize("way", [rolled, spun])
+def test_krylov_turns_as_factors_do(way):
+    """By prescribed angles; a free one is refused."""
+    factors, krylov = (
+        numbers({"end": walked(*way(solver))[-1]}, PLACE) for solver in SOLVERS.values()
+    )
+    assert_same(factors, krylov, 1e-9, way.__name__)
+    problem, (pressed, *_) = way(Iterative())
+    with pytest.raises(ValueError, match="free to turn"):
+        problem.step(problem.undeformed, motions=replace(pressed, rotation=None))
+
+
 def way_and_resumed(comm, folder):
     """Numbers at the end of a way, and of one that goes on from a file."""
     mesh = triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))
@@ -201,12 +234,7 @@ def way_and_resumed(comm, folder):
     if not path.exists():
         problem.save(states[STORED], path)
     last = problem.step(problem.load(path), motions=motions[-1])
-    names = ("force_vector", "slip", "gap", "displacement", "translation", "rotation", "torque")
-    return {
-        f"{start} {name}": getattr(state.pairs[0], name)
-        for start, state in (("whole", states[-1]), ("resumed", last))
-        for name in names
-    }
+    return numbers({"whole": states[-1], "resumed": last}, PLACE)
 
 
 def test_processes_and_restarts_find_the_same_numbers(tmp_path):
@@ -250,7 +278,7 @@ def test_derivatives_of_what_has_turned_are_refused():
     problem = roller().problem
     (state,) = walked(problem, [PRESSED])
     with pytest.raises(ValueError, match="has turned"):
-        problem.sensitivity([problem.undeformed, state], ("force", 0, 0), ("friction", 0))
+        problem.sensitivity([problem.undeformed, state], [("force", 0, 0)], [("friction", 0)])
 
 
 def test_wrong_pivots_are_refused():
