@@ -30,6 +30,7 @@ ORDER = (
     "bar_impact",
     "rubber_punch",
     "rubber_roller",
+    "driven_wheel",
     "identify",
     "shaft_seal",
     "seal",

@@ -23,6 +23,7 @@ LINES = 60  # of code, at most
 COARSE = {
     "bracket": "size = 12.0",
     "buckling": "cells = 1",
+    "driven_wheel": "cells = 4",
     "gears": "size = 0.5",
     "identify": "cells, nu = 4, 0.45",
     "poisson": "cells = 8",
@@ -130,6 +131,17 @@ def test_rubber_roller(example):
     assert 0 < force[0] < found["friction"] * force[1]
     assert np.ptp(found["x"]) == pytest.approx(2 * np.sqrt(2 * depth - depth**2), rel=0.4)
     assert found["pressure"][found["closed"]].min() > 0
+
+
+def test_driven_wheel(example):
+    """Given torques are found, and the law of friction alone says where they end."""
+    found = example("driven_wheel")
+    asked = np.linspace(0.15, 0.9, 6) * found["friction"] * found["load"] * found["R"]
+    assert found["torques"][1:7] == pytest.approx(asked, rel=1e-8)
+    assert np.all(np.diff(found["angles"]) > 0)
+    assert np.all(found["torques"][:7] < 0.99 * found["limits"][:7])
+    assert found["torques"][-2:] == pytest.approx(found["limits"][-2:], rel=1e-9)
+    assert found["pair"].force[1] == pytest.approx(-found["load"], rel=1e-8)
 
 
 def test_identify(example):
