@@ -173,13 +173,14 @@ def _median(row: Row) -> dict[str, float]:
     """Of several runs."""
     runs: list[dict[str, float]] = []
     for _ in range(REPEATS):
-        runs.append(_run(row))
+        runs.append(alone(row))
         if runs[-1]["whole_seconds"] > ONCE:
             break
     return {name: statistics.median(run[name] for run in runs) for name in runs[0]}
 
 
-def _run(row: Row) -> dict[str, float]:
+def alone(row: Row) -> dict[str, float]:
+    """What is measured of a row, by processes of its own."""
     command = [sys.executable, "-m", "study.cost.measure", "--one", json.dumps(asdict(row))]
     if row.processes > 1:
         command = ["mpirun", "-n", str(row.processes), *command]
@@ -644,6 +645,8 @@ def _sliding(row: Row) -> dict[str, float]:
         "sticking": float((ball.status == 1).sum()),
         "slipping": float((ball.status == 2).sum()),
         "displacement": state.displacement.norm(),
+        "pressed": float(-ball.force[2]),
+        "pushed": float(ball.force[0]),
     }
 
 
