@@ -31,6 +31,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -629,9 +630,7 @@ def _sliding(row: Row) -> dict[str, float]:
     problem = ContactProblem.of_residual(residual, u, base, pair, solver=pw.Iterative())
     state, seconds, steps, krylov = problem.undeformed, 0.0, 0, 0
     for motion in motions:
-        state, taken = _seconds(
-            lambda state=state, motion=motion: problem.step(state, None, motion)
-        )
+        state, taken = _seconds(partial(problem.step, state, None, motion))
         seconds, steps = seconds + taken, steps + state.iterations
         krylov += state.report.krylov_iterations
     (ball,) = state.pairs

@@ -95,19 +95,20 @@ class DualQuadratic(SlidingMortar):
             for j in range(3):
                 psi = (N[0] * dual[j][0] + N[1] * dual[j][1] + N[2] * dual[j][2]) * measure
                 B[j] = [B[j][k] + psi * M[k] for k in range(3)]
-        B, dB = (v.reshape(-1, 3, 3, *v.shape[2:]) for v in stacked([v for row in B for v in row]))
+        shares = stacked([v for row in B for v in row])
+        pieces, dB = (v.reshape(-1, 3, 3, *v.shape[2:]) for v in shares)
         whole = np.flatnonzero(covered > _WHOLE)
         area, dA = self._areas(x, whole)
         faced = area > 0
         over = 1 / (area + ~faced)
         scale = sp.diags_array(over)
-        parts = scale @ matrix(B, own[:, :, None], theirs[:, None] - m, (m, n - m))
+        parts = scale @ matrix(pieces, own[:, :, None], theirs[:, None] - m, (m, n - m))
 
         def turned(force: Array) -> sp.csr_array:
             scaled = force * over[:, None]
             row = (2 * (theirs - m)[:, :, None] + np.arange(2))[..., None]
             direct = np.einsum("qjx,qjkc->qkxc", scaled[own], dB)
-            by_area = -np.einsum("qjx,qjk->qkxj", scaled[own] * over[own][..., None], B)
+            by_area = -np.einsum("qjx,qjk->qkxj", scaled[own] * over[own][..., None], pieces)
             shape = 2 * (n - m)
             return matrix(direct, row, local[:, None, None], (shape, 2 * n)) + (
                 matrix(by_area, row, own[:, None, None], (shape, m)) @ dA
@@ -149,7 +150,7 @@ class DualQuadratic(SlidingMortar):
         local = (2 * nodes[:, :, None] + np.arange(2)).reshape(-1, 6)
         _, lumped = _duals(_varying(x, nodes))
         area, slope = stacked(lumped)
-        total = np.bincount(nodes.ravel(), area.ravel(), minlength=m)
+        total = np.bincount(nodes.ravel(), area.ravel(), minlength=m).astype(float)
         return total, matrix(slope, nodes[:, :, None], local[:, None], (m, x.size))
 
 

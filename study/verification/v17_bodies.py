@@ -162,7 +162,11 @@ def die_meshes(own: int, opposite: int) -> tuple[Mesh, tuple[Indices, Indices]]:
     def under(x: Array) -> Mask:
         return np.asarray(np.isclose(x[1], GAP + CURVATURE * x[0] ** 2 / 2) & (x[1] > GAP / 2))
 
-    return mesh, (_facets(mesh, under), _facets(mesh, lambda x: np.isclose(x[1], 0)))
+    return mesh, (_facets(mesh, under), _facets(mesh, partial(_at_height, 0.0)))
+
+
+def _at_height(y: float, x: Array) -> Mask:
+    return np.asarray(np.isclose(x[1], y))
 
 
 def _facets(mesh: Mesh, where: Callable[[Array], Mask]) -> Indices:
@@ -244,7 +248,7 @@ def ironed(element: str) -> Result:
     up = GAP + _lines(0.0, HEIGHT, 3)
     block = _degree_two(across, _lines(-1.0, 0.0, 3), lambda x: x)
     mesh, _ = joined(block, _degree_two(width, up, lambda x: x))
-    sides = [_facets(mesh, lambda x, y=y: np.isclose(x[1], y)) for y in (GAP, 0.0)]
+    sides = [_facets(mesh, partial(_at_height, y)) for y in (GAP, 0.0)]
     bodies = Rubber(element, mesh)
     x = bodies.x
     base, top = np.isclose(x[:, 1], -1), np.isclose(x[:, 1], up[-1])
