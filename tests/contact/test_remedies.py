@@ -8,6 +8,8 @@ from pw_elements.contact import NotFound
 from pw_elements.contact.iteration import ContactSystem
 from pw_elements.contact.iteration.system import Tangent
 from pw_elements.contact.rescue import condensed
+from pw_elements.contact.steps.stepping import Stepping
+from pw_elements.solvers import NotConverged
 from tests.contact.residuals import Step, residuals, walked, worst
 from tests.oracle.random_contact import problem
 
@@ -41,6 +43,20 @@ def test_remedies_say_what_they_do(monkeypatch, caplog):
 
 
 # -- increments in parts ---------------------------------------------------------------------
+
+
+def test_a_solver_that_gives_up_in_a_part_says_so(monkeypatch):
+    """No smaller part is tried then: "auto" goes on with factors."""
+    stated, whole = problem(158), Stepping._solved
+
+    def parts_fail(self, *arguments):
+        if len(arguments) == 5:  # a part has a budget
+            raise NotConverged("gave up")
+        return whole(self, *arguments)
+
+    monkeypatch.setattr(Stepping, "_solved", parts_fail)
+    with pytest.raises(NotConverged, match="gave up"):
+        stated.solve(remedies=("cutback",))
 
 
 def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(monkeypatch):

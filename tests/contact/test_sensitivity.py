@@ -271,6 +271,17 @@ def test_small_displacements_have_derivatives_too():
         assert (np.abs(found[:, :, k] - differences) / size).max() < 1e-6, name
 
 
+def test_derivatives_are_of_the_stiffness_as_it_is():
+    """One that has changed since the last step is met as in a problem that is made with it."""
+    case = Steel()
+    problem, states = case.solve()
+    asked = states[:3], [("force", 0, 0), ("force", 0, 1)], [("friction", 0)]
+    problem.sensitivity(*asked)
+    case.K.shift(0.01)
+    known = case.solve()[0].sensitivity(*asked)
+    assert np.abs(problem.sensitivity(*asked) - known).max() < 1e-10 * np.abs(known).max()
+
+
 def test_what_has_no_derivatives_is_refused_in_words():
     case = Rubber(0, steps=2)
     problem, states = case.solve()

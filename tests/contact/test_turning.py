@@ -246,6 +246,15 @@ def test_processes_and_restarts_find_the_same_numbers(tmp_path):
         assert np.abs(found[name] - again).max() < 1e-12, name
 
 
+def test_a_state_with_another_pivot_is_refused(tmp_path):
+    """Its angle would mean another pose."""
+    problem, path = roller().problem, tmp_path / "state.npz"
+    problem.save(problem.undeformed, path)
+    for pivot in ((-0.4, 0.1), None):
+        with pytest.raises(ValueError, match="another pivot"):
+            roller(pivot=pivot).problem.load(path)
+
+
 def test_an_increment_that_is_cut_turns_in_parts():
     """Parts have their shares of the angle."""
     rubber = roller(max_iterations=6)

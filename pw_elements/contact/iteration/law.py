@@ -277,7 +277,7 @@ class Kinematics:
         interface: Interface,
         past: Array,
         translations: Array,
-        free: Array,
+        free: Mask,
         displacement: Array,
         force: Array,
     ) -> "Kinematics":

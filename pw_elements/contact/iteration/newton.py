@@ -10,7 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array
+from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
     TOLERANCE,
@@ -177,7 +177,7 @@ class Increment:
 
         It is one in `every` translation or in the free ones.
         """
-        free: Array = np.isnan(np.full_like(self.prescribed, np.nan) if every else self.prescribed)
+        free: Mask = np.isnan(self.prescribed) | every
         past = self.past.displacement - self.past.translations[self.interface.pair]
         place = Kinematics.at(self.interface, past, translations, free, displacement, force)
         if self._stated == 1:

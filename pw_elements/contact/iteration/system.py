@@ -214,8 +214,9 @@ class Solution:
 class ContactSystem:
     """Equations of the reduced displacements and of the free translations of surfaces.
 
-    The free translations come last, on the last process; their equations are balances of force. Of
-    the law, c is `scale` (m,): the mean stiffness of a point's components, or 1 without any.
+    The free translations, angles among them, come last, on the last process; their equations are
+    balances of force and torque. Of the law, c is `scale` (m,): the mean stiffness of a point's
+    components, or 1 without any.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ from pw_elements.contact.model import ContactPair, ContactState, Free, Motion, N
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.stepping import Callback, Reporter, Target, between, divided, joined
 from pw_elements.progress import doing
-from pw_elements.solvers import LinearSolver, is_matrix_free
+from pw_elements.solvers import LinearSolver, NotConverged, is_matrix_free
 
 Loading: TypeAlias = Callable[[float], None]
 
@@ -86,8 +86,7 @@ class FiniteStepping:
     ) -> ContactState:
         """The state at the end of one increment, as `ContactProblem.step` gives it."""
         begun, interface = perf_counter(), self.interface
-        held = np.array([[*pair.force, pair.torque] for pair in state.pairs])
-        start = Target(None, state.placements, held)
+        start = Target.reached(state, turning=True)
         end = Target.of(None, moved, interface, turning=True)
         if any(pair in interface.mortars for pair, _ in end.free):
             raise ValueError(
@@ -102,7 +101,10 @@ class FiniteStepping:
             def part(now: ContactState, share: float) -> ContactState:
                 self._restore(now)
                 self._apply(load, share)
-                found = self._solved(now, between(start, end, share), system, reporter)
+                try:
+                    found = self._solved(now, between(start, end, share), system, reporter)
+                except NotConverged as failed:
+                    raise NotFound(str(failed)) from failed
                 return replace(found, history=self._updated())
 
             parts, failure = divided(part, state, (1.0, _SMALLEST, 2.0))
@@ -189,12 +191,13 @@ class FiniteStepping:
     def linearised(self, part: Part) -> Linearised:
         """The equations at the end of a part, where it leaves u, constants and conditions."""
         self._apply(part.load, part.share)
-        system, goal = self._bound(part.state.free), Target.reached(part.state, turning=True)
+        free = part.state.free
+        system, goal = self._bound(free), Target.reached(part.state, turning=True).leaving(free)
         begun = self._begun(part.before, goal, system, part.state.unknowns)
         increment, equilibrium, kinematics = begun
         states, dim = (part.before, part.state), self.interface.position.shape[1]
         turned = any(pair.rotation for state in states for pair in state.pairs)
-        if turned or any(axis == dim for _, axis in part.state.free):
+        if turned or any(axis == dim for _, axis in free):
             raise ValueError("has a surface that has turned, of which no derivatives are given")
         now = self._reference(part.state)
         place = kinematics(now.translations, now.displacement, now.force)

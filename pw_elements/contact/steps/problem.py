@@ -389,8 +389,8 @@ class ContactProblem:
                 `DeformableSurface`, which is `revolved` or not. Who faces whom is found anew all
                 the time; slip is of second order. See `pw_elements.contact.interface.sliding`.
             solver: of linear systems, as in `solve`, but by default `Direct()`, which alone serves
-                two bodies and tells by determinants that a state is unstable; `Iterative()` looks
-                for negative eigenvalues.
+                two bodies, and surfaces that are free to turn, and tells by determinants that a
+                state is unstable; `Iterative()` looks for negative eigenvalues.
             max_iterations: linear systems of one attempt.
             callback: as in `ContactProblem`.
             history: functions in the residual that belong to the state: steps start from those of
@@ -464,15 +464,14 @@ class ContactProblem:
             SurfacePassed: if a rigid surface goes through the body, or pushes it outwards.
             NotConverged: if an iterative solver fails, singular tangents among the reasons;
                 "auto" then goes on with factors if there is memory for them, and stays with them.
+                With a residual smaller parts are tried, and it is a NotFound.
         """
         moved = checked_step(self._space, self.pairs, self.undeformed, state, motions, guess)
         if self._finite is not None:
             return self._finite.step(state, checked_loading(load, guess), moved)
         load = self._K.createVecRight() if load is None else load
         check_nodal_load(load, self._K, self._space.mesh.comm)
-        if self._K.stateGet() != self._seen:  # factors and all else are of another stiffness
-            self.release()
-            self._stepping, self._seen = self._by(self._stepping.solver), self._K.stateGet()
+        self._renew()
 
         def stepped(solver: LinearSolver) -> ContactState:
             if solver is not self._stepping.solver:
@@ -481,6 +480,12 @@ class ContactProblem:
             return self._stepping.step(state, load, moved, guess)
 
         return with_fallback(self._stepping.solver, self._asked, self._supports, stepped)
+
+    def _renew(self) -> None:
+        """Has all made anew of a stiffness that has changed, as factors are of what it was."""
+        if self._finite is None and self._K.stateGet() != self._seen:
+            self.release()
+            self._stepping, self._seen = self._by(self._stepping.solver), self._K.stateGet()
 
     @same_everywhere
     def sensitivity(
@@ -539,6 +544,7 @@ class ContactProblem:
                 f"{len(states)} states and {len(loads)} loads: give the states at the start and at "
                 "the end of each step, and the load of each or none"
             )
+        self._renew()
         increments, known = self._finite or self._stepping, (self._space, self._finite is not None)
         if is_matrix_free(increments.solver) or increments.interface.mortars:
             raise ValueError(
@@ -571,8 +577,10 @@ class ContactProblem:
         pairs = self.undeformed.pairs
         size = max(np.abs(pair.position).max() for pair in pairs)
         surfaces = [part for pair in pairs for part in (pair.gap / size, pair.normal.ravel())]
+        spins = [part.ravel() for pair in self.pairs for part in pair.spin(len(pairs[0].force))]
         friction = [pair.friction for pair in pairs]
         known = {"surface": np.concatenate(surfaces), "friction": np.concatenate(friction)}
+        known["pivot"] = np.concatenate(spins)
         if self._finite is None:
             known["stiffness"] = np.array([self._K.norm(PETSc.NormType.FROBENIUS)])
         return known
@@ -605,7 +613,7 @@ class ContactProblem:
         Raises:
             TypeError: for anything but a path.
             ValueError: if the file holds no state, one that has been changed since, or one of
-                another mesh, stiffness, friction or surface.
+                another mesh, stiffness, friction, surface or pivot.
             OSError: if the file cannot be read.
         """
         path = checked_path(path)

@@ -119,12 +119,18 @@ class Target:
     def reached(
         cls, state: ContactState, load: PETSc.Vec | None = None, turning: bool = False
     ) -> "Target":
-        """What a state is the end of."""
+        """Where a state is, nothing being free; nothing is stated of an undeformed body."""
         translations = state.placements if turning else state.translations
-        for at in state.free:
-            translations[at] = np.nan
         forces = np.array([[*pair.force, pair.torque] for pair in state.pairs])
-        return cls(load, translations, forces[:, : translations.shape[1]])
+        stated = 1.0 if state.increment else 0.0
+        return cls(load, translations, forces[:, : translations.shape[1]], stated)
+
+    def leaving(self, free: Free) -> "Target":
+        """The same with free motions, which follow from the forces."""
+        translations = self.translations.copy()
+        for at in free:
+            translations[at] = np.nan
+        return replace(self, translations=translations)
 
     @property
     def free(self) -> Free:
@@ -153,12 +159,7 @@ def held_by(state: ContactState, K: PETSc.Mat, interface: Interface) -> Target:
     load = K.createVecLeft()
     K.mult(state.unknowns, load)
     load.axpy(-1.0, interface.force * points)
-    return Target(
-        load,
-        state.translations,
-        np.array([pair.force for pair in state.pairs]),
-        1.0 if state.increment else 0.0,
-    )
+    return Target.reached(state, load)
 
 
 def between(start: Target, end: Target, share: float) -> Target:
@@ -209,7 +210,7 @@ def divided(
         share = min(1.0, done + size)
         try:
             now = replace(step(now, share), increment=state.increment + 1)
-        except (ContactFailed, NoContactStated, NotConverged, SingularSystem) as failed:
+        except (ContactFailed, NoContactStated, SingularSystem) as failed:
             words = f"not from {done:.4g} to {share:.4g} of the increment: {failed}"
             told(state.displacement.comm, logging.INFO, words, ".contact")
             size, failure = (share - done) / 2, (share, failed)
@@ -451,7 +452,7 @@ class Stepping:
     def linearised(self, part: Part) -> Linearised:
         """The equations at the end of a part."""
         state, interface = part.state, self.interface
-        goal = Target.reached(state, held_by(state, self._K, interface).load)
+        goal = held_by(state, self._K, interface).leaving(state.free)
         system, _ = self._bound(state.free)
         stated = 1.0 if part.start.increment else part.share
         equilibrium = LinearEquilibrium.of(system, self._K, goal.load, stated)
