@@ -48,6 +48,7 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.iteration.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
+from study.cost.measure import Row, alone
 from tests.library import vtx
 from tests.parallel import assert_same, same_numbers
 
@@ -366,6 +367,18 @@ def test_krylov_finds_what_factors_find(kind):
     )
     assert {STICK, SLIP} <= set(factors["end status"])
     assert_same(factors, krylov, 1e-9, kind)
+
+
+@pytest.mark.random  # for those are what runs at night
+def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
+    """Two increments of a ball that is pressed and dragged, as on a mesh of a tenth of that."""
+    if not request.config.getoption("--nightly"):
+        pytest.skip("takes a quarter of an hour, with --nightly")
+    few, many = (alone(Row("sliding", "pw-T10", n, "Iterative")) for n in (8, 17))
+    assert round(many["dofs"], -3) == 500_000
+    assert many["megabytes"] * 2**20 < 4e9
+    assert many["pressed"] == pytest.approx(few["pressed"], rel=0.03)
+    assert many["pushed"] == pytest.approx(few["pushed"], rel=0.03)
 
 
 def test_a_column_buckles_by_either_solver():
