@@ -121,7 +121,7 @@ def rows() -> Iterator[Row]:
         yield Row("pieces", "pw-T6", n)
     for n in (10, 30, 100):
         yield Row("pieces", "pw-T10", n, "Iterative")
-    for n in (5, 10):
+    for n in (5, 10, 17):
         yield Row("sliding", "pw-T10", n, "Iterative")
     for n in (8, 11):
         yield Row("contact", "pw-hybrid-T10", n)
