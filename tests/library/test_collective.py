@@ -375,6 +375,7 @@ def ends(comm, call):
     return comm.allgather(found)
 
 
+@pytest.mark.random
 def test_an_error_on_one_process_ends_all_with_the_same_words(request):
     errors = ERRORS if request.config.getoption("--nightly") else ERRORS[:1]
     assert run_on(3, said, errors, limit=len(errors) * WAITING) == [[]] * 3
@@ -394,6 +395,7 @@ def differing(comm, most):
     return wrong, count
 
 
+@pytest.mark.random
 @pytest.mark.parametrize("processes", [2, 3])
 def test_processes_that_are_given_different_arguments_are_told(processes, request):
     nightly = request.config.getoption("--nightly")
@@ -450,6 +452,7 @@ def shares(comm):
     return (sum(spent) + len(spent) * (perf_counter() - begun) / 100) / whole
 
 
+@pytest.mark.random
 def test_comparing_arguments_takes_a_hundredth_at_most(request):
     if not request.config.getoption("--nightly"):
         pytest.skip("with --nightly")
