@@ -182,6 +182,17 @@ def test_patch_test(elastic, seed):
     assert_small(balance, len(r) * elastic.error_of_forces(a))
 
 
+@given(bodies(), SEEDS)
+def test_reactions_balance_the_loads(elastic, seed):
+    force = np.random.default_rng(seed).uniform(-1, 1, elastic.grid.dim)
+    a, r, f = elastic.solved(force)
+    balance = np.einsum("nak,na->k", rigid_modes(elastic.x), r + f)
+    assert_small(balance, len(r) * elastic.error_of_forces(a))
+    # and there are none where nothing holds
+    free = dense(elastic.clamped().right).any(axis=1)
+    assert_small(r.ravel()[free], elastic.error_of_forces(a))
+
+
 @st.composite
 def statics(draw, cells=BODIES):
     """A body of size one and modulus one, and the body force on it."""

@@ -59,8 +59,9 @@ V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-p
 V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
 V16: shear-pw-T10 steps-pw-T6-1-1 compression-pw-T6 cylinder-pw-T6-8 energy-pw-T6-4 hertz-pw-T6-4
-V16: calculix-pw-T6-cylinder-8-0.0
+V16: calculix-pw-T6-cylinder-8-0.0 bush-pw-T6
 V17: turned-pw-T6-90 fit-pw-hybrid-T6 rings-pw-T6 die-pw-T6-coarser
+V17: ironed-pw-T6 calculix-pw-T6-die-8-6
 Q: pw-T6-4-0.375 offsets-pw-T6 calculix-4-0.375 seconds-pw-T6-16
 W: wear-pw-T6-4-own friction-pw-T6-4-own conductance-pw-T6-4-own impact-sibling-T6-4-none
 W: submodel-pw-T6-4-own wear-pw-T10-8-own
@@ -72,6 +73,7 @@ LONG = [
     "V15/pushed-pw-hybrid-T6-30",
     "V15/seal-pw-hybrid-T6-8",
     "V16/sphere-galerkin-T10-6",
+    "V16/wheel-pw-hybrid-T6-4",
 ]
 SLOW = {("7.6", "mesh_scan")}
 

@@ -241,7 +241,8 @@ class ContactPair:
     def spin(self, dim: int) -> tuple[Array, Array]:
         """Pivot c (dim,) and matrix J (dim, dim) by which points turn: their velocity is J (x - c).
 
-        J is zero where there is no pivot.
+        Args:
+            dim: of space; J is zero where there is no pivot.
         """
         if self.pivot is None:
             return np.zeros(dim), np.zeros((dim, dim))
