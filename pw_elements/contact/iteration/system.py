@@ -16,7 +16,7 @@ The nonzero pattern is that of all active sets. Its rows are built once, before 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from mpi4py import MPI
@@ -309,7 +309,7 @@ class ContactSystem:
     def renew(self, K: PETSc.Mat, motion: PETSc.Mat | None = None) -> None:
         """Takes another K (n, n), and perhaps another G (m p, n); the law's scale stays.
 
-        Without the latter the pattern is the same. Factors only.
+        Without the latter the pattern is the same.
         """
         if isinstance(self.tangent, KrylovTangent):
             self.tangent.renew()
@@ -341,8 +341,6 @@ class ContactSystem:
         """Solves equilibrium under a reduced load with the law at every contact point."""
         self.solved += 1
         right, balance = self.right(load, law, totals)
-        if isinstance(self.tangent, KrylovTangent):  # its border has translations alone
-            law = replace(law, D=law.D[:, :, : law.E.shape[1]])
         found = self.tangent.solve(right, balance, law, accuracy)
         reduced = load.duplicate()
         reduced.setArray(found.unknowns[: len(right)])
