@@ -1,7 +1,6 @@
 """Meshes and sets of Gmsh's and Abaqus' files; what cannot be read is named."""
 
 import re
-from pathlib import Path
 
 from mpi4py import MPI
 
@@ -16,19 +15,37 @@ from pw_elements.meshes import from_file, from_gmsh
 from tests.parallel import same_numbers
 
 COMM = MPI.COMM_SELF
-BALL = Path(__file__).with_name("ball.inp")  # an eighth of one of radius 1, by Gmsh 4.13
 
 
 @pytest.fixture
-def square():
-    """Gmsh with a model of a unit square, one half of which is group 1."""
+def model():
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
-    left, right = (gmsh.model.occ.addRectangle(x, 0, 0, 0.5, 1) for x in (0, 0.5))
-    gmsh.model.occ.fragment([(2, left)], [(2, right)])
-    gmsh.model.occ.synchronize()
     yield gmsh.model
     gmsh.finalize()
+
+
+@pytest.fixture
+def square(model):
+    """Gmsh with a model of a unit square, one half of which is group 1."""
+    left, right = (model.occ.addRectangle(x, 0, 0, 0.5, 1) for x in (0, 0.5))
+    model.occ.fragment([(2, left)], [(2, right)])
+    model.occ.synchronize()
+    return model
+
+
+@pytest.fixture
+def ball(model, tmp_path):
+    """Gmsh's own deck of an eighth of a ball of radius 1."""
+    body = model.occ.addSphere(0, 0, 0, 1, -1, 0, np.pi / 2, np.pi / 2)
+    model.occ.synchronize()
+    for dim, tag, name in ((2, 1, "round"), (2, 2, "flat"), (3, body, "ball")):
+        model.addPhysicalGroup(dim, [tag], name=name)
+    gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 1)
+    model.mesh.generate(3)
+    model.mesh.setOrder(2)
+    gmsh.write(str(tmp_path / "ball.inp"))
+    return tmp_path / "ball.inp"
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -215,8 +232,8 @@ def test_nodes_in_the_middle_of_edges_are_those_of_the_same_edges(tmp_path, kind
         assert mesh.geometry.cmap.push_forward(at, nodes)[0] == pytest.approx(place)
 
 
-def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball():
-    part = from_file(BALL, COMM)
+def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball(ball):
+    part = from_file(ball, COMM)
     assert volume(part) == pytest.approx(np.pi / 6, rel=3e-3)
     flat, curved = (
         assemble_scalar(1.0 * boundary_measure(part.mesh, part.facets(name)))
@@ -229,18 +246,18 @@ def test_gmshs_own_deck_has_the_volume_and_the_faces_of_an_eighth_of_a_ball():
     assert np.array_equal(part.cells("BALL"), np.arange(part.mesh.topology.index_map(3).size_local))
 
 
-def sizes_of_the_ball(comm):
-    part = from_file(BALL, comm)
+def sizes_of_the_ball(comm, ball):
+    part = from_file(ball, comm)
     found = {"volume": volume(part)}
     for name in part.names["facets"]:
         found[name] = assemble_scalar(1.0 * boundary_measure(part.mesh, part.facets(name)))
     with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.inp"):
-        from_file(BALL.with_name("none.inp"), comm)
+        from_file(ball.with_name("none.inp"), comm)
     return found
 
 
-def test_three_processes_read_the_same_mesh():
-    same_numbers(sizes_of_the_ball)
+def test_three_processes_read_the_same_mesh(ball):
+    same_numbers(sizes_of_the_ball, ball)
 
 
 CELLS = SQUARE[: SQUARE.index("*Nset")]

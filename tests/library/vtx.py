@@ -7,19 +7,11 @@ import numpy as np
 
 # enumerators of adios2_c_types.h
 READ_STEP, READ, SYNC, END = 2, 2, 5, 2
-NAMES = {
-    "geometry": np.float64,
-    "connectivity": np.int64,
-    "displacement": np.float64,
-    "contact_force": np.float64,
-    "gap": np.float64,
-    "slip": np.float64,
-    "status": np.float64,
-    "pressure": np.float64,
-    "tributary_pressure": np.float64,
-    "traction": np.float64,
-    "true_pressure": np.float64,
-}
+NAMES = (
+    "geometry connectivity displacement contact_force gap slip status pressure tributary_pressure "
+    "traction true_pressure"
+)
+CALLS = ("init_serial", "declare_io", "open", "inquire_variable", "inquire_attribute")
 
 
 def library():
@@ -31,61 +23,55 @@ def library():
     for folder in {Path(name).parent for name in loaded}:
         for path in sorted(folder.glob("libadios2*_c.so*")):
             found = ctypes.CDLL(str(path))
-            for name in (
-                "init_serial",
-                "declare_io",
-                "open",
-                "inquire_variable",
-                "inquire_attribute",
-            ):
+            for name in CALLS:
                 getattr(found, f"adios2_{name}").restype = ctypes.c_void_p
             found.adios2_inquire_blockinfo.restype = ctypes.POINTER(ctypes.c_size_t)
             return found
     return None
 
 
-def read(path):
-    """Each step's time and fields, (points, components), the blocks of all writers one by one."""
+def stepped(path):
+    """The library, what is open of a file, and its parts, at one step after the other."""
     adios = library()
     handle = ctypes.c_void_p(adios.adios2_init_serial())
     io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
     engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), READ))
     assert engine, f"{path} cannot be opened"
-    steps, status = [], ctypes.c_int()
+    status = ctypes.c_int()
     while True:
         adios.adios2_begin_step(engine, READ_STEP, ctypes.c_float(-1), ctypes.byref(status))
         if status.value != 0:
             assert status.value == END
             break
+        yield adios, io, engine
+        adios.adios2_end_step(engine)
+    adios.adios2_close(engine)
+    adios.adios2_finalize(handle)
+
+
+def read(path):
+    """Each step's time and fields, (points, components), the blocks of all writers one by one."""
+    steps = []
+    for adios, io, engine in stepped(path):
         values = {}
-        for name, kind in NAMES.items():
+        for name in NAMES.split():
             variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, name.encode()))
             if variable:
+                kind = np.int64 if name == "connectivity" else np.float64
                 values[name] = blocks(adios, engine, variable, len(steps), kind)
         time = np.empty(1)
         variable = ctypes.c_void_p(adios.adios2_inquire_variable(io, b"step"))
         assert adios.adios2_get(engine, variable, pointer(time), SYNC) == 0
         steps.append((time[0], values))
-        adios.adios2_end_step(engine)
-    adios.adios2_close(engine)
-    adios.adios2_finalize(handle)
     return steps
 
 
 def scheme(path):
     """The XML by which ParaView knows what there is."""
-    adios = library()
-    handle = ctypes.c_void_p(adios.adios2_init_serial())
-    io = ctypes.c_void_p(adios.adios2_declare_io(handle, b"reader"))
-    engine = ctypes.c_void_p(adios.adios2_open(io, str(path).encode(), READ))
-    status = ctypes.c_int()
-    adios.adios2_begin_step(engine, READ_STEP, ctypes.c_float(-1), ctypes.byref(status))
-    attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))
     text, size = ctypes.create_string_buffer(10_000), ctypes.c_size_t()
-    assert adios.adios2_attribute_data(text, ctypes.byref(size), attribute) == 0
-    adios.adios2_end_step(engine)
-    adios.adios2_close(engine)
-    adios.adios2_finalize(handle)
+    for adios, io, _ in stepped(path):
+        attribute = ctypes.c_void_p(adios.adios2_inquire_attribute(io, b"vtk.xml"))
+        assert adios.adios2_attribute_data(text, ctypes.byref(size), attribute) == 0
     return text.value.decode()
 
 

@@ -297,6 +297,29 @@ def test_killed_worker_costs_its_own_case_only(run, toy, out, capsys):
     assert Results(out).cases("1") == ["a", "c"]
 
 
+def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(run, toy, out, monkeypatch, capsys):
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    def stored():
+        return {one.key: one.scalars for one in Results(out).section("1")}
+
+    assert run("1") == 0
+    before = stored()
+    capsys.readouterr()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert run("--force") == 2
+    lines = capsys.readouterr().err.splitlines()
+    failed = r"\d/\w+: failed: OSError: .*No space left on device.*"
+    assert sum(bool(re.fullmatch(failed, line)) for line in lines) == 3
+    assert re.fullmatch(r"study: .*results: No space left on device", lines[-1])
+    assert len(lines) == 7  # and what is reused, and a line for each of two sections
+    assert list(out.rglob(".*")) == []
+    assert (stored(), started(toy)) == (before, 4)
+    assert (run(), started(toy)) == (0, 4)
+
+
 @pytest.mark.parametrize("command", ["check", "3 --jobs 2"])
 def test_reader_that_leaves_is_no_crash(tmp_path, command):
     """Nor a success: what was to be computed or judged has not been, or is not told."""

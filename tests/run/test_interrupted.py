@@ -1,6 +1,5 @@
-"""The study as it is started: Ctrl-C, kills and a full disk, at moments that nobody chose."""
+"""The study as it is started: Ctrl-C and kills, at moments that nobody chose."""
 
-import json
 import multiprocessing
 import os
 import random
@@ -18,7 +17,6 @@ from study.command import main
 from study.core.jit import unblocked
 from study.core.pool import _work
 from study.core.store import Results, sweep, write_whole
-from tests.run.full_disk import REFUSED
 from tests.study.toystudy import install
 
 ROOT = Path(__file__).parents[2]
@@ -173,26 +171,6 @@ def test_a_worker_whose_main_process_has_gone_says_nothing():
     ours.send(("math:sqrt", (4.0,)))
     ours.close()
     _work(theirs)  # and nobody takes what it has done
-
-
-def test_full_disk_keeps_what_holds_and_is_told_in_a_line_each(tmp_path):
-    command = [sys.executable, "-m", "tests.run.full_disk", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    if done.returncode == REFUSED:
-        pytest.skip("nothing can be mounted here")
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["roomy"]["status"] == 0
-    assert told["full"]["status"] == 2
-    assert told["full"]["stored"] == told["roomy"]["stored"]
-    lines = told["full"]["errors"].splitlines()
-    failed = r"\d/\w+: failed: OSError: .*No space left on device.*"
-    assert sum(bool(re.fullmatch(failed, line)) for line in lines) == 3
-    assert re.fullmatch(r"study: .*results: No space left on device", lines[-1])
-    assert len(lines) == 7  # and what is reused, and a line for each of two sections
-    assert told["litter"] == []
-    assert told["again"]["status"] == 0
-    assert told["computed again"] == 0
 
 
 def test_what_killed_writers_leave_is_swept_and_what_live_ones_write_is_not(tmp_path):
