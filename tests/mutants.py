@@ -100,7 +100,6 @@ def sites(module: Path) -> Iterator[tuple[Mutant, ast.expr]]:
 
 
 def draw() -> list[Mutant]:
-    """Return the mutants: as many of each kind, from all functions of the library."""
     found = [
         mutant
         for module in sorted((ROOT / "pw_elements").rglob("*.py"))
@@ -144,7 +143,6 @@ def used(path: Path, line: int) -> set[int]:
 
 
 def cover() -> None:
-    """Run the suite with one context of coverage for each test."""
     COVERED.parent.mkdir(exist_ok=True)
     COVERED.unlink(missing_ok=True)
     environment = os.environ | {"COVERAGE_FILE": str(COVERED), "COVERAGE_CORE": "ctrace"}
@@ -213,7 +211,6 @@ def verdict(mutant: Mutant, folder: Path) -> dict[str, object]:
 
 
 def main() -> None:
-    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("draw", "cover", "run"))
     parser.add_argument("out", nargs="?", type=Path)
@@ -229,7 +226,6 @@ def main() -> None:
 
 
 def judge(out: Path | None) -> None:
-    """Run each mutant against its tests."""
     mutants = [Mutant(**row) for row in json.loads(DRAWN.read_text())["mutants"]]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "tree"

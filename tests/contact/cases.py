@@ -31,8 +31,6 @@ def at(axis, value):
 
 
 class Elastic:
-    """An elastic body on a mesh."""
-
     def __init__(
         self, mesh, method=PW, state="plane strain", E=1000.0, nu=0.3, thickness=1.0, material=None
     ):
@@ -59,7 +57,6 @@ class Elastic:
         return self.K.createVecLeft()
 
     def weight(self, force):
-        """Load vector of a force per volume."""
         return assemble_vector(self.body.body_load(force))
 
     def prestress(self, load, supports, form="G"):

@@ -52,7 +52,6 @@ def whole(problem, steps, guess=None):
 
 
 def resumed(problem, steps, state, after=RESUMED):
-    """The states that follow one."""
     states = []
     for step in steps[after:]:
         state = problem.step(state, *step)
@@ -61,7 +60,6 @@ def resumed(problem, steps, state, after=RESUMED):
 
 
 def fields(state):
-    """All numbers of a state, by name."""
     values = {"displacement": state.displacement.array_r}
     # directions mean nothing but round-off where hardly a force is; others are numbered as nodes
     left_out = ("direction", "turning", "node", "faced", "opposite")

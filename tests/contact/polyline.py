@@ -10,7 +10,6 @@ Points = npt.NDArray[np.float64]
 
 
 def quarter_turned(vectors: Points) -> Points:
-    """Unit vectors a quarter turn to the left, (n, 2)."""
     return np.column_stack((-vectors[:, 1], vectors[:, 0])) / np.linalg.norm(
         vectors, axis=1, keepdims=True
     )
@@ -29,11 +28,9 @@ class Polyline:
     radius: float = 0.0
 
     def gap(self, x: Points) -> npt.NDArray[np.float64]:
-        """Distance (n,) of points x (n, 2) from the (rounded) line."""
         return self._nearest(x)[0]
 
     def normal(self, x: Points) -> Points:
-        """Unit vectors (n, 2) from the nearest point of the (rounded) line to points x (n, 2)."""
         return self._nearest(x)[1]
 
     def _inset(self) -> Points:

@@ -46,7 +46,6 @@ class Step:
 
     @classmethod
     def of(cls, state: ContactState) -> "Step":
-        """Of the library's state."""
         moved = np.array([pair.translation for pair in state.pairs])
         return cls(state.displacement.array_r.reshape(-1, moved.shape[1]).copy(), moved)
 
@@ -79,7 +78,6 @@ def walked(problem, states: Sequence[ContactState]):
 
 
 def _part(end: Motion, moved: Array, pushed: Array, share: float) -> Motion:
-    """A share of the way from a translation and a force to a motion."""
     translation = [
         None if u is None else (1 - share) * was + share * u
         for u, was in zip(end.translation, moved, strict=True)
@@ -164,7 +162,6 @@ class _Scale:
         return float(((values - lost) / share / self.force).max(initial=0.0))
 
     def length_of(self, values: Array) -> float:
-        """The same of lengths."""
         return float(((values - self.lost_length) / self.length).max(initial=0.0))
 
 
@@ -257,7 +254,6 @@ def _supports(
 def _contact_nodes(
     pair: ContactPair, space: fem.FunctionSpace
 ) -> tuple[npt.NDArray[np.int64], Array]:
-    """Owned nodes of a pair and their friction."""
     if callable(pair.nodes):
         nodes = fem.locate_dofs_geometrical(space, pair.nodes)
     else:

@@ -70,12 +70,10 @@ class Bodies:
 
 
 def slid(bodies, path=PATH, start=None):
-    """States after each of the translations of the upper body's top."""
     return list(sliding(bodies, path, start))
 
 
 def sliding(bodies, path, start=None):
-    """These states, one by one."""
     state, before = start or bodies.problem.undeformed, (0.0, 0.0)
     if start is not None:
         before = PATH[start.increment - 1]

@@ -61,8 +61,6 @@ def overturning():
 
 
 class Gap:
-    """A surface whose gap and normal are given."""
-
     def __init__(self, gap, normal=(0.0, 1.0)):
         self.gap, self._normal = gap, normal
 

@@ -50,7 +50,6 @@ def uneven(x):
 
 
 def on(space, where):
-    """Local numbers of the nodes of a marker."""
     return fem.locate_dofs_geometrical(space, where)
 
 

@@ -59,7 +59,6 @@ class Blocks(Elastic):
         return lower_nodes(self.space, where, upper)
 
     def pair(self, friction=0.3, own_is_upper=True, shape=None):
-        """The upper block's nodes on the lower's, or the other way round."""
         up = 1.0 if own_is_upper else -1.0
         level = HEIGHT if own_is_upper else HEIGHT + self.gap
         shape = shape or Plane((0.0, level), (0.0, up))

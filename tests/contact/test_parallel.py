@@ -76,7 +76,6 @@ def punch(comm):
 
 def by_seed(seed):
     def solved(comm):
-        """Without active sets."""
         stated = random_problem(seed, comm)
         return stated, stated.solve()
 
@@ -106,7 +105,6 @@ def passed(comm, surface, depth):
 
 
 def numbers(comm, folder):
-    """By name; states are written, too."""
     found = {
         "ball passes": passed(comm, Sphere((0, 6), 2.0), 5.0),
         "plate passes": passed(comm, Plane((0, 4), (0, -1)), 6.0),
@@ -130,7 +128,6 @@ def numbers(comm, folder):
 
 
 def refused(mesh, pairs, force, state="plane strain", conditions=()):
-    """The message of a refusal."""
     body = Elastic(mesh, state=state)
     load = assemble_vector(body.body.body_load(force))
     with pytest.raises(ContactFailed) as error:
@@ -139,20 +136,17 @@ def refused(mesh, pairs, force, state="plane strain", conditions=()):
 
 
 def rough(mu, normal=(0, 1)):
-    """A floor."""
     floor = Plane((0,) * len(normal), normal)
     return lambda _: ContactPair(at(len(normal) - 1, 0.0), floor, mu)
 
 
 def stacked(space):
-    """A block on a block on a floor."""
     lower, upper = (lower_nodes(space, 1.0, above) for above in (False, True))
     between = ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), 0.3)
     return [rough(0.6)(space), between]
 
 
 def plate(_):
-    """A plate that is pulled off the top."""
     motions = [Motion((None, None), (0, 1.0))]
     return ContactPair(at(1, 1.0), Plane((0, 1), (0, -1)), 0.3, motions)
 

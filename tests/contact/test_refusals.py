@@ -48,7 +48,6 @@ class Stated(Elastic):
         return self.contact(pairs, supports, load)[0]
 
     def at_node(self, place, force):
-        """Load vector of a force at one node."""
         return nodal_load(
             self.space, lambda x: np.all(np.isclose(x.T[:, : self.dim], place), axis=1), force
         )
@@ -72,7 +71,6 @@ def floor(mu=0.3, surface=FLOOR):
 
 
 def two_apart():
-    """Two blocks, each on its own part of the floor."""
     single = triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))
     return Stated(doubled(single, (5.0, 0.0, 0.0)))
 

@@ -93,7 +93,6 @@ class Shells(Elastic):
         self.supports = self.held(*ends, *[(2, at(2, 0.5))] * (kind == "tube in space"))
 
     def pushed(self, pressure, where):
-        """Load vector of a pressure."""
         surface = boundary_measure(self.mesh, where, 6)
         return assemble_vector(
             self.body.surface_load(-pressure * ufl.FacetNormal(self.mesh), surface)
@@ -146,7 +145,6 @@ def errors(shells):
 
 
 def largest(shells, displacement):
-    """Error of displacements."""
     exact = shells.displacement()
     return np.abs(displacement.array.reshape(exact.shape) - exact).max() / np.abs(exact).max()
 

@@ -106,7 +106,6 @@ class Stack(Elastic):
         return facets[extent[:, self.up] < extent[:, : self.up].max(axis=1)]
 
     def nodes(self, side):
-        """Mask of the nodes of one body's part."""
         mask = np.zeros(len(self.x), dtype=bool)
         facets = self.sides[side]
         mask[fem.locate_dofs_topological(self.displacements, self.up, facets)] = True
@@ -117,7 +116,6 @@ class Stack(Elastic):
         return super().load(traction, where or at(self.up, 2.0))
 
     def pair(self, slave="upper", friction=0.0, motions=()):
-        """A mortar pair."""
         master = "lower" if slave == "upper" else "upper"
         surface = DeformableSurface(self.sides[master])
         return ContactPair(self.nodes(slave), surface, friction, motions)

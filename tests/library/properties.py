@@ -70,7 +70,6 @@ class Elastic:
     material: Material = field(default_factory=lambda: Material(1.0, 0.3))
 
     def restated(self, placement, modulus=1.0, density=1.0, grid=None):
-        """The same body elsewhere, renumbered or in other units."""
         material = Material(modulus, self.material.poissons_ratio, density)
         return Elastic(grid or self.grid, placement, self.method, self.state, material)
 
@@ -96,7 +95,6 @@ class Elastic:
 
     @functools.cached_property
     def x(self):
-        """Nodes (n, dim)."""
         return self.space.tabulate_dof_coordinates()[:, : self.grid.dim]
 
     @functools.cached_property

@@ -49,7 +49,6 @@ class Grid:
         )
 
     def moved(self, image):
-        """The same cells with the vertices at image(x)."""
         return replace(self, x=image(self.x))
 
     def altitude(self):
@@ -83,7 +82,6 @@ class Grid:
 
 
 def _turned(cell, rng):
-    """Another order of a cell's vertices."""
     dim = DIMENSION[cell]
     if cell in SIMPLICES:
         return rng.permutation(dim + 1)
@@ -123,7 +121,6 @@ class Placement:
 
 
 def rotation(dim, seed):
-    """A random one, of determinant 1."""
     Q, R = np.linalg.qr(np.random.default_rng(seed).standard_normal((dim, dim)))
     Q *= np.sign(np.diag(R))
     Q[0] *= np.sign(np.linalg.det(Q))

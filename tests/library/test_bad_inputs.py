@@ -109,7 +109,6 @@ def shell():
 
 
 def moved(mesh, by, where=(1.0, 0.5)):
-    """A mesh with a node in another place."""
     near = np.isclose(mesh.geometry.x[:, :2], where).all(axis=1)
     assert near.any()
     mesh.geometry.x[near, :2] += by
@@ -213,7 +212,6 @@ class World:
 
     @cached_property
     def twin(self):
-        """The same of a mesh of equal size."""
         return self.on(self.other)
 
     def on(self, mesh):
@@ -250,7 +248,6 @@ class World:
         return self.problem.undeformed
 
     def contact(self, *pair, **changes):
-        """Contact of a pair, or with other arguments."""
         given = {"K": self.K, "loads": self.f, "reduction": self.held, "space": self.U}
         given["pairs"] = ContactPair(*(pair or (below, FLOOR, 0.3)))
         return solve_contact(**given | changes)
@@ -295,7 +292,6 @@ class World:
         return self.body.surface_load(traction, surface or self.ds)
 
     def mixed(self, argument):
-        """A form with an argument on another mesh."""
         elsewhere = argument(Spaces.galerkin(self.other).trial)
         return ufl.inner(elsewhere, self.v) * ufl.dx(domain=self.mesh)
 
@@ -488,6 +484,9 @@ REFUSED = [
     ("component 1 of a motion's translation = nan", lambda w: Motion((0, NAN))),
     ("translation 0.1 of a motion", lambda w: Motion(0.1)),
     ("translation and force of a motion differ in", lambda w: Motion((0, None), (1.0,))),
+    ("a motion has a rotation and a torque", lambda w: Motion((0, 0), rotation=0.1, torque=1.0)),
+    ("a motion's rotation = nan", lambda w: Motion((0, 0), rotation=NAN)),
+    ("a motion's torque = inf", lambda w: Motion((0, 0), rotation=None, torque=INF)),
     ("component 0 of a motion has a translation and a force", lambda w: Motion((0, 0), (1.0, 0.0))),
     ("direction [0, 0]: needs a finite length", lambda w: Plane((0, 0), (0, 0))),
     ("direction (nan, 1): it needs finite components", lambda w: Plane((0, 0), (NAN, 1))),

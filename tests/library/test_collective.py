@@ -363,7 +363,6 @@ def said(comm, errors):
 
 
 def ends(comm, call):
-    """What a call says on each process."""
     try:
         call()
         found = "nothing"

@@ -28,7 +28,6 @@ left = at(0, 0.0)
 
 
 def in_order(points):
-    """Positions as they compare."""
     return sorted(map(tuple, np.round(points[:, :2], 12)))
 
 

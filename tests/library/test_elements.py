@@ -176,7 +176,6 @@ def one_cell():
 
 
 def tetrahedra(seed):
-    """A cube of distorted cells."""
     return structured("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
 
 

@@ -219,7 +219,6 @@ def test_a_body_without_supports_is_refused():
 
 
 def two_cubes():
-    """Two tetrahedral cubes that share no node."""
     one = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 1, 1)], (2, 2, 2))
     x, cells = one.geometry.x, cell_nodes(one)
     both = np.vstack([x, x + np.array([3.0, 0, 0])]), np.vstack([cells, cells + len(x)])

@@ -124,7 +124,6 @@ def test_cells_that_are_no_parallelograms_keep_three_points_a_direction():
 
 
 def halves(mesh, first=3, second=7):
-    """Tags of the cells on both sides of x = 1/2."""
     dim = mesh.topology.dim
     cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
     right = compute_midpoints(mesh, dim, cells)[:, 0] > 0.5

@@ -46,7 +46,6 @@ def box(cell, counts, low, high):
 
 
 def together(*grids):
-    """Grids as one, without common nodes."""
     first = np.cumsum([0, *(len(grid.x) for grid in grids)])
     cells = [grid.cells + count for grid, count in zip(grids, first, strict=False)]
     return Grid(grids[0].cell, np.vstack([grid.x for grid in grids]), np.vstack(cells))

@@ -234,7 +234,6 @@ def test_same_statics_elsewhere_turned_and_renumbered(problem, far, seed, turned
 
 
 def elsewhere(elastic, far, seed, turned, renumbered):
-    """The same body, far sizes away."""
     grid, dim = elastic.grid, elastic.grid.dim
     offset = far * np.random.default_rng(seed).uniform(-1, 1, dim)
     place = Placement(1.0, rotation(dim, seed) if turned else np.eye(dim), offset)

@@ -25,13 +25,11 @@ ZERO = sp.Integer(0)
 
 
 def points(dim):
-    """The nodes of the reference simplex."""
     vertices = [sp.zeros(dim, 1), *(sp.eye(dim)[:, k] for k in range(dim))]
     return [*vertices, *((vertices[a] + vertices[b]) / 2 for a, b in SIDES[dim])]
 
 
 def shapes(*variables):
-    """The quadratic shape functions."""
     L = [1 - sum(variables), *variables]
     return [*(k * (2 * k - 1) for k in L), *(4 * L[a] * L[b] for a, b in SIDES[len(variables)])]
 

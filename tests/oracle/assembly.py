@@ -33,8 +33,6 @@ class At(NamedTuple):
 
 @dataclass(frozen=True)
 class Body:
-    """An elastic body."""
-
     nodes: np.ndarray
     cells: np.ndarray
     element: str
@@ -47,7 +45,6 @@ class Body:
     count: int = 3
 
     def stiffness(self) -> sparse.csc_matrix:
-        """K, (n dim, n dim)."""
         lame, mu = self._moduli()
         one = np.eye(self.nodes.shape[1])
         total = 0.0
@@ -67,7 +64,6 @@ class Body:
         return self._matrix(total)
 
     def mass(self) -> sparse.csc_matrix:
-        """Consistent mass matrix."""
         scalar = sum(
             np.einsum("i,j,c->cij", at.weights, at.shapes, self.rho * at.volume)
             for at in self._points()
@@ -88,7 +84,6 @@ class Body:
         return self._per_component(scalar)
 
     def body_load(self, force: tuple[float, ...]) -> np.ndarray:
-        """Load vector of a force per volume."""
         per_node = sum(np.outer(at.volume, at.weights) for at in self._points())
         return self._vector(per_node, force)
 

@@ -49,8 +49,6 @@ class Pair:
 
 @dataclass(frozen=True)
 class State:
-    """The end of an increment."""
-
     displacement: np.ndarray
     forces: list[np.ndarray]
     translations: np.ndarray

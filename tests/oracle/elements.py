@@ -16,8 +16,6 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Element:
-    """A reference element with n nodes in d dimensions."""
-
     simplex: bool
     nodes: tuple
     powers: tuple

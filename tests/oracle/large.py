@@ -114,7 +114,6 @@ class Circle:
         return np.sum(n * r, axis=1), r_t, distance - self.radius, self.radius * angle
 
     def law(self, y, r, start, eps):
-        """Smoothed equations (m, 2)."""
         r_n, r_t, g, v = self.parts(y, r, start)
         pressed = _positive(r_n - g, eps)
         limit, trial = self.friction * pressed, r_t - v

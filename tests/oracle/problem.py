@@ -46,7 +46,6 @@ def assert_agrees(problem, element):
 
 
 def assert_differs(problem):
-    """With quadratic weights it does not."""
     differences = problem.differences(False)
     assert max(differences.values()) > 1e3 * TOLERANCE, differences
 
@@ -125,7 +124,6 @@ def contact_problem(result, solved, normal, tangent=(-1.0, 0.0), displacement=Tr
 
 
 def displacement(K, f, held):
-    """Displacements (n dim,) under a load."""
     kept = np.flatnonzero(~held.ravel())
     u = np.zeros(len(f))
     u[kept] = splu(K[kept][:, kept].tocsc()).solve(f[kept])

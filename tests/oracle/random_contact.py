@@ -105,12 +105,10 @@ class Sketch:
 
     @property
     def dim(self) -> int:
-        """Of space."""
         return len(self.divisions)
 
     @property
     def driven_by_force(self) -> bool:
-        """Whether a surface is pushed by a force, or the body by loads."""
         return bool(self.loads) or any(pair.drive == "pushed" for pair in self.pairs)
 
 
@@ -129,7 +127,6 @@ class Problem:
     turned: Array
 
     def solve(self, **options) -> list[ContactState]:
-        """States of all increments, or one of the library's four refusals."""
         return solve_contact(self.K, self.loads, self.reduction, self.pairs, self.space, **options)
 
 
@@ -137,7 +134,6 @@ class Problem:
 
 
 def sketch(seed: int) -> Sketch:
-    """All random decisions of a seed."""
     rng = np.random.default_rng((2004, seed))  # of which the first 60 have some of everything
     cell = _pick(rng, CELLS)
     dim = 3 if cell in SOLID else 2
@@ -188,7 +184,6 @@ def sketch(seed: int) -> Sketch:
 
 
 def _pick(rng: np.random.Generator, weights: dict[str, float], rest: str = "") -> str:
-    """A name by its weight; `rest` has what is left of one."""
     names, values = list(weights), list(weights.values())
     if rest:
         names, values = [*names, rest], [*values, 1 - sum(values)]
@@ -403,11 +398,9 @@ class Turned:
     turn: Array
 
     def gap(self, x: Array) -> Array:
-        """Distance (n,)."""
         return self.surface.gap(x @ self.turn)
 
     def normal(self, x: Array) -> Array:
-        """Unit vectors (n, dim)."""
         return self.surface.normal(x @ self.turn) @ self.turn.T
 
 
@@ -418,7 +411,6 @@ def problem(
     stiffer: float = 1.0,
     backwards: bool = False,
 ) -> Problem:
-    """The problem of a seed."""
     plan = seed if isinstance(seed, Sketch) else sketch(seed)
     turn = np.eye(plan.dim) if turned is None else np.asarray(turned, dtype=float)
     return _Maker(plan, comm, turn, stiffer).problem(backwards)

@@ -99,7 +99,6 @@ class Random:
 
     @property
     def level(self):
-        """Last coordinate of the side in contact."""
         return 0.0 if self.floats else 1.0
 
     def rigid(self):

@@ -25,7 +25,6 @@ def weights(part, x, y):
 
 
 def inside(part, count=40):
-    """Random points of a sub-element."""
     b = np.random.default_rng(part).dirichlet(np.ones(3), count)[:, :2] / 2
     return 0.5 - b if A[part] is None else b + A[part]
 

@@ -45,7 +45,6 @@ LIGHT = ["core.store", "judge.claims", "judge.measures", "report", "paper.items"
 
 
 def modules(package):
-    """Return the full names of all modules in a package's folder."""
     paths = [path.relative_to(ROOT) for path in (ROOT / package).rglob("*.py")]
     return sorted(".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in paths)
 

@@ -51,7 +51,6 @@ class Run:
         return [line for line in lines if not line.startswith(IMPORTED)]
 
     def processes(self):
-        """Return the live processes of its session."""
         found = []
         for folder in Path("/proc").iterdir():
             try:
@@ -63,7 +62,6 @@ class Run:
         return found
 
     def workers(self):
-        """Return the processes that have begun to work."""
         found = []
         for process in self.processes():
             with suppress(OSError):  # it has just ended

@@ -177,7 +177,6 @@ def main(paths):
 
 
 def faulty(body):
-    """URL of a page with this body."""
     return f"data:text/html,<!doctype html><title>x</title>{body.replace('#', '%23')}"
 
 

@@ -50,7 +50,6 @@ def test_columns_are_those_of_the_fit(name):
 
 @pytest.fixture
 def modes(results):
-    """Eigenvalues (6,) by case name."""
     elements = ("galerkin-T6", "pw-T6", "pwsym-T6", "pw-T6-lumped", "pw-Q8")
     stored = {e: results[f"7.5/{e}"].scalars for e in (*elements, "pw-Q8-same", "pw-Q8-lumped")}
     for one in stored.values():

@@ -18,7 +18,6 @@ from study.verification.c_mesh_families import cell_size, on_cube, on_hollow_bal
 
 
 def series(element, setting, *sides):
-    """Orders of an element on three meshes, and the finest one's errors."""
     rows = [errors(element, SETTINGS[setting], side) for side in sides]
     h = np.array([row["h"] for row in rows])
     norms = [name for name in rows[0] if name.startswith("error_")]

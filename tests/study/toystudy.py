@@ -174,7 +174,6 @@ def figures(out, *sections):
 
 
 def started(folder):
-    """Return how many runs of section 1 have started."""
     log = folder / "log"
     return len(log.read_text().split()) if log.exists() else 0
 
