@@ -5,6 +5,8 @@ from functools import cached_property
 from mpi4py import MPI
 
 import numpy as np
+import ufl
+from dolfinx import fem
 
 from pw_elements import (
     Body,
@@ -28,6 +30,19 @@ PW, GALERKIN, Q8 = Spaces.petrov_galerkin, Spaces.galerkin, serendipity
 
 def at(axis, value):
     return lambda x: np.isclose(x[axis], value)
+
+
+def neo_hookean(F):
+    """First Piola stress, the shear modulus 1 and Lame's constant 1.5."""
+    inverse = ufl.inv(F).T
+    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
+
+
+def at_large_strains(spaces, stress=neo_hookean, degree=4):
+    """Displacements, and the residual of a body without loads."""
+    u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+    F = ufl.Identity(len(u)) + ufl.grad(u)
+    return u, ufl.inner(stress(F), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
 
 
 class Elastic:

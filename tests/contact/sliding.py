@@ -3,12 +3,12 @@
 from mpi4py import MPI
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
+from tests.contact.cases import at_large_strains
 from tests.contact.two_bodies import joined
 
 
@@ -21,11 +21,6 @@ def two(lower, upper, divisions, shape, comm=MPI.COMM_SELF):
         x[:, :2] = np.stack(shape(*x[:, :2].T, body), axis=1)
         meshes.append(mesh)
     return joined(*meshes, comm)
-
-
-def neo_hookean(F):
-    inverse = ufl.inv(F).T
-    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
 
 
 PATH = [(0.0, -0.05), (0.0, -0.12), (0.15, -0.12), (0.4, -0.12)]
@@ -46,10 +41,8 @@ class Bodies:
     def __init__(self, mesh, own, opposite, base, top, friction, turned=0.0, **options):
         spaces = Spaces.petrov_galerkin(mesh)
         self.body = Body(spaces, Material(1.0), "plane strain")
-        self.space, self.u = spaces.trial, fem.Function(spaces.trial)
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 4})
-        F = ufl.Identity(2) + ufl.grad(self.u)
-        self.residual = ufl.inner(neo_hookean(F), ufl.grad(ufl.TestFunction(spaces.test))) * dx
+        self.space = spaces.trial
+        self.u, self.residual = at_large_strains(spaces)
         self.given, self.turned = fem.Function(self.space), turned
         nodes = [fem.locate_dofs_geometrical(self.space, where) for where in (base, top)]
         self.held = [fem.dirichletbc(self.given, part) for part in nodes]

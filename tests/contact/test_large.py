@@ -49,17 +49,13 @@ from pw_elements.contact.iteration.krylov import KrylovTangent
 from pw_elements.meshes import triangles
 from pw_elements.solvers import Multigrid
 from study.cost.measure import Row, alone
+from tests.contact.cases import at_large_strains, neo_hookean
 from tests.library import vtx
 from tests.parallel import assert_same, same_when_resumed
 
 WAY = [(0.0, -0.15), (0.05, -0.3), (0.3, -0.3)]
 STORED = 1
 SOLVERS = {"factors": Direct(), "krylov": Iterative()}
-
-
-def neo_hookean(F):
-    inverse = ufl.inv(F).T
-    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
 
 
 def saint_venant(F):
@@ -72,11 +68,8 @@ class Rubber:
 
     def __init__(self, n=4, stress=neo_hookean, friction=0.3, mesh=None, **options):
         mesh = mesh or triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (2 * n, n))
-        pair = Spaces.petrov_galerkin(mesh)
-        self.space, self.u = pair.trial, fem.Function(pair.trial)
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 4})
-        F = ufl.Identity(2) + ufl.grad(self.u)
-        self.residual = ufl.inner(stress(F), ufl.grad(ufl.TestFunction(pair.test))) * dx
+        self.u, self.residual = at_large_strains(spaces := Spaces.petrov_galerkin(mesh), stress)
+        self.space = spaces.trial
         self.base = [fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)]
         self.held = [
             prescribe(self.space, k, lambda x: np.isclose(x[1], -1.0), value)
@@ -338,10 +331,7 @@ def test_a_column_buckles_by_either_solver():
     for solver in SOLVERS.values():
         mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
         spaces = Spaces.petrov_galerkin(mesh)
-        u = fem.Function(spaces.trial)
-        stress = neo_hookean(ufl.Identity(2) + ufl.grad(u))
-        dx = ufl.dx(metadata={"quadrature_degree": 4})
-        residual = ufl.inner(stress, ufl.grad(ufl.TestFunction(spaces.test))) * dx
+        u, residual = at_large_strains(spaces)
         foot = [prescribe(spaces.trial, k, lambda x: np.isclose(x[1], 0.0)) for k in (0, 1)]
         pair = ContactPair(lambda x: np.isclose(x[1], 8.0), Plane((0, 8.0), (0, -1)))
         problem = ContactProblem.of_residual(residual, u, foot, pair, solver=solver)

@@ -6,7 +6,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube
 
@@ -20,14 +19,13 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.iteration import DeformedKinematics, Reference, Tools
 from pw_elements.meshes import triangles
-from tests.contact.cases import Block
+from tests.contact.cases import Block, at_large_strains
 from tests.contact.test_large import (
     SOLVERS,
     SURFACES,
     Rubber,
     _at_points,
     above,
-    neo_hookean,
     numbers,
 )
 from tests.parallel import assert_same, same_when_resumed
@@ -175,9 +173,7 @@ def ball(comm, friction, **options):
     """A cube on a held base below a sphere that turns about its upright diameter."""
     mesh = create_unit_cube(comm, 2, 2, 2, CellType.tetrahedron)
     pair = Spaces.petrov_galerkin(mesh)
-    u, dx = fem.Function(pair.trial), ufl.dx(metadata={"quadrature_degree": 4})
-    F = ufl.Identity(3) + ufl.grad(u)
-    residual = ufl.inner(neo_hookean(F), ufl.grad(ufl.TestFunction(pair.test))) * dx
+    u, residual = at_large_strains(pair)
     held = [prescribe(pair.trial, k, lambda x: np.isclose(x[2], 0.0)) for k in range(3)]
     top = 0.5, 0.4, 1.8
     pair = ContactPair(
