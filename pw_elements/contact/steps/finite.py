@@ -93,8 +93,8 @@ class FiniteStepping:
                 "the surface of a deformed body is not free to move besides its displacements: "
                 "give it a translation, or the body supports and loads"
             )
-        with doing(interface.comm, f"contact increment {state.increment}") as more:
-            reporter = Reporter(interface.comm, state.increment, self._callback, more)
+        with doing(interface.comm, f"contact increment {state.increment}"):
+            reporter = Reporter(interface.comm, state.increment, self._callback)
             system = self._bound(end.free)
             before = system.solved, system.report
 

@@ -46,7 +46,7 @@ from pw_elements.contact.steps.sensitivity import (
     parts_of,
 )
 from pw_elements.contact.steps.stepping import MULTIPLE, REMEDIES, Callback, Remedy, Stepping
-from pw_elements.progress import bar, doing, told
+from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
     LinearSolver,
@@ -667,7 +667,7 @@ def solve_contact(
     states = [problem.undeformed]
     for k, (load, motions, guess) in enumerate(increments):
         try:
-            with doing(space.mesh.comm, bar(k, len(increments))):
+            with doing(space.mesh.comm, f"{k} of {len(increments)} increments done"):
                 states.append(problem.step(states[-1], load, motions, guess))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)

@@ -63,7 +63,7 @@ from pw_elements.contact.model import (
 from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, no_equilibrium, rescue
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.smallness import SmallnessCheck
-from pw_elements.progress import doing, hush, told
+from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     LinearSolver,
     NotConverged,
@@ -262,21 +262,13 @@ Callback: TypeAlias = Callable[[Progress], object]
 class Reporter:
     """Tells of one increment: on all processes, which make it together."""
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        increment: int,
-        callback: Callback | None,
-        more: Callable[[str], None] | None,
-    ) -> None:
-        self._comm, self._increment, self._callback, self._more = comm, increment, callback, more
+    def __init__(self, comm: MPI.Comm, increment: int, callback: Callback | None) -> None:
+        self._comm, self._increment, self._callback = comm, increment, callback
         told_of = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
         logged = comm.rank == 0 and told_of
         self.violation = 0.0  # of the last solution, as in `Progress`
         # whether anybody wants to know of iterations
-        self.wanted: bool = comm.allreduce(bool(callback or logged or more), MPI.LOR)
-        if more:
-            more("iteration 1")
+        self.wanted: bool = comm.allreduce(bool(callback or logged), MPI.LOR)
 
     def iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
         """Tells of an iteration."""
@@ -286,8 +278,6 @@ class Reporter:
             logging.DEBUG, f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
         )
         self._call(now)
-        if self._more:
-            self._more(f"iteration {iteration + 1}")
 
     def ended(self, state: ContactState, seconds: float) -> None:
         """Tells of the end of the increment, which took some seconds."""
@@ -308,7 +298,6 @@ class Reporter:
 
     def _call(self, now: Progress) -> None:
         """Calls the user's function; what it raises on one process is raised on all."""
-        hush()
         with collective(self._comm):
             if self._callback is not None:
                 self._callback(now)
@@ -360,8 +349,8 @@ class Stepping:
         begun = perf_counter()
         end = Target.of(load, moved, self.interface)
         comm, what = self.interface.comm, f"contact increment {state.increment}"
-        with doing(comm, what) as more:
-            reporter = Reporter(comm, state.increment, self._callback, more)
+        with doing(comm, what):
+            reporter = Reporter(comm, state.increment, self._callback)
             before = self._spent(end.free)
             try:
                 found = self._solved(state, end, guess, reporter)
