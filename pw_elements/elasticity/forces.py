@@ -22,9 +22,8 @@ third (in space corners of tetrahedra get nothing at all), over own weights they
 is one. T evens them out afterwards, see `force_transfer`.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -42,7 +41,7 @@ from ufl.core.expr import Expr
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import arguments, collective, is_number, same_everywhere
-from pw_elements.elasticity.body import Body, Material, Scalar, boundary_measure
+from pw_elements.elasticity.body import Body, Scalar, boundary_measure
 from pw_elements.spaces import (
     Marker,
     Part,
@@ -56,7 +55,6 @@ from pw_elements.spaces import (
 )
 
 Indices = npt.NDArray[np.intp]
-Weights: TypeAlias = Callable[[ufl.Measure], ufl.Form]  # their integral over a surface
 
 # Shares of a mid-side node's Galerkin force that stay with it and go to either vertex
 _STAYS = 3 / 4
@@ -227,18 +225,10 @@ class SurfaceNodes:
                 number is none of a facet.
         """
         arguments.of_type("body", body, Body, "Body(spaces, material, state) makes one")
-        # areas are no matter of the material, which may be incompressible
-        body = replace(body, spaces=body.spaces.displacements, material=Material(1.0))
-        pw = replace(body, spaces=Spaces.petrov_galerkin(body.spaces.mesh))
-        up = np.eye(body.spaces.mesh.geometry.dim)[-1]
         kinds = (Expr, type(None))
         arguments.of_type("stretch", stretch, kinds, "SurfaceNodes.stretch(u) makes it")
-        load = up if stretch is None else stretch * ufl.as_vector(up.tolist())
-
-        def weights(of: Body) -> Weights:
-            return lambda surface: of.surface_load(load, surface)
-
-        return cls._of(body.spaces.trial, weights(body), pw.spaces.trial, weights(pw), where)
+        depth = body._depth() if stretch is None else body._depth() * stretch
+        return cls.scalar(_scalar(body.spaces.displacements), where, depth)
 
     @classmethod
     @same_everywhere
@@ -257,12 +247,16 @@ class SurfaceNodes:
         if spaces.trial.ufl_element().reference_value_shape != ():
             raise ValueError("the spaces have components: it takes those of a scalar")
         depth = arguments.positive_coefficient("depth", depth, spaces.mesh.comm)
-        pw = Spaces.petrov_galerkin(spaces.mesh, 0)
-
-        def weights(of: Spaces) -> Weights:
-            return lambda surface: depth * ufl.TestFunction(of.test) * surface
-
-        return cls._of(spaces.trial, weights(spaces), pw.trial, weights(pw), where)
+        position, own, node = _areas(spaces, where, depth)
+        other, tributary, _ = _areas(Spaces.petrov_galerkin(spaces.mesh, 0), where, depth)
+        if not tributary.min(initial=np.inf) > 0:
+            raise ValueError("the depth or thickness is not positive: a node there has no area")
+        facets = _facets(spaces.trial, where, node)
+        edges, rim_nodes = _edges(facets, spaces.mesh)
+        rim = np.zeros(len(position), dtype=bool)
+        rim[rim_nodes] = True
+        shares = tributary[cKDTree(other).query(position)[1]]
+        return cls(position, own, shares, edges, rim, node, facets)
 
     @staticmethod
     def stretch(u: fem.Function) -> Expr:
@@ -284,27 +278,6 @@ class SurfaceNodes:
         F = ufl.Identity(space.mesh.geometry.dim) + ufl.grad(moved)
         area = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(space.mesh)
         return ufl.sqrt(ufl.inner(area, area))
-
-    @classmethod
-    def _of(
-        cls,
-        space: fem.FunctionSpace,
-        weights: Weights,
-        halved: fem.FunctionSpace,
-        halved_weights: Weights,
-        where: Part,
-    ) -> "SurfaceNodes":
-        """Makes the nodes from integrals of a space's weights, and of those of the halved cells."""
-        position, own, node = _areas(space, where, weights)
-        other, tributary, _ = _areas(halved, where, halved_weights)
-        if not tributary.min(initial=np.inf) > 0:
-            raise ValueError("the depth or thickness is not positive: a node there has no area")
-        tree = cKDTree(other)
-        facets = _facets(space, where, node)
-        edges, rim_nodes = _edges(facets, space.mesh)
-        rim = np.zeros(len(position), dtype=bool)
-        rim[rim_nodes] = True
-        return cls(position, own, tributary[tree.query(position)[1]], edges, rim, node, facets)
 
     def pressure(self, force: Array) -> Array:
         """Measure 2 of forces (m,) or (m, components); NaN where a node has no weight.
@@ -400,13 +373,6 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
     Round-off of mid-side positions depends on the partition; the order does not. Nodes that
     coincide are in the order of a second position `beside`, if it is given.
     """
-    for given in (position,) if beside is None else (position, beside):
-        rows = np.asarray(given)
-        if rows.ndim != 2 or rows.dtype.kind not in "iuf" or len(rows) != len(position):
-            raise ValueError(
-                f"positions are {rows.dtype} of the shape {rows.shape}: they have to be rows "
-                "(m, dim) of numbers"
-            )
     size = np.ptp(position, axis=0).max(initial=0.0) if len(position) else 0.0
     keys = position if beside is None else np.hstack([position, beside])
     return np.lexsort(np.round(keys / (size or 1.0), 9).T[::-1])
@@ -447,20 +413,19 @@ def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> Lo
 
 
 def _areas(
-    space: fem.FunctionSpace, where: Part, weights: Weights
+    spaces: Spaces, where: Part, depth: Scalar
 ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
-    """Positions (m, dim) of a surface's nodes, integrals (m,) of their last components, numbers."""
-    mesh = space.mesh
-    dim, block = mesh.geometry.dim, space.dofmap.index_map_bs
-    area = assemble_vector(weights(boundary_measure(mesh, where)))
+    """Positions (m, dim), integrals (m,) of test functions, and numbers of a surface's nodes."""
+    space, mesh = spaces.trial, spaces.mesh
+    weights = depth * ufl.TestFunction(spaces.test) * boundary_measure(mesh, where)
+    area = assemble_vector(weights).array_r
     facets = exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
-    comm = mesh.comm
-    position = np.concatenate(comm.allgather(space.tabulate_dof_coordinates()[nodes, :dim]))
-    areas = np.concatenate(comm.allgather(area.array_r.reshape(-1, block)[nodes, -1]))
+    x = space.tabulate_dof_coordinates()[nodes, : mesh.geometry.dim]
     numbers = nodes + np.int64(space.dofmap.index_map.local_range[0])
-    node = np.concatenate(comm.allgather(numbers))
+    found = (np.concatenate(mesh.comm.allgather(own)) for own in (x, area[nodes], numbers))
+    position, areas, node = found
     order = by_position(position)
     return position[order], areas[order], node[order]
 

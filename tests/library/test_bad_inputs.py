@@ -60,7 +60,7 @@ from pw_elements.contact import (
     solve_contact,
 )
 from pw_elements.contact.model import MatchingNodes
-from pw_elements.elasticity import by_position, nodal_load
+from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
 from pw_elements.spaces import (
     macro_element,
@@ -446,7 +446,6 @@ REFUSED = [
     ("values are object of the shape ()", lambda w: w.surface.pressure(None)),
     ("values are float64 of the shape ()", lambda w: w.surface.tributary_pressure(1.0)),
     ("closed: it has to be True or False", lambda w: w.surface.sawtooth(np.ones(5), np.arange(5))),
-    ("positions are object of the shape ()", lambda w: by_position(None)),
     ("a rectangle from (0, 0) to (0, 1) has", lambda w: triangles(COMM, (0, 0), (0, 1), (1, 1))),
     ("lower (nan, 0): it needs 2 finite", lambda w: triangles(COMM, (NAN, 0), (1, 1), (1, 1))),
     ("divisions (0, 1)", lambda w: triangles(COMM, LOW, HIGH, (0, 1))),
