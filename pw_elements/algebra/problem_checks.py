@@ -17,6 +17,8 @@ from dolfinx import fem
 from pw_elements.checks import arguments, collective
 from pw_elements.spaces import Assembled, SubSpace
 
+_STIFFNESS = "the stiffness"
+
 
 def check_problem(
     matrices: Mapping[str, PETSc.Mat],
@@ -33,25 +35,33 @@ def check_problem(
     """
     loads = loads or {}
     every = {**(vectors or {}), **loads}
-    stiffness, K = next(iter(matrices.items()))
+    first, K = next(iter(matrices.items()))
     with collective(arguments.processes(*every.values(), *matrices.values(), *reductions, space)):
         for name, matrix in matrices.items():
             arguments.matrix(name, matrix)
         for name, vector in every.items():
             arguments.petsc_vector(name, vector)
+        check_solver(solver)
+        spaces = {}
         if space is not None:
             arguments.space(space)
+            arguments.same_sizes(first, K.getSizes()[0], "the space", space)
+            spaces["the space"] = space
+        things = {**matrices, **every}
         for reduction in reductions:
             check_reduction(reduction)
-        check_solver(solver)
-        things = {**matrices, **every}
-        spaces = {"the space": space}
-        for reduction in reductions:
             things["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
-        _check_sizes(things, space)
-        _check_meshes(things, spaces)
+        for name, thing in things.items():
+            processes = MPI.Comm.Compare(thing.comm.tompi4py(), K.comm.tompi4py())
+            if processes not in (MPI.IDENT, MPI.CONGRUENT):
+                raise ValueError(f"{name} lives on other processes than {first}")
+            sizes = thing.getSizes()[0] if name in matrices else thing.getSizes()
+            arguments.same_sizes(name, sizes, first, K.getSizes()[0])
+            _check_mesh(name, Assembled.of(thing).mesh, K)
+        for name, known in spaces.items():
+            _check_mesh(name, None if known is None else known.mesh._cpp_object, K)
         for name, thing in {**matrices, **loads}.items():
-            _check_likeness(name, thing, stiffness, K)
+            _check_likeness(name, thing, K)
     for name, matrix in matrices.items():
         # sums of squares keep NaN, on whichever process it is; largest values may lose it
         if not np.isfinite(matrix.norm(PETSc.NormType.FROBENIUS)):
@@ -59,73 +69,44 @@ def check_problem(
     for name, vector in every.items():
         if not is_finite(vector):
             raise ValueError(f"{name} is not finite")
-    for reduction in reductions:
-        if not is_finite(reduction.offset):
-            raise ValueError("a prescribed value is not finite")
 
 
-def _check_sizes(
-    things: Mapping[str, PETSc.Mat | PETSc.Vec], space: fem.FunctionSpace | None
-) -> None:
-    """Raises ValueError unless all have the processes and the rows of the first, a matrix."""
-    (first, K), *others = things.items()
-    comm, sizes = K.comm.tompi4py(), K.getSizes()[0]
-    for name, thing in others:
-        if MPI.Comm.Compare(thing.comm.tompi4py(), comm) not in (MPI.IDENT, MPI.CONGRUENT):
-            raise ValueError(f"{name} lives on other processes than {first}")
-        found = thing.getSizes()
-        arguments.same_sizes(
-            name, found[0] if isinstance(thing, PETSc.Mat) else found, first, sizes
-        )
-    if space is not None:
-        arguments.same_sizes(first, sizes, "the space", space)
-
-
-def _check_meshes(
-    things: Mapping[str, PETSc.Mat | PETSc.Vec], spaces: Mapping[str, fem.FunctionSpace | None]
-) -> None:
-    known: dict[str, object] = {name: Assembled.of(thing).mesh for name, thing in things.items()}
-    known |= {name: space.mesh._cpp_object for name, space in spaces.items() if space is not None}
-    known = {name: mesh for name, mesh in known.items() if mesh is not None}
-    for name, mesh in known.items():
-        first = next(iter(known))
-        if mesh is not known[first]:
-            raise ValueError(
-                f"{name} belongs to another mesh than {first}: their nodes have other numbers, "
-                "even where there are as many"
-            )
-
-
-def check_load(name: str, load: PETSc.Vec, stiffness: str, K: PETSc.Mat) -> None:
+def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
     """Raises unless a load is a vector (n,) made with the weight functions of K (n, n); local."""
     arguments.petsc_vector(name, load)
-    arguments.same_sizes(name, load.getSizes(), stiffness, K.getSizes()[0])
-    _check_likeness(name, load, stiffness, K)
+    arguments.same_sizes(name, load.getSizes(), _STIFFNESS, K.getSizes()[0])
+    _check_mesh(name, Assembled.of(load).mesh, K)
+    _check_likeness(name, load, K)
 
 
-def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, stiffness: str, K: PETSc.Mat) -> None:
-    """Raises ValueError unless mesh, weights and state of stress are those of K; local."""
+def _check_mesh(name: str, mesh: Any, K: PETSc.Mat) -> None:  # noqa: ANN401
+    known = Assembled.of(K).mesh
+    if None not in (known, mesh) and mesh is not known:
+        raise ValueError(
+            f"{name} belongs to another mesh than {_STIFFNESS}: their nodes have other numbers, "
+            "even where there are as many"
+        )
+
+
+def _check_likeness(name: str, thing: PETSc.Vec | PETSc.Mat, K: PETSc.Mat) -> None:
+    """Raises ValueError unless weights and state of stress are those of K; local."""
     own, other = Assembled.of(K), Assembled.of(thing)
-    if None not in (own.mesh, other.mesh) and own.mesh is not other.mesh:
-        raise ValueError(f"{name} belongs to another mesh than {stiffness}")
     if own.states and other.states and own.states != other.states:
         theirs, ours = (" and ".join(sorted(known.states)) for known in (other, own))
-        raise ValueError(f"{name} is one in {theirs}, {stiffness} in {ours}")
+        raise ValueError(f"{name} is one in {theirs}, {_STIFFNESS} in {ours}")
     if own.form is None or own.weights is None or other.weights is None:
         return
     if (own.sibling is None) != (other.sibling is None):
         raise ValueError(
-            f"one of {name} and {stiffness} belongs to the symmetric sibling, whose unknowns are "
+            f"one of {name} and {_STIFFNESS} belongs to the symmetric sibling, whose unknowns are "
             "coefficients: use Sibling.matrix and Sibling.load for both or for none"
         )
-    (test, trial), theirs = own.form.function_spaces, other.weights
-    if not _same_element(theirs, test):
-        standard = _same_element(test, trial)
+    test, trial = own.form.function_spaces
+    if not _same_element(other.weights, test):
+        standard = "galerkin" if _same_element(test, trial) else "petrov_galerkin"
         raise ValueError(
-            f"{name} was made with other weight functions than {stiffness}: nodal forces differ by "
-            "some per cent; use the test space of "
-            + ("Spaces.galerkin" if standard else "Spaces.petrov_galerkin")
-            + " in both"
+            f"{name} was made with other weight functions than {_STIFFNESS}: nodal forces differ "
+            f"by some per cent; use the test space of Spaces.{standard} in both"
         )
 
 

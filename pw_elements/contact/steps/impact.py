@@ -456,7 +456,7 @@ class _March:
             return np.zeros_like(self._mass) if given is None else np.asarray(given.array_r)
         with collective(self._comm):
             load = answer(self._comm, "the load", given, time)
-            check_load(f"the load at the time {time:.6g}", load, "the stiffness", self._K)
+            check_load(f"the load at the time {time:.6g}", load, self._K)
         if not is_finite(load):
             raise ValueError(f"the load at the time {time:.6g} is not finite")
         return np.asarray(load.array_r)

@@ -62,7 +62,6 @@ from pw_elements.spaces import is_hybrid
 Remedies: TypeAlias = Collection[Remedy] | Mapping[Remedy, float]
 PathInTime: TypeAlias = Callable[[float], Sequence[float]]
 
-_STIFFNESS = "the stiffness"
 # Largest difference of the positions of nodes that are the same, over the largest coordinate
 _SAME_PLACE = 1e-9
 
@@ -82,7 +81,7 @@ def checked_problem(
     with collective(space.mesh.comm):  # only some processes may have one
         _check_function("callback", callback, "it has to be a function")
     stated = _each(pairs, ContactPair, "a contact pair")
-    check_problem({_STIFFNESS: K}, reductions=(reduction,), space=space, solver=solver)
+    check_problem({"the stiffness": K}, reductions=(reduction,), space=space, solver=solver)
     if any(isinstance(pair.surface, DeformableSurface) for pair in stated):
         check_weights(K, space)
     return tuple(stated)
@@ -142,7 +141,7 @@ def checked_step(
 def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
     """Raises an error for what is no load (n,) of a stiffness (n, n)."""
     with collective(comm):
-        check_load("the load", load, _STIFFNESS, K)
+        check_load("the load", load, K)
     if not is_finite(load):
         raise ValueError("the load is not finite")
 
@@ -211,7 +210,7 @@ def checked_increments(
         if not given:
             raise ValueError("there is no load increment")
         for k, load in enumerate(given):
-            check_load(f"the load of increment {k}", load, _STIFFNESS, K)
+            check_load(f"the load of increment {k}", load, K)
         for k, pair in enumerate(pairs):
             moved = _each(pair.motions, Motion, "a motion")
             if moved and len(moved) != len(given):
