@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
-from pw_elements.algebra.reduction import Reduction
+from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.arrays import Array
 from pw_elements.checks import collective, flag, number, same_everywhere, whole
 from pw_elements.progress import doing, told
@@ -44,9 +44,6 @@ from pw_elements.spaces import Assembled, is_hybrid
 
 T = TypeVar("T")
 
-_STIFFNESS = "the stiffness"
-_MASS = "the mass"
-_INITIAL_STRESS = "the initial stress"
 _EIGENVALUE_TOLERANCE = 1e-12
 _MAX_ITERATIONS = 500
 # Eigenvalues that have to converge beyond those asked for: further copies of a multiple one come
@@ -165,8 +162,8 @@ def vibration_modes(
             of a symmetrised pair, if one lies below the shift.
     """
     asked = _Asked(reduction, count, symmetrised, solver)
-    asked.check(K, _MASS, M)
-    refuse_negative(_MASS, M, reduction.space)
+    asked.check(K, "the mass", M)
+    refuse_negative("the mass", M, reduction.space)
     if shift is not None:
         shift = number("shift", shift)
     K, M = unblocked(K), unblocked(M)
@@ -190,7 +187,7 @@ def _vibrations(
     pair.B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     pair.A.scale(short)
     if pair.supports is not None:  # by this the solver scales pressures
-        pair = replace(pair, reduction=asked.reduction.masked().equilibrated(pair.B))
+        pair = replace(pair, reduction=equilibrated(masked(asked.reduction), pair.B))
     mu, shapes, residuals, report = _largest(pair, asked, solver, shift)
     if mu.real.min() <= 0:
         raise NoModes(
@@ -236,7 +233,7 @@ def buckling(
         NoModes: if fewer than `count` positive factors exist, or some did not converge.
     """
     asked = _Asked(reduction, count, symmetrised, solver)
-    asked.check(K, _INITIAL_STRESS, K_sigma)
+    asked.check(K, "the initial stress", K_sigma)
     K = unblocked(K)
     return asked.by_solver(lambda taken: _buckles(K, K_sigma, asked, taken))
 
@@ -272,11 +269,11 @@ class _Asked:
     solver: Solver
 
     def check(self, K: PETSc.Mat, name: str, other: PETSc.Mat) -> None:
-        reduction = self.reduction
-        check_problem({_STIFFNESS: K, name: other}, reductions=(reduction,), solver=self.solver)
+        pair, reductions = {"the stiffness": K, name: other}, (self.reduction,)
+        check_problem(pair, reductions=reductions, solver=self.solver)
         whole("count", self.count, 1)
         flag("symmetrised", self.symmetrised)
-        refuse_negative(_STIFFNESS, K, reduction.space)
+        refuse_negative("the stiffness", K, self.reduction.space)
 
     def by_solver(self, modes: Callable[[LinearSolver], T]) -> T:
         why = "a symmetrised pair needs its pivots counted" if self.symmetrised else ""
@@ -300,10 +297,10 @@ class _Pair:
 
     @classmethod
     def of(cls, A: PETSc.Mat, B: PETSc.Mat, asked: _Asked, solver: LinearSolver) -> "_Pair":
-        reduction = asked.reduction.equilibrated(B)
+        reduction = equilibrated(asked.reduction, B)
         if is_matrix_free(solver):
-            masked = reduction.masked()
-            return cls(masked.matrix(A), B.copy(), masked, masked.supports)
+            reduction = masked(reduction)
+            return cls(reduction.matrix(A), B.copy(), reduction, reduction.supports)
         A, B = reduction.matrix(A), reduction.matrix(B)
         if asked.symmetrised:
             A, B = symmetric_part(A), symmetric_part(B)
@@ -403,17 +400,10 @@ def _residual(
     A: PETSc.Mat, B: PETSc.Mat, mu: complex, real: PETSc.Vec, imaginary: PETSc.Vec
 ) -> float:
     """The relative residual |A d - mu B d| / |mu B d| of d = real + i imaginary."""
-    images = [matrix.createVecLeft() for matrix in (A, A, B, B)]
-    A_real, A_imaginary, B_real, B_imaginary = images
-    for matrix, part, image in zip((A, A, B, B), (real, imaginary) * 2, images, strict=True):
-        matrix.mult(part, image)
-    A_real.maxpy([-mu.real, mu.imag], [B_real, B_imaginary])
-    A_imaginary.maxpy([-mu.real, -mu.imag], [B_imaginary, B_real])
-    difference, size = (
-        np.hypot(*(part.norm() for part in parts))
-        for parts in ((A_real, A_imaginary), (B_real, B_imaginary))
-    )
-    return float(difference / (abs(mu) * size))
+    of_A, of_B = ((X * real).array_r + 1j * (X * imaginary).array_r for X in (A, B))
+    squares = np.array([np.sum(np.abs(x) ** 2) for x in (of_A - mu * of_B, mu * of_B)])
+    difference, size = A.comm.tompi4py().allreduce(squares)
+    return float(np.sqrt(difference / size))
 
 
 def _shape(reduction: Reduction, reduced: PETSc.Vec) -> PETSc.Vec:

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pw_elements.algebra.problem_checks import check_problem
-from pw_elements.algebra.reduction import Reduction
+from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.progress import doing
 from pw_elements.solvers import (
@@ -72,10 +72,10 @@ def _solved(K: PETSc.Mat, f: PETSc.Vec, reduction: Reduction, solver: LinearSolv
     matrix: PETSc.Mat | None = None
     prepared: PreparedSolver
     if is_matrix_free(solver):
-        reduction = reduction.masked().equilibrated(K).under(K, f)
+        reduction = equilibrated(masked(reduction), K).under(K, f)
         prepared = solver.prepare(K, supports=reduction.supports)
     else:
-        reduction = reduction.equilibrated(K).under(K, f)
+        reduction = equilibrated(reduction, K).under(K, f)
         matrix = reduction.matrix(K)
         prepared = solver.prepare(matrix)
     load = reduction.load(K, f)

@@ -24,6 +24,7 @@ from pw_elements.solvers import (
     Projection,
     SingularSystem,
     Supports,
+    block_diagonal,
     python_matrix,
     selection,
     unbalanced,
@@ -131,13 +132,9 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
             )
         if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
-    inverse = np.linalg.inv(blocks)
-
-    width = np.where(inner, block, 0)
-    indptr = np.concatenate(([0], np.cumsum(width))).astype(PETSc.IntType)
-    dofs = np.flatnonzero(inner).reshape(-1, block) + K.getOwnershipRange()[0]
-    indices = np.repeat(dofs, block, axis=0).ravel().astype(PETSc.IntType)
-    return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
+    inverse = np.zeros((len(inner) // block, block, block))
+    inverse[inner[::block]] = np.linalg.inv(blocks)
+    return block_diagonal(inverse, K.getSizes()[0], K.comm)
 
 
 @dataclass(frozen=True)
@@ -286,74 +283,6 @@ class Reduction:
         return replace(self, offset=offset)
 
     @same_everywhere
-    def scaled(self, share: float) -> "Reduction":
-        """Makes the reduction with a share of the prescribed values.
-
-        Args:
-            share: factor of the prescribed values.
-        """
-        if arguments.number("share", share) == 1:
-            return self
-        offset = self.offset.copy()
-        offset.scale(share)
-        return replace(self, offset=offset)
-
-    @same_everywhere
-    def masked(self) -> "Reduction":
-        """Makes the reduction that keeps all unknowns and sets prescribed ones to zero.
-
-        Raises:
-            ValueError: if this reduction does more than prescribe values.
-        """
-        if self.supports is None:
-            raise ValueError(NO_SUPPORTS)
-        comm = self.offset.comm.tompi4py()
-        if comm.allreduce(bool(self.supports.free.all()), MPI.LAND):
-            return self
-        kept = selection(self.supports.free, self.offset, renumbered=False)
-        return replace(self, left=kept, right=kept)
-
-    @same_everywhere
-    def supported(self, K: PETSc.Mat) -> PETSc.Mat:
-        """The matrix of `masked` supports without assembling it: ones where values are prescribed.
-
-        Args:
-            K: stiffness (n, n).
-
-        Raises:
-            ValueError: as `masked` says.
-        """
-        if self.supports is None:
-            raise ValueError(NO_SUPPORTS)
-        self._check_system(K)
-        space = self.supports.space
-        projection = Projection(self.supports.free, space.dofmap.index_map_bs)
-        scale = self.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
-        return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
-
-    @same_everywhere
-    def equilibrated(self, K: PETSc.Mat) -> "Reduction":
-        """Makes the reduction with pressures of hybrid spaces scaled to a displacement's size.
-
-        In consistent units displacement and pressure may be 15 orders of magnitude apart, and
-        factorisations and Krylov methods would lose one of them. `expand` returns the same values.
-
-        Args:
-            K: stiffness (n, n).
-        """
-        self._check_system(K)
-        if self.space is None or not is_hybrid(self.space):
-            return self
-        scale = equilibration(self.space, K)
-        right = self.right.copy()
-        right.diagonalScale(scale)
-        left = right
-        if self.left != self.right:
-            left = self.left.copy()
-            left.diagonalScale(scale)
-        return replace(self, left=left, right=right)
-
-    @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
         """Reduces a matrix to L^T K R.
 
@@ -413,3 +342,46 @@ class Reduction:
             for f in loads:
                 arguments.petsc_vector("the load", f)
                 arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
+
+
+def scaled(reduction: Reduction, share: float) -> Reduction:
+    """The reduction with a share of the prescribed values."""
+    return reduction if share == 1 else replace(reduction, offset=share * reduction.offset)
+
+
+def masked(reduction: Reduction) -> Reduction:
+    """The reduction that keeps all unknowns and sets prescribed ones to zero."""
+    if reduction.supports is None:
+        raise ValueError(NO_SUPPORTS)
+    free, offset = reduction.supports.free, reduction.offset
+    if offset.comm.tompi4py().allreduce(bool(free.all()), MPI.LAND):
+        return reduction
+    kept = selection(free, offset, renumbered=False)
+    return replace(reduction, left=kept, right=kept)
+
+
+def supported(reduction: Reduction, K: PETSc.Mat) -> PETSc.Mat:
+    """The matrix of `masked` supports without assembling it: ones where values are prescribed."""
+    if reduction.supports is None:
+        raise ValueError(NO_SUPPORTS)
+    space = reduction.supports.space
+    projection = Projection(reduction.supports.free, space.dofmap.index_map_bs)
+    scale = reduction.right.getDiagonal() if is_hybrid(space) else None  # see `equilibrated`
+    return python_matrix(K.getSizes(), Masked(K, projection, scale), K.comm)
+
+
+def equilibrated(reduction: Reduction, K: PETSc.Mat) -> Reduction:
+    """The reduction with pressures of hybrid spaces scaled to a displacement's size.
+
+    In consistent units displacement and pressure may be 15 orders of magnitude apart, and
+    factorisations and Krylov methods would lose one of them. `expand` returns the same values.
+    """
+    if reduction.space is None or not is_hybrid(reduction.space):
+        return reduction
+    scale = equilibration(reduction.space, K)
+    right = reduction.right.copy()
+    left = right if reduction.left == reduction.right else reduction.left.copy()
+    right.diagonalScale(scale)
+    if left != right:
+        left.diagonalScale(scale)
+    return replace(reduction, left=left, right=right)

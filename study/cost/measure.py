@@ -324,10 +324,11 @@ def _incompressible(row: Row) -> dict[str, float]:
 def _linear(row: Row) -> dict[str, float]:
     """Assembly, the levels, and solutions by them to `FORCING` and `exact`, to 1e-11."""
     import pw_elements as pw
+    from pw_elements.algebra import masked
 
     body, supports = _clamped(row)
     K, assembly = _seconds(lambda: pw.assemble_matrix(body.stiffness(), blocked=True))
-    load = supports.masked().load(K, _pressed(body))
+    load = masked(supports).load(K, _pressed(body))
 
     def levels() -> Any:  # noqa: ANN401
         prepared = pw.Iterative().prepare(K, supports=supports.supports)

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, scaled
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ROUND_OFF, Interface
 from pw_elements.contact.iteration.law import (
@@ -115,7 +115,7 @@ class LinearEquilibrium:
         cls, system: ContactSystem, K: PETSc.Mat, load: PETSc.Vec, stated: float = 1.0
     ) -> "LinearEquilibrium":
         """With a free stiffness (n, n), a load (n,), and a share of what supports prescribe."""
-        reduction: Reduction = system.reduction.scaled(stated).under(K, load)
+        reduction: Reduction = scaled(system.reduction, stated).under(K, load)
         reduced = reduction.load(K, load)
         largest = K.norm(PETSc.NormType.INFINITY)
         return cls(system.stiffness, reduced, reduction.right, reduction.offset, largest)

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from pw_elements.algebra import Reduction, free_pressure
+from pw_elements.algebra import Reduction, free_pressure, supported
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stated_mean
@@ -232,8 +232,8 @@ class ContactSystem:
         self.levers = levers or Levers.straight(*interface.position.shape)
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
-        reduced = reduction.supported if is_matrix_free(solver) else reduction.matrix
-        self.stiffness = reduced(K)
+        matrix_free = is_matrix_free(solver)
+        self.stiffness = supported(reduction, K) if matrix_free else reduction.matrix(K)
         self._magnitudes = interface.motion.copy()
         rows = interface.motion.getValuesCSR()
         self._magnitudes.setValuesCSR(*rows[:2], np.abs(rows[2]))

@@ -14,7 +14,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import PetrovGalerkinProblem, Reduction, prescribed
+from pw_elements.algebra import (
+    PetrovGalerkinProblem,
+    Reduction,
+    equilibrated,
+    masked,
+    prescribed,
+)
 from pw_elements.arrays import Array
 from pw_elements.checks import answer, collective
 from pw_elements.contact.interface import nodal_interface
@@ -67,8 +73,8 @@ class FiniteStepping:
         self.solver, self._conditions, self._most = solver, conditions, max_iterations
         self._body, self._callback = problem.system, callback
         self.form, self.u, self._constants = problem.form, problem.u, problem.form.constants()
-        reduction = reduction.masked() if is_matrix_free(solver) else reduction
-        self._reduction = reduction.equilibrated(problem.system.matrix)
+        reduction = masked(reduction) if is_matrix_free(solver) else reduction
+        self._reduction = equilibrated(reduction, problem.system.matrix)
         self._whole = problem.u.function_space
         self.interface = nodal_interface(pairs, self._whole, self._reduction, deformed=True)
         if self.interface.mortars and is_matrix_free(solver):

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction
+from pw_elements.algebra import Reduction, equilibrated, masked
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface, NoContactStated, nodal_interface
@@ -328,7 +328,7 @@ class Stepping:
         self.solver = solver
         iterative = is_matrix_free(solver)
         self._K = K
-        self._reduction = (reduction.masked() if iterative else reduction).equilibrated(K)
+        self._reduction = equilibrated(masked(reduction) if iterative else reduction, K)
         self._most, self._callback = max_iterations, callback
         # others condense the body
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
