@@ -1,10 +1,10 @@
 """Checks of the mesh wherever a body is made: what its cells and its boundary can tell.
 
 Errors are cells without volume or partly inside out (curved ones and non-convex quadrilaterals,
-too), neighbours on the same side of a facet (folds), duplicate cells, facets with more than two
-cells, parts that overlap, and hanging nodes. Coinciding facets that face each other are a crack
-or two bodies that touch: both are legitimate, so that they are logged only, by the logger
-`pw_elements`, a crack as a warning.
+too), neighbours on the same side of a facet (folds), facets with more than two cells, parts that
+overlap, and hanging nodes. Coinciding facets that face each other are a crack or two bodies that
+touch: both are legitimate, so that they are logged only, by the logger `pw_elements`, a crack as a
+warning.
 
 The outward area vectors of both cells of an inner facet have to cancel; the cells' volumes then
 add up to the boundary's integral of x·n / dim, which need not be computed.
@@ -41,8 +41,6 @@ _CANCELS = 1e-6
 _NEAR = 1e-6
 # Cells whose Jacobians are in memory at the same time
 _CELLS_AT_ONCE = 20_000
-# Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
-_TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
 logger = logging.getLogger("pw_elements")
 _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
@@ -146,21 +144,8 @@ class _Cells:
         same_side = (cells == 2) & (rest > _CANCELS * total[:, dim])
         crowded = (same_side | (cells > 2))[self.facets].any(axis=0)
         if self.mesh.comm.allreduce(bool(crowded.any()), MPI.LOR):
-            self._refuse_duplicates(crowded)
             self._refuse((cells > 2)[self.facets].any(axis=0), "share a facet with two others")
             self._refuse(crowded, "lie on the same side of a facet as their neighbour")
-
-    def _refuse_duplicates(self, suspects: Mask) -> None:
-        numbers = self.mesh.geometry.index_map().local_to_global(
-            self.vertices[suspects].ravel().astype(np.int32)
-        )
-        numbers = np.sort(numbers.reshape(-1, self.vertices.shape[1]), axis=1)
-        every = np.concatenate(self.mesh.comm.allgather(numbers))
-        unique, times = np.unique(every, axis=0, return_counts=True)
-        several = {tuple(row) for row in unique[times > 1]}
-        wrong = np.zeros(len(suspects), dtype=bool)
-        wrong[suspects] = [tuple(row) in several for row in numbers]
-        self._refuse(wrong, "have the same vertices as another cell")
 
     def _refuse(self, wrong: Mask, what: str) -> None:
         comm = self.mesh.comm
@@ -222,56 +207,29 @@ class _Surface:
 
     def _contains(self, facet: Indices, x: Array) -> Mask:
         """Whether facets (n,) have points x (n, dim) on them, their rims included."""
-        middle, near = self._middle[facet], _NEAR * self._radius[facet]
-        normal = self.area[facet] / np.linalg.norm(self.area[facet], axis=1)[:, None]
-        inside = np.abs(np.sum((x - middle) * normal, axis=1)) < near
-        around = self.corner[facet]
-        if self.corner.shape[1] == 4:
-            around = around[:, [0, 1, 3, 2]]
-        if self.corner.shape[2] == 3:
-            for start, end in zip(
-                np.swapaxes(around, 0, 1), np.swapaxes(np.roll(around, -1, 1), 0, 1), strict=True
-            ):
-                across = np.cross(normal, end - start)
-                across *= np.sign(np.sum((middle - start) * across, axis=1))[:, None]
-                inside &= np.sum((x - start) * across, axis=1) > -near * self._radius[facet]
-        return inside
+        middle, size = self._middle[facet], np.linalg.norm(self.area[facet], axis=1)
+        height = np.abs(np.sum((x - middle) * self.area[facet], axis=1))
+        around = self.corner[facet] - x[:, None]
+        if around.shape[1] == 4:
+            around, size = around[:, [0, 1, 3, 2]], 2 * size
+        if around.shape[2] == 3:  # triangles between the point and each edge
+            around = np.cross(around, np.roll(around, -1, axis=1))
+        fan = np.linalg.norm(around, axis=2).sum(axis=1)
+        return (height < _NEAR * self._radius[facet] * size) & (fan < (1 + _NEAR) * size)
 
     def check_overlap(self) -> None:
-        """Raises DegenerateMesh if centres of cells at the boundary lie in other cells, too.
-
-        A ray from each centre upwards leaves the body once oftener than it enters it.
-        """
+        """Refuses meshes in which centres of cells at the boundary lie in other cells, too."""
         cells, mesh = self._cells, self._cells.mesh
-        turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
-        centre = cells.middle[np.unique(self._cell)]
-        x, corner, up = centre @ turn, self.corner @ turn, (self.area @ turn)[:, -1]
-        if corner.shape[1] == 4:
-            corner, up = np.concatenate([corner[:, :3], corner[:, 1:]]), np.tile(up, 2)
-        shadow, under = corner[:, :, :-1], x[:, :-1]  # seen along the ray
-        middle = shadow.mean(axis=1)
-        radius = np.linalg.norm(shadow - middle[:, None], axis=2).max(axis=1)
-        facet, point = _near(cKDTree(under), middle, radius)
-        spans = np.linalg.inv(np.swapaxes(shadow[:, 1:] - shadow[:, :1], 1, 2))
-        share = np.einsum("nij,nj->ni", spans[facet], under[point] - shadow[facet, 0])
-        rise = (corner[:, 1:, -1] - corner[:, :1, -1])[facet]
-        height = corner[facet, 0, -1] + np.sum(share * rise, axis=1)
-        hit = (share >= 0).all(axis=1) & (share.sum(axis=1) < 1) & (height > x[point, -1])
-        times = np.bincount(point[hit], np.sign(up[facet[hit]]), len(x))
-        suspects = self._gathered(centre[times > 1.5])
-        if not len(suspects):
-            return
-        points = np.zeros((len(suspects), 3))
-        points[:, : cells.dim] = suspects
+        centre = self._gathered(cells.middle[np.unique(self._cell)])
+        points = np.pad(centre, ((0, 0), (0, 3 - cells.dim)))
         own = np.arange(len(cells.middle), dtype=np.int32)
         tree = geometry.bb_tree(mesh, cells.dim, entities=own)
-        found = geometry.compute_collisions_points(tree, points)
-        found = geometry.compute_colliding_cells(mesh, found, points)
-        number = np.diff(found.offsets)
+        near = geometry.compute_collisions_points(tree, points)
+        number = np.diff(geometry.compute_colliding_cells(mesh, near, points).offsets)
         mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
         if np.any(number > 1):
-            places = np.unique(suspects[number > 1], axis=0)
-            raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
+            places = listed(np.unique(centre[number > 1], axis=0))
+            raise DegenerateMesh(f"cells around {places} lie in other parts of the mesh")
 
     def log_contacts(self) -> None:
         pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")

@@ -129,11 +129,12 @@ def four_by_four(kind, *more):
     return kind, x, corners + list(more)
 
 
+CROSS = "(0.125, 0.375), (0.375, 0.125), (0.375, 0.375), (0.375, 0.625), (0.625, 0.375)"
 FLAP = "(0.5833, 0.6667), (0.5833, 0.6833), (0.6667, 0.5833)"
 CROWDED = {
     "twice the same cell": (
         lambda: four_by_four("quadrilateral", [6, 7, 11, 12]),
-        "cells around (0.375, 0.375) have the same vertices as another cell",
+        f"cells around {CROSS} share a facet with two others",
     ),
     "three triangles at an edge": (
         lambda: four_by_four("triangle", [12, 18, 25]),
