@@ -24,7 +24,7 @@ from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.arrays import Array
-from pw_elements.checks import collective, flag, number, same_everywhere, whole
+from pw_elements.checks import collective, flag, same_everywhere, whole
 from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
@@ -34,7 +34,6 @@ from pw_elements.solvers import (
     PreparedSolver,
     Solver,
     SolverReport,
-    Supports,
     auto_solver,
     is_matrix_free,
     unblocked,
@@ -67,12 +66,6 @@ _ROUND_OFF = 1e-10
 _MODE_RESIDUAL = 1e-8
 # Values mu of buckling below this belong to motions without any initial stress
 _UNSTRESSED = 1e-10
-
-_UNSTABLE = (
-    "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
-    "the symmetrised element is no stable one; refine the mesh"
-)
-_TOO_HIGH = "the symmetrised pair has eigenvalues below the shift: use a smaller one"
 
 # Relative residual of the largest eigenvalue; its error is of the size of the square
 _POWER_TOLERANCE = 1e-8
@@ -135,7 +128,6 @@ def vibration_modes(
     reduction: Reduction,
     count: int = 1,
     symmetrised: bool = False,
-    shift: float | None = None,
     solver: Solver = None,
 ) -> VibrationModes:
     """Smallest eigenvalues omega^2 of (K - omega^2 M) d = 0; the body may be free.
@@ -147,16 +139,13 @@ def vibration_modes(
         count: how many eigenvalues, those of rigid motions among them.
         symmetrised: take the symmetric parts of both matrices, as a symmetric eigenvalue
             solver does with an unsymmetric element.
-        shift: a number below the wanted eigenvalues, at which the pair is inverted; the closer it
-            is to them, the faster. By default a small negative one.
-        solver: of the systems with K - shift M; `Direct()`, by LDL^T where they are symmetric,
-            `Iterative()`, or "auto" as in `solve`, from 200 000 unknowns on. A symmetrised pair
-            needs factors.
+        solver: of the systems with K - shift M, the shift being a small negative one; `Direct()`,
+            by LDL^T where they are symmetric, `Iterative()`, or "auto" as in `solve`, from 200 000
+            unknowns on. A symmetrised pair needs factors.
 
     Raises:
         TypeError, ValueError: for arguments that do not fit together or are not finite; for
             matrices whose diagonals add up to less than zero, and numbers out of range.
-        SingularSystem: if the shift is an eigenvalue.
         NotConverged: if an iterative solver does not reach its tolerance.
         NoModes: if fewer than `count` eigenvalues lie above the shift, or some did not converge;
             of a symmetrised pair, if one lies below the shift.
@@ -164,31 +153,27 @@ def vibration_modes(
     asked = _Asked(reduction, count, symmetrised, solver)
     asked.check(K, "the mass", M)
     refuse_negative("the mass", M, reduction.space)
-    if shift is not None:
-        shift = number("shift", shift)
     K, M = unblocked(K), unblocked(M)
-    return asked.by_solver(lambda taken: _vibrations(K, M, asked, taken, shift))
+    return asked.by_solver(lambda taken: _vibrations(K, M, asked, taken))
 
 
 def _vibrations(
-    K: PETSc.Mat, M: PETSc.Mat, asked: "_Asked", solver: LinearSolver, shift: float | None
+    K: PETSc.Mat, M: PETSc.Mat, asked: "_Asked", solver: LinearSolver, lowest: float | None = None
 ) -> VibrationModes:
-    pair = _Pair.of(M, K, asked, solver)
-    mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (pair.A, pair.B))
+    A, B, reduction = asked.pair(M, K, solver)
+    mass, stiffness = (matrix.norm(PETSc.NormType.FROBENIUS) for matrix in (A, B))
     if not (0 < mass < np.inf and 0 < stiffness < np.inf):
         raise NoModes("the mass or stiffness matrix is zero or not finite")
     short = stiffness / mass  # eigenvalue of a mode as short as an element
-    given = shift is not None
-    if shift is None:
-        shift = -_SHIFT * short / pair.B.getSize()[0]
+    shift = -_SHIFT * short / B.getSize()[0] if lowest is None else -lowest
     # M d = mu (K - shift M) d has the largest mu = 1 / (eigenvalue - shift) at the smallest one
-    Assembled().mark(pair.B)  # the next call would lose what it knows, and never free mesh and all
-    mass_matrix = M if pair.supports else pair.A
-    pair.B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    pair.A.scale(short)
-    if pair.supports is not None:  # by this the solver scales pressures
-        pair = replace(pair, reduction=equilibrated(masked(asked.reduction), pair.B))
-    mu, shapes, residuals, report = _largest(pair, asked, solver, shift)
+    Assembled().mark(B)  # the next call would lose what it knows, and never free mesh and all
+    mass_matrix = M if is_matrix_free(solver) else A
+    B.axpy(-shift, mass_matrix, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    A.scale(short)
+    if is_matrix_free(solver):  # by this the solver scales pressures
+        reduction = equilibrated(masked(asked.reduction), B)
+    mu, shapes, residuals, report = _largest(A, B, reduction, asked, solver, shifted=True)
     if mu.real.min() <= 0:
         raise NoModes(
             f"only {np.sum(mu.real > 0)} of {asked.count} eigenvalues lie above the shift "
@@ -197,9 +182,9 @@ def _vibrations(
     values = shift + short / mu
     rigid = np.abs(values) < _RIGID_EIGENVALUE * short
     elastic = values[~rigid]
-    lowest = elastic.real.min(initial=np.inf)
-    if not given and 0 < lowest < -_SLENDER * shift:
-        again = _vibrations(K, M, asked, solver, -lowest)
+    slowest = elastic.real.min(initial=np.inf)
+    if lowest is None and 0 < slowest < -_SLENDER * shift:
+        again = _vibrations(K, M, asked, solver, slowest)
         return replace(again, report=again.report.after(report))
     imaginary = float(np.max(np.abs(elastic.imag) / np.abs(elastic.real), initial=0.0))
     return VibrationModes(values.real, shapes, residuals, imaginary, int(rigid.sum()), report)
@@ -241,15 +226,15 @@ def buckling(
 def _buckles(
     K: PETSc.Mat, K_sigma: PETSc.Mat, asked: "_Asked", solver: LinearSolver
 ) -> BucklingModes:
-    pair = _Pair.of(K_sigma, K, asked, solver)
-    size = pair.A.norm(PETSc.NormType.FROBENIUS)
+    A, B, reduction = asked.pair(K_sigma, K, solver)
+    size = A.norm(PETSc.NormType.FROBENIUS)
     if not 0 < size < np.inf:
         raise NoModes("the initial stress matrix is zero or not finite: there is no prestress")
     # K_sigma d = mu K d with mu = -scale/factor: the largest positive -mu is the smallest
     # positive factor, and the scale brings mu to order one whatever the units of the load
-    scale = pair.B.norm(PETSc.NormType.FROBENIUS) / size
-    pair.A.scale(-scale)
-    mu, shapes, residuals, report = _largest(pair, asked, solver)
+    scale = B.norm(PETSc.NormType.FROBENIUS) / size
+    A.scale(-scale)
+    mu, shapes, residuals, report = _largest(A, B, reduction, asked, solver, shifted=False)
     if mu.real.min() <= _UNSTRESSED:
         raise NoModes(
             f"only {np.sum(mu.real > _UNSTRESSED)} of {asked.count} factors are positive: "
@@ -285,53 +270,50 @@ class _Asked:
         taken = auto_solver(self.solver, supports, why, modes=True)
         return with_fallback(taken, self.solver, supports, modes)
 
-
-@dataclass(frozen=True)
-class _Pair:
-    """A d = mu B d, reduced; without a reduced matrix: A masked, B a free copy, and supports."""
-
-    A: PETSc.Mat
-    B: PETSc.Mat
-    reduction: Reduction
-    supports: Supports | None
-
-    @classmethod
-    def of(cls, A: PETSc.Mat, B: PETSc.Mat, asked: _Asked, solver: LinearSolver) -> "_Pair":
-        reduction = equilibrated(asked.reduction, B)
+    def pair(
+        self, A: PETSc.Mat, B: PETSc.Mat, solver: LinearSolver
+    ) -> tuple[PETSc.Mat, PETSc.Mat, Reduction]:
+        """A and B of A d = mu B d, reduced; for a solver without matrix A masked, B a free copy."""
+        reduction = equilibrated(self.reduction, B)
         if is_matrix_free(solver):
             reduction = masked(reduction)
-            return cls(reduction.matrix(A), B.copy(), reduction, reduction.supports)
+            return reduction.matrix(A), B.copy(), reduction
         A, B = reduction.matrix(A), reduction.matrix(B)
-        if asked.symmetrised:
+        if self.symmetrised:
             A, B = symmetric_part(A), symmetric_part(B)
-        return cls(A, B, reduction, None)
+        return A, B, reduction
 
 
 def _largest(
-    pair: _Pair, asked: _Asked, solver: LinearSolver, shift: float | None = None
+    A: PETSc.Mat,
+    B: PETSc.Mat,
+    reduction: Reduction,
+    asked: _Asked,
+    solver: LinearSolver,
+    shifted: bool,
 ) -> tuple[npt.NDArray[np.complex128], list[PETSc.Vec], Array, SolverReport]:
     """The values mu (n,) of A d = mu B d with the largest real parts, full d, and residuals.
 
     The two d of a complex pair are the real and the imaginary part of one. A shifted pair is
     regular though rigid motions be free.
     """
-    A, B, count, supports = pair.A, pair.B, asked.count, pair.supports
+    count = asked.count
     if count > A.getSize()[0]:
         raise NoModes(f"{count} eigenvalues of {A.getSize()[0]} degrees of freedom are asked for")
     inverse: PreparedSolver
-    if supports is not None and isinstance(solver, Iterative):
-        inverse = krylov = solver.prepare(B, asked.symmetrised, supports)
-        if shift is None:
+    if isinstance(solver, Iterative):
+        inverse = krylov = solver.prepare(B, asked.symmetrised, reduction.supports)
+        if shifted:
+            krylov.multigrid.ready()
+        else:
             with explained():
                 krylov.set_up()
-        else:
-            krylov.multigrid.ready()
         B = krylov.operator
     else:
         ldl = asked.symmetrised or (_by_mumps(solver) and _is_symmetric(B))
-        inverse = factorise(B, ldl, solver, pair.reduction)
+        inverse = factorise(B, ldl, solver, reduction)
     if asked.symmetrised:
-        _refuse_indefinite(inverse, _TOO_HIGH if (shift or 0.0) > 0 else _UNSTABLE)
+        _refuse_indefinite(inverse)
     eigensolver = SLEPc.EPS().create(A.comm)
     eigensolver.setOperators(A, B)
     kind = SLEPc.EPS.ProblemType
@@ -360,12 +342,12 @@ def _largest(
         real, imaginary = B.createVecRight(), B.createVecRight()
         values[i] = eigensolver.getEigenpair(i, real, imaginary)
         residuals[i] = _residual(A, B, values[i], real, imaginary)
-        modes.append(_shape(pair.reduction, imaginary if values[i].imag < 0 else real))
+        modes.append(_shape(reduction, imaginary if values[i].imag < 0 else real))
     eigensolver.destroy()
-    if supports is not None and not residuals.max() <= _MODE_RESIDUAL:
+    if is_matrix_free(solver) and not residuals.max() <= _MODE_RESIDUAL:
         raise NotConverged(
             f"{inverse.report.method} left a mode with the residual {residuals.max():.1e}: use "
-            "Direct(), a shift further below the eigenvalues, or raise ksp_max_it"
+            "Direct(), or raise ksp_max_it"
         )
     return values, modes, residuals, inverse.report
 
@@ -386,14 +368,17 @@ def _is_symmetric(matrix: PETSc.Mat, tolerance: float = _SYMMETRIC) -> bool:
     return bool(abs(x.dot(A_y) - y.dot(A_x)) <= tolerance * A_y.norm() * x.norm())
 
 
-def _refuse_indefinite(inverse: PreparedSolver, otherwise: str) -> None:
+def _refuse_indefinite(inverse: PreparedSolver) -> None:
     if inverse.negative_pivots is None:
         raise ValueError(
             f"{inverse.report.method} does not count negative pivots, without which a symmetrised "
             "pair is not known to be positive definite: use Direct() with MUMPS"
         )
     if inverse.negative_pivots > 0:
-        raise NoModes(otherwise)
+        raise NoModes(
+            "the symmetric part of the stiffness is not positive definite: on so coarse a mesh "
+            "the symmetrised element is no stable one; refine the mesh"
+        )
 
 
 def _residual(

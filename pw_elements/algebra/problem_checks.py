@@ -42,12 +42,7 @@ def check_problem(
         for name, vector in every.items():
             arguments.petsc_vector(name, vector)
         check_solver(solver)
-        spaces = {}
-        if space is not None:
-            arguments.space(space)
-            arguments.same_sizes(first, K.getSizes()[0], "the space", space)
-            spaces["the space"] = space
-        things = {**matrices, **every}
+        things, spaces = {**matrices, **every}, {}
         for reduction in reductions:
             check_reduction(reduction)
             things["the reduction"], spaces["the reduction"] = reduction.offset, reduction.space
@@ -58,6 +53,10 @@ def check_problem(
             sizes = thing.getSizes()[0] if name in matrices else thing.getSizes()
             arguments.same_sizes(name, sizes, first, K.getSizes()[0])
             _check_mesh(name, Assembled.of(thing).mesh, K)
+        if space is not None:
+            arguments.space(space)
+            arguments.same_sizes(first, K.getSizes()[0], "the space", space)
+            spaces["the space"] = space
         for name, known in spaces.items():
             _check_mesh(name, None if known is None else known.mesh._cpp_object, K)
         for name, thing in {**matrices, **loads}.items():

@@ -213,7 +213,7 @@ def calls(comm):
         "test_space": (pw_elements.test_space, {"trial": w.U}),
         "triangles": (triangles, rectangle | {"pattern": "crossed"}),
         "vibration_modes": (
-            pw_elements.vibration_modes, system | {"shift": -1.0, "solver": "auto"}),
+            pw_elements.vibration_modes, system | {"solver": "auto"}),
         "write": (
             pw_elements.contact.write,
             {"path": "/nowhere/x.bp", "states": [state], "body": w.body, "times": [0.0]}),
