@@ -158,7 +158,7 @@ class Newton:
         snes = PETSc.SNES().create(self._prescribed.comm)
         snes.setFunction(self._equations, self._prescribed.duplicate())
         snes.setJacobian(self._linearised, self._system.matrix)
-        snes.setType("ksponly" if self._linear else "newtonls")
+        snes.setType("newtonls")
         snes.setKSP(self._prepared.ksp)
         snes.setTolerances(max_it=_ITERATIONS)
         snes.setConvergenceTest(self._converged)
@@ -209,25 +209,17 @@ class Newton:
             correction = f"correction {self.corrections[-1]:.1e}, residual {residual:.1e}"
             told(now.comm, logging.DEBUG, f"iteration {iteration}: {correction}", ".problems")
         now.copy(self._before)
-        small = iteration and self.corrections[-1] <= _CORRECTION
+        small = iteration and (self._linear or self.corrections[-1] <= _CORRECTION)
         if residual == 0 or (small and self._relative_residual(snes) <= _RESIDUAL):
             return PETSc.SNES.ConvergedReason.CONVERGED_SNORM_RELATIVE
         return None
 
     def _judge(self, snes: PETSc.SNES) -> None:
         reason = snes.getConvergedReason()
-        words = _REASONS.get(reason, f"SNES stopped with the reason {reason}")
-        if self._linear:
-            self._equations(snes, self._x, snes.getFunction()[0])
-            relative = self._relative_residual(snes)
-            if np.isnan(relative):
-                raise NotConverged(_NOT_FINITE)
-            if relative > _RESIDUAL:
-                raise NotConverged(f"the linear solver left the relative residual {relative:.1e}")
-        elif reason == _LINE_SEARCH:
-            if not self._relative_residual(snes) <= _ROUND_OFF_RESIDUAL:
-                raise NotConverged(words)
-        elif reason <= 0:
+        if reason == _LINE_SEARCH and self._relative_residual(snes) <= _ROUND_OFF_RESIDUAL:
+            return
+        if reason <= 0:
+            words = _REASONS.get(reason, f"SNES stopped with the reason {reason}")
             raise NotConverged(words)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
