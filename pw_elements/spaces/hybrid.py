@@ -168,34 +168,29 @@ def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.
             raise ValueError("parts: the tags have to be those of cells, and of all of them")
     displacements = SubSpace.displacements(space).owned.ravel()
     moved = np.sort(displacements[free[displacements]])
-    column = np.full(len(free), -1, dtype=np.int64)
-    column[moved] = np.arange(len(moved))
-    count, field = len(moved), SubSpace.pressure(space)
-    vertices = fem.functionspace(mesh, ("Lagrange", 1)).dofmap
-    numbers = []
-    for value in np.unique(np.concatenate(comm.allgather(np.unique(parts.values)))):
-        cells = parts.find(value)[parts.find(value) < owned]
-        rows = field.unknowns[field.space.dofmap.list[cells], 0]
-        corners = vertices.list[cells]
-        # how many cells of the part a vertex has, and how many of them prescribe its pressure
-        found = la.vector(vertices.index_map, 2)
-        found.array[:] = 0.0
-        sums = found.array.reshape(-1, 2)
-        np.add.at(sums[:, 0], corners, 1.0)
-        np.add.at(sums[:, 1], corners, np.where(free[rows], 0.0, 1.0))
-        found.scatter_reverse(la.InsertMode.add)
-        own = sums[: vertices.index_map.size_local]
-        kept = (own[:, 0] > 0) & (own[:, 1] == 0)
-        own[:, 0] = np.where(kept, count + np.cumsum(kept) - 1, -1.0)
-        count += int(kept.sum())
-        numbers.append((rows, corners, found))
+    values = np.unique(np.concatenate(comm.allgather(np.unique(parts.values))))
+    part, own = np.empty((owned, 1), dtype=np.intp), parts.indices < owned
+    part[parts.indices[own], 0] = np.searchsorted(values, parts.values[own])
+    field, vertices = SubSpace.pressure(space), fem.functionspace(mesh, ("Lagrange", 1)).dofmap
+    rows = field.unknowns[field.space.dofmap.list[:owned], 0]
+    corners = vertices.list[:owned]
+    # how many cells of a part a vertex has, and how many of them prescribe its pressure
+    found = la.vector(vertices.index_map, 2 * len(values))
+    found.array[:] = 0.0
+    sums = found.array.reshape(-1, len(values), 2)
+    np.add.at(sums[..., 0], (corners, part), 1.0)
+    np.add.at(sums[..., 1], (corners, part), np.where(free[rows], 0.0, 1.0))
+    found.scatter_reverse(la.InsertMode.add)
+    cells, held = np.moveaxis(sums[: vertices.index_map.size_local], 2, 0)
+    kept = ((cells > 0) & (held == 0)).T
+    count = len(moved) + int(kept.sum())
     first = comm.scan(count) - count
-    column[moved] += first
-    for rows, corners, found in numbers:
-        own = found.array.reshape(-1, 2)[: vertices.index_map.size_local, 0]
-        own[own >= 0] += first
-        found.scatter_forward()
-        column[rows] = found.array.reshape(-1, 2)[corners, 0].astype(np.int64)
+    numbers = first + len(moved) - 1 + np.cumsum(kept).reshape(kept.shape)
+    cells[:] = np.where(kept, numbers, -1).T
+    found.scatter_forward()
+    column = np.full(len(free), -1, dtype=np.int64)
+    column[moved] = first + np.arange(len(moved))
+    column[rows] = sums[corners, part, 0].astype(np.int64)
     stated = column >= 0
     pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
     csr = (pointers, column[stated].astype(PETSc.IntType), np.ones(int(stated.sum())))
