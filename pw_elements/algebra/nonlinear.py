@@ -75,13 +75,10 @@ class Increment:
 
     Args:
         share: of the load, at its end.
-        residuals: Euclidean norms, the one at the start first; with a pressure beside
-            displacements, of what `equilibration` makes of them.
         corrections: largest change of a nodal value in each iteration, over the largest value.
     """
 
     share: float
-    residuals: tuple[float, ...]
     corrections: tuple[float, ...]
 
 
@@ -137,7 +134,6 @@ class Newton:
         self._rows = (prescribed.getOwnershipRange()[0] + fixed).astype(PETSc.IntType)
         self._x = prescribed.duplicate()
         self._x.setArray(system.u.x.array[: self._x.getLocalSize()])
-        self.residuals: list[float] = []
         self.corrections: list[float] = []
         self._singular: SingularSystem | None = None
         system.assemble()
@@ -202,7 +198,6 @@ class Newton:
         self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]
     ) -> PETSc.SNES.ConvergedReason | None:
         now, residual = snes.getSolution(), norms[2]
-        self.residuals.append(residual)
         if iteration:
             self._before.aypx(-1.0, now)
             self.corrections.append(_largest(self._before) / (_largest(now) or 1.0))
@@ -257,8 +252,8 @@ class PetrovGalerkinProblem:
 
     Args:
         residual: F, a UFL form linear in its test function, which `test_space` (or, for the
-            standard element, the trial space) has; a `ufl.TrialFunction` in it stands for u. Set
-            the quadrature degree of integrands that are not polynomials: UFL's estimate is high.
+            standard element, the trial space) has. Set the quadrature degree of integrands that
+            are not polynomials: UFL's estimate is high.
         u: unknown function in the quadratic trial space; it holds the initial guess, then the
             solution.
         conditions: Dirichlet conditions on its space; constants and functions in them may change.
@@ -302,9 +297,15 @@ class PetrovGalerkinProblem:
                 "the pressure of this space is split, and no residual ties it: use "
                 "Spaces.hybrid(mesh) without parts"
             )
-        form = _residual(residual, u)
+        weights = residual.arguments()
+        if [one.number() for one in weights] != [0]:
+            raise ValueError(
+                "the residual has no test function, of test_space(V), or more: u itself has to be "
+                "in it, and no trial function"
+            )
+        Spaces(self._space, weights[0].ufl_function_space())
         try:
-            form = with_degrees(with_cell_rules(form))
+            form = with_degrees(with_cell_rules(residual))
             compute_form_data(form)  # in which UFL looks whether all terms have the weights
             tangent = expand_derivatives(ufl.derivative(form, u, ufl.TrialFunction(self._space)))
         except (Exception, ArityMismatch) as error:  # UFL's is no Exception
@@ -414,25 +415,9 @@ class PetrovGalerkinProblem:
         fixed = np.flatnonzero(~free)
         newton = Newton(self.system, fixed, values, self._is_linear, self._solver)
         newton.solve()
-        taken = tuple(newton.corrections)
-        self.increments += (Increment(share, tuple(newton.residuals), taken),)
-        words = f"load {share:.4g}: {len(taken)} iterations"
+        self.increments += (Increment(share, tuple(newton.corrections)),)
+        words = f"load {share:.4g}: {len(newton.corrections)} iterations"
         told(self._comm, logging.INFO, words, ".problems")
-
-
-def _residual(residual: ufl.Form, u: fem.Function) -> ufl.Form:
-    """The form with u in place of a trial function."""
-    by_number = {argument.number(): argument for argument in residual.arguments()}
-    if 0 not in by_number:
-        raise ValueError("the residual has no test function: test_space(V) is the space of one")
-    test = by_number[0].ufl_function_space()
-    Spaces(u.function_space, test)
-    if 1 in by_number:
-        trial = by_number[1]
-        if trial.ufl_function_space() != u.function_space:
-            raise ValueError("the residual's trial function belongs to another space than u")
-        residual = ufl.replace(residual, {trial: u})
-    return residual
 
 
 def _constants(load: Load | None) -> Sequence[fem.Constant]:

@@ -2,7 +2,6 @@
 
 from pw_elements.checks.arguments import (
     described,
-    extents,
     field,
     flag,
     is_function,

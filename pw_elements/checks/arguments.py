@@ -4,7 +4,7 @@ What is of the wrong type is a TypeError; each error names the thing and says wh
 are real, finite and in range, of whatever type they are.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import UnionType
 from typing import Any, TypeGuard
 
@@ -101,13 +101,6 @@ def space(value: object, name: str = "the space") -> None:
 
 def flag(name: str, value: object) -> None:
     of_type(name, value, (bool, np.bool_), "it has to be True or False")
-
-
-def extents(name: str, value: object) -> tuple[int, ...]:
-    """A value shape: () for a scalar, (d,) for a vector."""
-    of_type(name, value, Sequence, "it has to be () or (components,)")
-    assert isinstance(value, Sequence)
-    return tuple(whole(f"an extent of {name}", extent, 1) for extent in value)
 
 
 def matrix(name: str, value: object) -> None:

@@ -32,7 +32,6 @@ from basix import (
 )
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import extents
 
 _CELL = CellType.tetrahedron
 # Points nearer to a side than this, of cells of size one, lie on it
@@ -181,7 +180,6 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
     Quadrilaterals and hexahedra are bilinear or trilinear on their parts. The nodes and their order
     are those of the quadratic Lagrange element; the value shape is () or (d,).
     """
-    shape = extents("shape", shape)
     kind = _cell(cell)
     quadratic = basix.create_element(ElementFamily.P, kind, 2, LagrangeVariant.gll_warped)
     space, x, M = np.eye(quadratic.dim), quadratic.x, quadratic.M  # all that is linear on sub-cells
@@ -199,7 +197,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
     """Quadratic Lagrange shape functions, the trial functions of the paper's elements."""
     _cell(cell)
-    return basix.ufl.element("Lagrange", cell, 2, shape=extents("shape", shape) or None)
+    return basix.ufl.element("Lagrange", cell, 2, shape=shape or None)
 
 
 class _HalvedTensorElement(basix.ufl._BasixElement):

@@ -5,10 +5,11 @@ from typing import Any, TypeAlias
 
 from mpi4py import MPI
 
+import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
+from dolfinx.mesh import Mesh, MeshTags, entities_to_geometry, exterior_facet_indices
 
 from pw_elements.arrays import Array, Local, Mask
 from pw_elements.checks import answer, arguments, collective
@@ -103,26 +104,24 @@ def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
 
 def exterior_facets(mesh: Mesh, where: Part) -> Local:
     """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices."""
-    dimension, comm = mesh.topology.dim - 1, mesh.comm
-    vertices: Array = np.zeros((3, 0))
-
-    def seen(x: Array) -> Mask:
-        nonlocal vertices
-        vertices = x.copy()
-        return np.zeros(x.shape[1], dtype=bool)
-
-    # makes all connectivities, for which processes wait for each other; none later
-    locate_entities_boundary(mesh, dimension, seen)
-    mesh.topology.create_connectivity(dimension, mesh.topology.dim)
-    index_map = mesh.topology.index_map(dimension)
-    count = index_map.size_local + index_map.num_ghosts
-    with collective(comm):
+    topology, dimension = mesh.topology, mesh.topology.dim - 1
+    topology.create_connectivity(dimension, topology.dim)
+    topology.create_connectivity(topology.dim, dimension)
+    facets = exterior_facet_indices(topology)
+    count = len(basix.topology(mesh.basix_cell())[dimension][0])
+    corners = np.zeros((0, count), dtype=np.int32)
+    if len(facets):  # DOLFINx divides by it
+        corners = entities_to_geometry(mesh, dimension, facets)[:, :count]
+    vertices, places = np.unique(corners, return_inverse=True)
+    index_map = topology.index_map(dimension)
+    with collective(mesh.comm):
         if callable(where):
-            holds = marked(comm, "the marker of the boundary", where, vertices)
-            chosen = locate_entities_boundary(mesh, dimension, lambda _: holds)
-        else:
-            chosen = numbered(comm, "facets", where, count)
-    return np.intersect1d(chosen, exterior_facet_indices(mesh.topology)).astype(np.int32)
+            holds = marked(
+                mesh.comm, "the marker of the boundary", where, mesh.geometry.x[vertices].T
+            )
+            return facets[holds[places.reshape(corners.shape)].all(axis=1)]
+        count = index_map.size_local + index_map.num_ghosts
+        return np.intersect1d(numbered(mesh.comm, "facets", where, count), facets)
 
 
 def by_cell_tag(
