@@ -59,7 +59,10 @@ class Spaces:
     def __post_init__(self) -> None:
         arguments.space(self.trial, "the trial space")
         arguments.space(self.test, "the test space")
-        check_parts(self.parts)
+        with collective(self.trial.mesh.comm):
+            check_parts(self.parts)
+            if self.parts and self.parts.topology != self.mesh.topology._cpp_object:
+                raise ValueError("parts: the tags are those of another mesh")
         _assert_one_numbering(self.trial, self.test)
 
     @classmethod
@@ -101,10 +104,10 @@ class Spaces:
                 `Reduction.dirichlet(spaces, conditions)` makes it continuous within each. Without
                 them the pressure is off by ten per cent and more where materials meet.
         """
-        shape = _shape(mesh, None)
-        weights = macro_element(mesh.topology.cell_name(), shape)
-        trial, test = (_mixed(mesh, vector, parts) for vector in (_trial_element(mesh), weights))
-        return cls(trial, test, parts)
+        vector = _trial_element(mesh)
+        check_parts(parts)
+        trial = fem.functionspace(mesh, mixed_element(vector, split=parts is not None))
+        return cls(trial, test_space(trial), parts)
 
     @property
     def mesh(self) -> Mesh:
@@ -253,28 +256,10 @@ def check_parts(parts: object) -> None:
     arguments.of_type("parts", parts, kinds, "dolfinx.mesh.meshtags makes them")
 
 
-def _mixed(
-    mesh: Mesh, displacement: basix.ufl._ElementBase, parts: MeshTags | None
-) -> fem.FunctionSpace:
-    if parts is not None:
-        with collective(mesh.comm):
-            check_parts(parts)
-            if parts.topology != mesh.topology._cpp_object:
-                raise ValueError("parts: the tags are those of another mesh")
-    return fem.functionspace(mesh, mixed_element(displacement, split=parts is not None))
-
-
 def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
-    shape = _shape(mesh, components)
-    return quadratic_element(mesh.topology.cell_name(), shape)
-
-
-def _shape(mesh: Mesh, components: int | None) -> tuple[int, ...]:
     arguments.mesh(mesh)
-    if components is None:
-        components = mesh.geometry.dim
-    components = whole("components", components, 0)
-    return (components,) if components else ()
+    count = whole("components", mesh.geometry.dim if components is None else components, 0)
+    return quadratic_element(mesh.topology.cell_name(), (count,) if count else ())
 
 
 def _assert_one_numbering(
