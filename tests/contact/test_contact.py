@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane
+from pw_elements.contact import SLIP, STICK, ContactPair, Motion, Plane, SignedDistance, Sphere
 from pw_elements.meshes import mapped, quadrilaterals, triangles
 from tests.contact.cases import GALERKIN, PW, Q8, Block, Elastic, at
 
@@ -121,6 +121,24 @@ def test_a_plate_under_force_that_is_pressed_and_pushed_at_once(build, method, n
     assert state.pairs[0].force == pytest.approx((share * mu, -1.0), rel=1e-9)
     # one set of status with all slipping would leave the plate free
     assert (state.pairs[0].status == STICK).any()
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_a_tip_under_force_is_found_where_differences_are_its_normals(unit):
+    """Their round-off changes with each place of the tip: it is found as the circle is."""
+    block = quadrilaterals(MPI.COMM_SELF, (0.0, 0.0), (4 * unit, 2 * unit), (16, 8))
+    body, states = Elastic(block), []
+    tip = SignedDistance(lambda x: np.hypot(x[:, 0] - 2 * unit, x[:, 1] - 10 * unit) - 8 * unit)
+    press = Motion((0, None), (0, -10 * unit))
+    for surface in (tip, Sphere((2 * unit, 10 * unit), 8 * unit)):
+        pair = ContactPair(at(1, 2 * unit), surface, 0.3, press)
+        states += body.contact(pair, body.clamped(at(1, 0.0)))
+        assert states[-1].iterations < 10
+        assert not states[-1].substates
+    (found,), (known,) = (state.pairs for state in states)
+    assert {STICK, SLIP} < set(known.status)
+    assert np.array_equal(found.status, known.status)
+    assert found.force_vector == pytest.approx(known.force_vector, abs=1e-7 * unit)
 
 
 @pytest.mark.parametrize(("method", "angle"), [(PW, 0.7), (GALERKIN, 2.5)])

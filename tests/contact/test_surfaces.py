@@ -39,6 +39,15 @@ def test_normal_is_the_gradient_of_the_gap(name):
     assert normal[smooth] == pytest.approx(gradient[smooth], abs=1e-4)
 
 
+@pytest.mark.parametrize("radius", [1e-6, 1.0, 1e6])
+def test_differences_suit_any_unit(radius):
+    """Those of steps of one length are a circle's whole radius, or lost in round-off."""
+    circle = SignedDistance(lambda x: np.hypot(x[:, 0], x[:, 1]) - radius)
+    angle = np.linspace(0.0, 6.0, 20)
+    normal = np.column_stack([np.cos(angle), np.sin(angle)])
+    assert circle.normal(radius * normal) == pytest.approx(normal, abs=1e-9)
+
+
 def test_parabola_measures_along_its_axis():
     x = np.array([[1.0, 0.5], [2.0, 0.0]])
     for radius, side in ((4.0, 1.0), (-4.0, -1.0)):

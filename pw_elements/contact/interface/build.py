@@ -29,7 +29,14 @@ from pw_elements.contact.interface.operators import (
     of_owners,
 )
 from pw_elements.contact.interface.sliding import SlidingMortar
-from pw_elements.contact.model import Cone, ContactPair, DeformableSurface, MatchingNodes, Surface
+from pw_elements.contact.model import (
+    Cone,
+    ContactPair,
+    DeformableSurface,
+    MatchingNodes,
+    Surface,
+    with_step,
+)
 from pw_elements.elasticity import StressState, by_position, facet_nodes, facets_between
 from pw_elements.progress import told
 from pw_elements.spaces import (
@@ -123,6 +130,8 @@ def nodal_interface(
         p.surface.shape if isinstance(p.surface, MatchingNodes) else p.surface  # type: ignore[misc]
         for p in pairs
     ]
+    largest = space.mesh.comm.allreduce(np.abs(space.mesh.geometry.x).max(initial=0.0), MPI.MAX)
+    shapes = [with_step(shape, largest) for shape in shapes]
     for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
         _check_dimension(k, shape, dim)
         if pair.pivot is not None and (not deformed or len(pair.pivot) != dim):

@@ -316,6 +316,12 @@ class Increment:
         """Largest component of a contact force, of all processes."""
         return float(self.system.comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX))
 
+    def settled(self, now: Iterate) -> bool:
+        """Whether the surfaces are where they were linearised, to the tolerance of the law."""
+        moved = np.abs(now.translations - now.place.translations).max()
+        largest = np.abs(now.displacement).max(initial=0.0)
+        return bool(moved <= TOLERANCE * self.system.comm.allreduce(largest, MPI.MAX))
+
     def allowed(self, now: Iterate) -> float:
         """Force by which the law may be violated."""
         return TOLERANCE * self._largest(now) + self.round_off(now)
@@ -399,10 +405,13 @@ def _iterated(
             if more := not now.final:  # equilibrium may lag behind
                 continue
             old, place = place, increment.kinematics(now.translations, now.displacement, now.force)
-            now = increment.seen(now.reduced, now.translations, place, now.exact, now.final)
-            violation = increment.violation(now)
+            seen = increment.seen(now.reduced, now.translations, place, now.exact, now.final)
+            violation = increment.violation(seen)
             if violation <= 1:
+                return seen
+            if increment.settled(now):  # a surface's function has noise, as differences have
                 return now
+            now = seen
             active = turned(active, old.frame, place.frame)
             policy.restart()
         if increment.nearest is None or violation < increment.nearest[1]:

@@ -38,4 +38,5 @@ from pw_elements.contact.model.surfaces import (
     SignedDistance,
     Sphere,
     Surface,
+    with_step,
 )

@@ -7,7 +7,7 @@ it: negative inside the rigid.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -25,8 +25,8 @@ Points = Array
 # coordinate, and of what differences for gradients leave of it
 _PROJECTIONS = 30
 _PROJECTED, _PROJECTED_BY_DIFFERENCES = 1e-12, 1e-8
-# Step of second differences over that of first ones
-_COARSER = 100
+# Step of first differences over the largest coordinate, and that of second ones over it
+_STEP, _COARSER = 1e-6, 100
 
 
 def unit(direction: Sequence[float]) -> Array:
@@ -231,7 +231,8 @@ class SignedDistance:
         gradient: of points as rows, (n, dim) to (n, dim), by default central differences; or a UFL
             vector of numbers and `ufl.SpatialCoordinate`, such as a `ufl.grad`, which is evaluated
             point by point: much slower than arrays, some 0.1 ms a time.
-        step: of the differences, a small part of the smallest radius of the surface.
+        step: of the differences, a small part of the smallest radius of the surface; by default
+            1e-6 of the largest coordinate, in contact that of the mesh.
 
     Raises:
         TypeError: for anything but functions.
@@ -240,7 +241,7 @@ class SignedDistance:
 
     function: Callable[[Points], Array]
     gradient: Callable[[Points], Points] | Expr | None = None
-    step: float = 1e-6
+    step: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.gradient, Expr):
@@ -249,7 +250,8 @@ class SignedDistance:
             given = getattr(self, name)
             if not (is_function(given) or (name == "gradient" and given is None)):
                 raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
-        positive("step", self.step)
+        if self.step is not None:
+            positive("step", self.step)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), at first order."""
@@ -317,9 +319,12 @@ class SignedDistance:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)
             return field("the gradient of a signed distance", given, x.shape, layout)
-        steps = self.step * np.eye(x.shape[1])
-        differences = [self._values(x + h) - self._values(x - h) for h in steps]
-        return np.asarray(np.array(differences).T / (2 * self.step), dtype=float)
+        step = self._step(x)
+        differences = [self._values(x + h) - self._values(x - h) for h in step * np.eye(x.shape[1])]
+        return np.asarray(np.array(differences).T / (2 * step), dtype=float)
+
+    def _step(self, x: Points) -> float:
+        return self.step or _STEP * (np.abs(x).max(initial=0.0) or 1.0)
 
     def _directed(self, x: Points) -> tuple[Points, Mask]:
         """Gradient (n, dim), any direction where it vanishes, and where (n,) that is."""
@@ -329,10 +334,17 @@ class SignedDistance:
 
     def _bend(self, x: Points) -> Array:
         """Second derivatives (n, dim, dim) of the function."""
-        step = self.step * (1 if self.gradient is not None else _COARSER)
+        step = self._step(x) * (1 if self.gradient is not None else _COARSER)
         steps = step * np.eye(x.shape[1])
         bend = np.array([self._slope(x + h) - self._slope(x - h) for h in steps]) / (2 * step)
         return np.asarray(bend.transpose(1, 0, 2) + bend.transpose(1, 2, 0)) / 2
+
+
+def with_step(surface: Surface, largest: float) -> Surface:
+    """A surface, its step being the default one of a body with a largest coordinate."""
+    if isinstance(surface, SignedDistance) and surface.step is None:
+        return replace(surface, step=_STEP * largest)
+    return surface
 
 
 def _at_points(vector: Expr) -> Callable[[Points], Points]:
