@@ -63,6 +63,7 @@ class EdgeRelease:
 
     def __init__(self, interface: Interface, chosen: Sequence[int]) -> None:
         self._interface = interface
+        self._counts = [len(interface.in_order(k, interface.pair)) for k in range(interface.pairs)]
         self._points: dict[int, tuple[Array, Indices]] = {}  # positions, and their nearest ones
         for k in chosen:
             x = interface.in_order(k, interface.position)
@@ -88,14 +89,9 @@ class EdgeRelease:
 
     def _beside(self, before: Mask, now: Mask, pull: Array) -> Mask:
         """Points (m,) to let go that hold now and did before, by forces (m,) that pull these."""
-        deeper = []
-        for k in range(self._interface.pairs):
+        deeper = [np.zeros(count, dtype=bool) for count in self._counts]
+        for k, (x, around) in self._points.items():
             held, holds, force = (self._interface.in_order(k, v) for v in (before, now, pull))
-            deep = np.zeros(len(held), dtype=bool)
-            deeper.append(deep)
-            if k not in self._points:
-                continue
-            x, around = self._points[k]
             pulls = held & (np.where(held, force, 0.0)[around].mean(axis=1) > 0)
             free, rest = ~held & ~holds, held & ~pulls
             if not (pulls.any() and free.any() and rest.any()):
@@ -105,8 +101,8 @@ class EdgeRelease:
             to_rest, to_others = (cKDTree(x[some]).query(along)[0] for some in (rest, ~rest))
             width[np.mean(to_rest < to_others, axis=1) > _HELD_SHARE] = 0.0  # no edge
             found = cKDTree(x).query_ball_point(x[pulls], _WAY_SHARE * width)
-            deep[np.concatenate(found).astype(np.int64)] = True
-            deep &= held & holds
+            deeper[k][np.concatenate(found).astype(np.int64)] = True
+            deeper[k] &= held & holds
         return self._interface.local(deeper)
 
 
