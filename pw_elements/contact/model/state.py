@@ -88,6 +88,11 @@ class Residuals:
     Where these are nothing but round-off, lengths are over the largest coordinate of a contact
     node, and forces over the stiffness of one times the length.
 
+    A state is accepted where none exceeds 1e-9 and, over the largest contact force, what may be
+    round-off: 1e-13 of stiffness times displacement, and 1e-15 of stiffness times coordinate. That
+    is more than 1e-9 where a body is far stiffer than what holds it, or moves far under small
+    forces.
+
     Args:
         equilibrium: unbalanced force of nodes that are not in contact.
         penetration: -g where it is positive.
