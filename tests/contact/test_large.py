@@ -326,10 +326,11 @@ def test_half_a_million_unknowns_take_less_than_four_gigabytes(request):
 
 
 def test_a_column_buckles_by_either_solver():
-    """The straight state is refused where it is unstable; perfect as it is, the column bends."""
+    """The straight state is refused where it is unstable; the column, which leans, bends."""
     forces = []
     for solver in SOLVERS.values():
         mesh = triangles(MPI.COMM_SELF, (-0.5, 0.0), (0.5, 8.0), (2, 16))
+        mesh.geometry.x[:, 0] += 1e-3 * mesh.geometry.x[:, 1]  # it leans to one side
         spaces = Spaces.petrov_galerkin(mesh)
         u, residual = at_large_strains(spaces)
         foot = [prescribe(spaces.trial, k, lambda x: np.isclose(x[1], 0.0)) for k in (0, 1)]
@@ -340,10 +341,10 @@ def test_a_column_buckles_by_either_solver():
             state = problem.step(state, motions=Motion((0.0, -depth)))
             way.append(-state.pairs[0].force[1])
         assert state.substates
-        assert np.abs(state.displacement.array_r[::2]).max() > 0.1
+        assert state.displacement.array_r[::2].max() > 0.1
         forces.append(way)
     assert forces[0][1] < 0.9 * 0.12 / 0.05 * forces[0][0]
-    assert np.allclose(*forces, rtol=1e-2)  # to the left or right, for which the mesh differs
+    assert np.allclose(*forces, rtol=1e-8)
 
 
 def test_levels_are_made_anew_when_it_pays(monkeypatch):
