@@ -38,7 +38,7 @@ from pw_elements.meshes import mapped, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
 from study.verification.half_space import HertzLine
-from tests.contact.cases import PW, Block, Elastic, at
+from tests.contact.cases import GALERKIN, PW, Block, Elastic, at
 from tests.library import vtx
 
 FIELDS = ["displacement", "contact_force", "gap", "slip", "status"]
@@ -172,6 +172,9 @@ def test_no_indicator_without_a_stress():
     body, (*_, state) = ball(CellType.tetrahedron, PW)
     with pytest.raises(ValueError, match="one that is not hybrid"):
         ContactFields.of(state, body.space).indicator()
+    body, (*_, state) = ball(CellType.tetrahedron, GALERKIN)
+    with pytest.raises(ValueError, match="nodes of this element have no weight"):
+        ContactFields.of(state, body.body).indicator()
 
 
 def test_what_is_no_state_of_the_body():

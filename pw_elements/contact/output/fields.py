@@ -267,12 +267,18 @@ class ContactFields:
 
         Raises:
             ValueError: without the body, of a hybrid one, and at large strains, where the material
-                of a body is not that of the residual.
+                of a body is not that of the residual; where nodes have no weight, as the corners
+                of the standard 10-node tetrahedron.
         """
         if self.body is None or self.pressure is None or self.hybrid or self.true_pressure:
             raise ValueError(
                 "stresses follow from the displacements of a Body at small strains, one that is "
                 "not hybrid: give it to ContactFields.of, or integrate your own stress"
+            )
+        if any(np.isnan(each.pressure(each.own_area)).any() for each in self.surfaces):
+            raise ValueError(
+                "nodes of this element have no weight on the surface, so no pressure to compare "
+                "with stresses: Spaces.petrov_galerkin gives them one"
             )
         mesh, weights = self.body.spaces.mesh, test_space(self.pressure.function_space)
         facets = [facets_between(self.displacement.function_space, s.node) for s in self.surfaces]
