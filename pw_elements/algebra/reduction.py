@@ -24,7 +24,6 @@ from pw_elements.solvers import (
     Projection,
     SingularSystem,
     Supports,
-    block_diagonal,
     python_matrix,
     selection,
     unbalanced,
@@ -132,9 +131,13 @@ def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
             )
         if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
-    inverse = np.zeros((len(inner) // block, block, block))
-    inverse[inner[::block]] = np.linalg.inv(blocks)
-    return block_diagonal(inverse, K.getSizes()[0], K.comm)
+    inverse = np.linalg.inv(blocks)
+
+    width = np.where(inner, block, 0)
+    indptr = np.concatenate(([0], np.cumsum(width))).astype(PETSc.IntType)
+    dofs = np.flatnonzero(inner).reshape(-1, block) + K.getOwnershipRange()[0]
+    indices = np.repeat(dofs, block, axis=0).ravel().astype(PETSc.IntType)
+    return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
 
 
 @dataclass(frozen=True)
