@@ -336,19 +336,16 @@ class Krylov:
         self._how, self._matrix, self._foreign = how, matrix, foreign
         self.options, self.foreign = how.options, foreign is not None
         self._counted: list[int] = []  # iterations, by each call of PETSc's monitor
-        self.multigrid: Multigrid | SaddlePoint
-        if hybrid := is_hybrid(supports.space):
-            self.multigrid = SaddlePoint(matrix, supports)
-            self.elastic = self.multigrid.elastic
-        else:
-            self.multigrid = Multigrid(matrix, supports)
-            self.elastic = matrix, supports
+        saddle = SaddlePoint(matrix, supports) if is_hybrid(supports.space) else None
+        self.saddle, self.elastic = saddle, saddle.elastic if saddle else (matrix, supports)
+        self.levels = saddle.levels if saddle else Multigrid(matrix, supports)
+        self.multigrid: Multigrid | SaddlePoint = saddle or self.levels
         self.operator = self.multigrid.operator
         self.ksp = self._method_for(self.operator)
         # the levels take over the prefix
         self.multigrid.set_up(self.ksp.getPC())
         self.ksp.getPC().setFromOptions()
-        how_inside = " in a block triangle" if hybrid else ""
+        how_inside = " in a block triangle" if saddle else ""
         self._method = f"{self.ksp.getType().upper()} with p-multigrid{how_inside}"
 
     def preconditioned(self, operator: PETSc.Mat, preconditioner: object) -> PETSc.KSP:

@@ -14,6 +14,7 @@ import pytest
 
 from pw_elements import Direct, Iterative
 from pw_elements.contact.iteration.newton import Increment
+from pw_elements.contact.model import errors
 from pw_elements.contact.steps import stepping
 from study.core.sources import closure, imported, source
 from tests.contact.cases import GALERKIN, PW, Block
@@ -160,6 +161,17 @@ def test_nothing_of_the_iteration_imports_checks():
     assert len(names) > 4
     for name in names:
         assert not {other for other in imported(name) if other.startswith("pw_elements.checks")}
+
+
+def test_the_iteration_asks_for_no_type_but_of_errors():
+    """Tangents and surfaces answer by themselves; an error says what it is by its class."""
+    asked = []
+    for path in (LIBRARY / "contact" / "iteration").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "type"):
+                asked.append(ast.unparse(node.args[1] if len(node.args) > 1 else node))
+    assert asked
+    assert [name for name in asked if not hasattr(errors, name)] == []
 
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])

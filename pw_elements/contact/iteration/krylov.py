@@ -33,9 +33,7 @@ from pw_elements.contact.iteration.law import TOLERANCE, Accuracy, LinearisedLaw
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
     MatrixFree,
-    Multigrid,
     PreparedSolver,
-    SaddlePoint,
     SingularSystem,
     Supports,
     add,
@@ -364,9 +362,8 @@ class KrylovTangent:
         self._comm: MPI.Comm = K.comm.tompi4py()
         self.solver: PreparedSolver = how.prepare(K, supports=supports)
         self._krylov = krylov = with_levels(self.solver, K, supports)
-        levels = krylov.multigrid
-        saddle = self._saddle = levels if isinstance(levels, SaddlePoint) else None
-        self._multigrid: Multigrid = levels.levels if isinstance(levels, SaddlePoint) else levels
+        saddle = self._saddle = krylov.saddle
+        self._multigrid = krylov.levels
         stiffness = saddle.scaled if saddle else self._multigrid.blocked
         self._context = Unassembled(stiffness, supports.free, points)
         local, whole = K.getSizes()[0]
@@ -393,7 +390,7 @@ class KrylovTangent:
             self._ksp = krylov.preconditioned(self._operator, outer)
         else:
             self._ksp = krylov.ksp
-            self._ksp.setOperators(self._operator, levels.operator)
+            self._ksp.setOperators(self._operator, krylov.operator)
         # supports that hold all pieces need no help of contact
         elastic, held = krylov.elastic
         loose = free_motion(elastic, held)
@@ -413,8 +410,8 @@ class KrylovTangent:
         local[len(begin) :] = translations[: len(local) - len(begin)]
         self._size, self._left_before = self._solution.norm(), 0.0
 
-    def renew(self) -> None:
-        """Takes what K has become; new levels, when old ones have cost as much as these would."""
+    def renew(self, *_: object, **__: object) -> None:
+        """Makes new levels, when old ones have cost as much as these would; K is the same."""
         self._renewed = True
         if self._wasted >= self._set_up:
             self._krylov.multigrid.renew()

@@ -18,6 +18,7 @@ The nonzero pattern is that of all active sets. Its rows are built once, before 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol, TypeAlias
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -32,10 +33,13 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stated_mean
 from pw_elements.contact.iteration.law import Accuracy, Levers, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
-from pw_elements.solvers import LinearSolver, SolverReport, is_matrix_free
+from pw_elements.solvers import LinearSolver, PreparedSolver, SolverReport, is_matrix_free
 
 # What does not count as different
 _EQUAL = 1e-12
+
+# Pointers, columns and values of this process' rows, for PETSc
+_Csr: TypeAlias = tuple[npt.NDArray, npt.NDArray, Array]
 
 
 class PointRows:
@@ -211,6 +215,42 @@ class Solution:
     final: bool
 
 
+class ContactTangent(Protocol):
+    """The linear system of any active set, and how it is solved.
+
+    All solutions are as exact as they can be if it is `precise`.
+    """
+
+    precise: bool
+    solver: PreparedSolver
+
+    def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
+        """Begins an increment at unknowns of this process."""
+        ...
+
+    def renew(self, rows: Callable[[], tuple[PointRows, _Csr]], another: bool) -> None:
+        """Takes what K has become; `rows` makes the matrix, of another pattern perhaps."""
+        ...
+
+    def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
+        """Solves for an active set, with right-hand sides of this process and of free translations.
+
+        More than final is by factors of the very matrix. Raises SingularSystem if there is no
+        unique solution, NotConverged if an iteration fails.
+        """
+        ...
+
+    def orientation(self) -> tuple[int, ...]:
+        """Signs besides those that the solver tells by its determinants."""
+        ...
+
+    def encloses(self) -> bool:
+        """Whether a constant pressure in an incompressible body acts on contact points alone."""
+        ...
+
+    def release(self) -> None: ...
+
+
 class ContactSystem:
     """Equations of the reduced displacements and of the free translations of surfaces.
 
@@ -244,7 +284,7 @@ class ContactSystem:
         if self.comm.allreduce(int(outside.any()), MPI.MAX):
             raise ValueError("the reduction moves a contact node to another process")
         self.hand_on(interface.force)
-        self.tangent: Tangent | KrylovTangent
+        self.tangent: ContactTangent
         self._motion = interface.motion
         moved = local_rows(interface.motion.matMult(reduction.right), len(free))
         unit = own_entries(moved, interface.equation)
@@ -270,7 +310,7 @@ class ContactSystem:
         borders = len(csr[0]) - 1 - (last - first)
         self.tangent = Tangent(matrix, rows, first, borders, solver, enclosed)
 
-    def _rows(self) -> tuple[sp.csr_matrix, PointRows, tuple[npt.NDArray, npt.NDArray, Array]]:
+    def _rows(self) -> tuple[sp.csr_matrix, PointRows, _Csr]:
         """L K, the points' rows, and the matrix in which they have their places."""
         operators = self.stiffness, self._force, self._flexible, self._spread
         fixed, read = tangent_rows(*operators, self.interface.equation, len(self.free))
@@ -311,14 +351,15 @@ class ContactSystem:
 
         Without the latter the pattern is the same.
         """
-        if isinstance(self.tangent, KrylovTangent):
-            self.tangent.renew()
-            return
-        self.stiffness = self.reduction.matrix(K)
-        if motion is not None:
-            self._motion = motion
-            self._moved = local_rows(motion.matMult(self.reduction.right), len(self.free))
-        self.tangent.renew(*self._rows()[1:], another=motion is not None)
+
+        def rows() -> tuple[PointRows, _Csr]:
+            self.stiffness = self.reduction.matrix(K)
+            if motion is not None:
+                self._motion = motion
+                self._moved = local_rows(motion.matMult(self.reduction.right), len(self.free))
+            return self._rows()[1:]
+
+        self.tangent.renew(rows, another=motion is not None)
 
     def start(self, unknowns: Callable[[], PETSc.Vec], translations: Array) -> None:
         def begin() -> Array:
@@ -420,13 +461,9 @@ class ContactSystem:
 
 
 class Tangent:
-    """The assembled matrix of any linearised law and all equations of equilibrium, and its factors.
+    """A `ContactTangent` with an assembled matrix and its factors."""
 
-    `encloses` tells whether a constant pressure in an incompressible body acts on contact points
-    alone.
-    """
-
-    precise = True  # all solutions are as exact as they can be
+    precise = True
 
     def __init__(
         self,
@@ -448,21 +485,17 @@ class Tangent:
         """Factors need no place to begin at."""
 
     def orientation(self) -> tuple[int, ...]:
-        """Gives nothing besides what the solver tells by its determinants."""
         return ()
 
     def release(self) -> None:
         """Factors go with the last reference."""
 
-    def renew(
-        self, points: PointRows, csr: tuple[npt.NDArray, npt.NDArray, Array], another: bool
-    ) -> None:
-        """Takes other values, in the same pattern or in another one."""
-        self._points, self._factorised = points, None
+    def renew(self, rows: Callable[[], tuple[PointRows, _Csr]], another: bool) -> None:
+        (self._points, csr), self._factorised = rows(), None
         if not another:
             self.matrix.setValuesCSR(*csr)
             return
-        self._place = points.place(self._first)
+        self._place = self._points.place(self._first)
         self.matrix = PETSc.Mat().createAIJ(self.matrix.getSizes(), csr=csr, comm=self._comm)
         take = getattr(self.solver, "take", None)
         if take is None:
@@ -473,11 +506,6 @@ class Tangent:
         take(self.matrix)
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """Solves for an active set, with right-hand sides of this process and of free translations.
-
-        More than final is by factors of the very matrix. Raises SingularSystem if there is no
-        unique solution.
-        """
         combinations, known = self._stand(law), self._known(right, balance)
         if accuracy == "more":
             self._factorised = None
