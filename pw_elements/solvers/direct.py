@@ -12,11 +12,13 @@ from hashlib import blake2b
 from time import perf_counter
 from typing import Any, ClassVar, Protocol, TypeAlias, TypeGuard
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 
 from pw_elements._compat import option_used
+from pw_elements.arrays import Indices
 from pw_elements.checks import collective, flag, of_type, processes, same_everywhere
 from pw_elements.checks import matrix as check_matrix
 from pw_elements.progress import told
@@ -26,12 +28,10 @@ Options: TypeAlias = Mapping[str, str | int | float | bool]
 # A known solution comes back with a relative error of condition number x round-off: above
 # this, fewer than four digits of any answer would be meant.
 _LOST = 1e-4
-# Corrections of old factors: an iteration per changed row is exact, for the change has that
-# rank; round-off needs some more
-_SPARE = 5
-_CONVERGED = 1e-13
-# Operations of a factorisation are done faster than those of a solve, by about this (measured)
-_FASTER = 6
+# Condition of what corrects old factors; residual over round-off, and solutions that refine it
+_SINGULAR = 1e8
+_ROUND_OFF = 10 * float(np.finfo(float).eps)
+_REFINED = 4
 
 
 class SingularSystem(RuntimeError):
@@ -60,7 +60,7 @@ class SolverReport:
     Args:
         method: in words, "LU by mumps" say.
         factorisations: of matrices.
-        krylov_iterations: by which old factors were corrected, or of an iterative solver.
+        krylov_iterations: of an iterative solver, or solutions by which old factors were corrected.
     """
 
     method: str
@@ -133,8 +133,13 @@ class PreparedSolver(Protocol):
         """
         ...
 
-    def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
-        """Solution after `rows` rows have changed since `solve`, if that is cheaper; or None."""
+    def solve_changed(self, right: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
+        """Solution after rows have changed since `solve`, if that is cheaper; or None.
+
+        Args:
+            right: (n,).
+            rows: global numbers of those of this process.
+        """
         ...
 
     def release(self) -> None:
@@ -224,7 +229,13 @@ class Direct:
 
 
 class Factors:
-    """Factors of a matrix: made anew where it has changed, corrected where few of its rows have."""
+    """Factors of a matrix: made anew where it has changed, corrected where few of its rows have.
+
+    Where A differs from the factorised A_0 in rows S, these columns of the inverse, Z = A_0^-1 I_S,
+    take the residual out of them: x + Z w with (A Z)_S w = (b - A x)_S. Adding A_0^-1 (b - A x)
+    leaves a residual in S alone. The columns are kept until they have cost as much as factors do,
+    or a quarter of their memory.
+    """
 
     def __init__(
         self,
@@ -235,7 +246,6 @@ class Factors:
         self._options = options or {}
         self._orientations: list[int] = []
         self._factorisations = self._iterations = 0
-        self._worthwhile = -1.0
         self.ksp = PETSc.KSP().create(matrix.comm)
         self.ksp.setOperators(matrix)
         self.ksp.setType("preonly")
@@ -246,7 +256,6 @@ class Factors:
         self._preconditioner.setFactorSolverType("mumps")
         if options:
             set_options(self.ksp, options)
-        self._kind = self.ksp.getType()
         package = self._preconditioner.getFactorSolverType()
         self._method = f"{'LDL^T' if symmetric else 'LU'} by {package}"
         self._mumps = package == "mumps"
@@ -281,9 +290,10 @@ class Factors:
 
     def set_up(self) -> None:
         """Factorises the matrix as it is now; raises SingularSystem if the factors do not serve."""
-        self.ksp.setType(self._kind)
         self._preconditioner.setReusePreconditioner(False)
-        self._worthwhile = -1.0
+        self._most = 0.0  # columns
+        self._columns: list[PETSc.Mat] = []
+        self._rows: Indices = np.empty(0, dtype=PETSc.IntType)  # S, of all processes
         begun, comm = perf_counter(), self._matrix.comm.tompi4py()
         what = f"{self._method} of {self._matrix.getSize()[0]} unknowns"
         with said_clearly(self._options):
@@ -297,27 +307,75 @@ class Factors:
             factor = self._preconditioner.getFactorMatrix()
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
             entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
-            self._worthwhile = operations / (4 * entries) / _FASTER
-            self._orientations.append(int(np.sign(factor.getMumpsRinfog(12))))
+            n = self._matrix.getSize()[0]
+            self._most = min(operations / (4 * entries), entries / (4 * n))
+            self._factorised = int(np.sign(factor.getMumpsRinfog(12)))
+            self._orientations.append(self._factorised)
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
         self.set_up()
-        solution = right.duplicate()
-        self.ksp.solve(right, solution)
-        return solution
+        self._solution = right.duplicate()
+        self.ksp.solve(right, self._solution)
+        return self._solution.copy()
 
-    def solve_changed(self, right: PETSc.Vec, rows: int) -> PETSc.Vec | None:
-        """Solution by GMRES with the last factors; None if new ones cost less or it is slow."""
-        if rows > self._worthwhile:
+    def solve_changed(self, right: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
+        """Solution by the last factors; None if new ones cost less, or it is not exact."""
+        A, comm = self._matrix, self._matrix.comm.tompi4py()
+        new = np.setdiff1d(np.concatenate(comm.allgather(rows)), self._rows)
+        if len(self._rows) + len(new) > self._most:
             return None
-        self.ksp.setType("gmres")
-        self.ksp.setGMRESRestart(rows + _SPARE)
-        self.ksp.setTolerances(rtol=_CONVERGED, atol=0.0, max_it=rows + _SPARE)
         self._preconditioner.setReusePreconditioner(True)
-        solution = right.duplicate()
-        self.ksp.solve(right, solution)
-        self._iterations += self.ksp.getIterationNumber()
-        return solution if self.ksp.getConvergedReason() > 0 else None
+        first, last = A.getOwnershipRange()
+        if len(new):
+            self._columns.append(self._inverted(new))
+            self._rows = np.append(self._rows, new).astype(PETSc.IntType)
+        own = (self._rows >= first) & (self._rows < last)
+        here = self._rows[own] - first
+        part = A.createSubMatrix(PETSc.IS().createGeneral(self._rows[own], comm=A.comm))
+        changed = np.zeros((len(own), len(own)))
+        products = [part.matMult(Z) for Z in self._columns]
+        changed[own] = np.hstack([np.empty((len(here), 0)), *(p.getDenseArray() for p in products)])
+        comm.Allreduce(MPI.IN_PLACE, changed, MPI.SUM)
+        if len(own) and not np.linalg.cond(changed, 1) < _SINGULAR:
+            return None
+        x, rest, step = self._solution.copy(), right.duplicate(), right.duplicate()
+        largest = PETSc.NormType.INFINITY
+        size, known = A.norm(largest), right.norm(largest)
+        for refined in range(_REFINED):
+            if refined:
+                self.ksp.solve(rest, step)
+                self._iterations += 1
+                x.axpy(1.0, step)
+            A.mult(x, rest)
+            wrong = np.zeros(len(own))
+            wrong[own] = (right.array_r - rest.array_r)[here]
+            comm.Allreduce(MPI.IN_PLACE, wrong, MPI.SUM)
+            weights, at = np.linalg.solve(changed, wrong), 0
+            for Z in self._columns:
+                x.array[:] += Z.getDenseArray() @ weights[at : at + Z.getSize()[1]]
+                at += Z.getSize()[1]
+            A.mult(x, rest)
+            rest.aypx(-1.0, right)
+            if rest.norm(largest) <= _ROUND_OFF * (size * x.norm(largest) + known):
+                self._solution = x
+                sign = int(np.linalg.slogdet(changed)[0])
+                self._orientations.append(sign * self._factorised)
+                return x.copy()
+        return None
+
+    def _inverted(self, rows: Indices) -> PETSc.Mat:
+        """The inverse's columns of rows of all processes, by the last factors."""
+        (first, last), sizes = self._matrix.getOwnershipRange(), self._matrix.getSizes()[0]
+        shape = sizes, (PETSc.DECIDE, len(rows))
+        ones, Z = (PETSc.Mat().createDense(shape, comm=self._matrix.comm) for _ in range(2))
+        column = np.flatnonzero((rows >= first) & (rows < last))
+        ones.getDenseArray()[rows[column] - first, column] = 1.0
+        for matrix in (ones, Z):
+            matrix.assemble()
+        self.ksp.matSolve(ones, Z)
+        ones.destroy()
+        self._iterations += len(rows)
+        return Z
 
     def release(self) -> None:
         self.ksp.destroy()

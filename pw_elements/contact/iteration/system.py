@@ -54,7 +54,7 @@ class PointRows:
     def __init__(
         self, forces: sp.csr_matrix, motion: sp.csr_matrix, borders: sp.csr_matrix, own: Indices
     ) -> None:
-        (m, dim), n = own.shape, np.int64(forces.shape[1])
+        self.own, (m, dim), n = own, own.shape, np.int64(forces.shape[1])
         parts = [part.tocoo() for part in (forces, motion, -borders)]
         widths = [dim, motion.shape[0] // max(m, 1), borders.shape[0] // max(m, 1)]
         before, width = np.cumsum([0, *widths[:2]]), sum(widths)
@@ -544,5 +544,5 @@ class Tangent:
             return None
         size = np.abs(self._factorised).max(axis=(0, 1), keepdims=True, initial=0.0)
         change = np.abs(combinations - self._factorised) > _EQUAL * size
-        rows = self._comm.allreduce(int(np.sum(change.any(axis=2))), MPI.SUM)
-        return self.solver.solve_changed(right, rows)
+        rows = self._points.own[change.any(axis=2)]
+        return self.solver.solve_changed(right, self._first + rows[rows >= 0])
