@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Spaces, assemble_vector, reactions
+from pw_elements import Spaces, reactions
 from pw_elements.contact import (
-    ContactFailed,
     ContactFields,
     ContactPair,
     Motion,
@@ -20,11 +19,10 @@ from pw_elements.contact import (
     SurfacePassed,
     write,
 )
-from pw_elements.contact.model import MatchingNodes
-from pw_elements.meshes import triangles
 from tests.contact.cases import PW, Block, Elastic, Punch, at
 from tests.contact.histories import RESUMED, fields, histories, resumed, scale_of, whole
-from tests.contact.test_matching import Blocks, doubled, lower_nodes
+from tests.contact.test_matching import Blocks
+from tests.contact.test_refusals import messages
 from tests.contact.two_bodies import Stack
 from tests.library import vtx
 from tests.oracle.random_contact import problem as random_problem
@@ -127,51 +125,7 @@ def numbers(comm, folder):
     return found
 
 
-def refused(mesh, pairs, force, state="plane strain", conditions=()):
-    body = Elastic(mesh, state=state)
-    load = assemble_vector(body.body.body_load(force))
-    with pytest.raises(ContactFailed) as error:
-        body.contact(pairs(body.space), body.held(*conditions), load)
-    return f"{error.type.__name__}: {error.value}"
-
-
-def rough(mu, normal=(0, 1)):
-    floor = Plane((0,) * len(normal), normal)
-    return lambda _: ContactPair(at(len(normal) - 1, 0.0), floor, mu)
-
-
-def stacked(space):
-    lower, upper = (lower_nodes(space, 1.0, above) for above in (False, True))
-    between = ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), 0.3)
-    return [rough(0.6)(space), between]
-
-
-def plate(_):
-    motions = [Motion((None, None), (0, 1.0))]
-    return ContactPair(at(1, 1.0), Plane((0, 1), (0, -1)), 0.3, motions)
-
-
-def words(comm):
-    flat = triangles(comm, (0.0, 0.0), (2.0, 1.0), (6, 3))
-    single = triangles(MPI.COMM_SELF, (0.0, 0.0), (2.0, 1.0), (6, 3))
-    apart, above = (doubled(single, shift, comm) for shift in ((5.0, 0, 0), (0, 1.0, 0)))
-    solid = create_box(comm, [(0, 0, 0), (2, 2, 1)], [2, 2, 2], CellType.tetrahedron)
-    foot = [(i, at(1, 0.0)) for i in (0, 1)]
-    return [
-        refused(flat, rough(0.3), (0.4, -1.0)),
-        refused(flat, rough(0.3), (0.0, 1.0)),
-        refused(flat, rough(3.0), (2.5, -1.0)),
-        refused(flat, plate, (0.0, 0.0), conditions=foot),
-        refused(apart, rough(0.3), (0.4, -1.0)),
-        refused(above, stacked, (0.4, -1.0)),
-        refused(solid, rough(0.3, (0, 0, 1)), (0.3, 0.3, -1.0), "solid"),
-        refused(flat, rough(0.0), (0.3, 1.0), "axisymmetric"),
-        refused(apart, rough(0.0), (0.0, -1.0)),
-        refused(solid, rough(0.0, (0, 0, 1)), (0.0, 0.0, -1.0), "solid"),
-    ]
-
-
-KINDS = ["NoEquilibrium"] * 8 + ["FreeBody"] * 2
+KINDS = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 
 def told(comm):
@@ -202,7 +156,7 @@ def compared(state):
 
 def everything(comm, before, folder):
     """All that is compared; histories go on from where fewer processes have stopped."""
-    found = {"numbers": numbers(comm, folder), "words": words(comm), "histories": {}}
+    found = {"numbers": numbers(comm, folder), "words": messages(comm), "histories": {}}
     for name, history in histories.items():
         problem, steps = history(comm)
         if before is None:

@@ -10,6 +10,7 @@ from scipy.optimize import linprog
 
 from pw_elements import Reduction, assemble_vector, prescribe
 from pw_elements.contact import (
+    ContactFailed,
     ContactPair,
     FlatPunch,
     FreeBody,
@@ -29,6 +30,7 @@ from tests.oracle.random_contact import problem as random_problem
 
 SELF = MPI.COMM_SELF
 FLOOR, CEILING = Plane((0, 0), (0, 1)), Plane((0, 1), (0, -1))
+GROUND = Plane((0, 0, 0), (0, 0, 1))
 
 
 class Stated(Elastic):
@@ -53,16 +55,20 @@ class Stated(Elastic):
         )
 
 
-def block(conditions=(), state="plane strain", left=0.0):
-    return Stated(triangles(SELF, (left, 0.0), (left + 2.0, 1.0), (4, 2)), state, conditions)
+def block(comm=SELF, conditions=(), state="plane strain", left=0.0):
+    return Stated(triangles(comm, (left, 0.0), (left + 2.0, 1.0), (4, 2)), state, conditions)
 
 
-def clamped():
-    return block([(0, at(1, 0.0)), (1, at(1, 0.0))])
+def ring(comm=SELF):
+    return block(comm, state="axisymmetric", left=1.0)
 
 
-def solid(conditions=()):
-    mesh = create_box(SELF, [(0, 0, 0), (2, 2, 1)], [2, 2, 1], CellType.tetrahedron)
+def clamped(comm=SELF):
+    return block(comm, [(0, at(1, 0.0)), (1, at(1, 0.0))])
+
+
+def solid(comm=SELF, conditions=()):
+    mesh = create_box(comm, [(0, 0, 0), (2, 2, 1)], [2, 2, 1], CellType.tetrahedron)
     return Stated(mesh, "solid", conditions)
 
 
@@ -70,9 +76,15 @@ def floor(mu=0.3, surface=FLOOR):
     return ContactPair(at(1, 0.0), surface, mu)
 
 
-def two_apart():
+def two_apart(comm=SELF, shift=(5.0, 0.0, 0.0)):
     single = triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2))
-    return Stated(doubled(single, (5.0, 0.0, 0.0)))
+    return Stated(doubled(single, shift, comm))
+
+
+def stacked(body, below, between):
+    """Pairs of a block on a block on the floor."""
+    lower, upper = (lower_nodes(body.space, 1.0, above) for above in (False, True))
+    return [floor(below), ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), between)]
 
 
 def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
@@ -115,7 +127,7 @@ def test_block_on_an_incline_slides_where_it_is_steeper_than_friction(mu):
 
 def test_body_in_space_is_dragged_along_a_diagonal():
     """The cone is round: no polygon's corner is taken for it, in any direction."""
-    body, ground = solid(), ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)), 0.3)
+    body, ground = solid(), ContactPair(at(2, 0.0), GROUND, 0.3)
     for angle in np.radians([0.0, 30.0, 100.0]):
         pull = 0.3 * np.array([np.cos(angle), np.sin(angle)])
         load = body.at_node((1, 1, 0), (*(1.0001 * pull), -1.0))
@@ -131,12 +143,9 @@ UPPER = r"the body around \(1, 1\.5\) slides along x on pair 1\. .* of \(-0\.1, 
 
 @pytest.mark.parametrize(("below", "between", "said"), [(0.5, 0.3, UPPER), (0.3, 0.5, BOTH)])
 def test_upper_or_both_of_two_stacked_blocks_are_dragged_off(below, between, said):
-    mesh = doubled(triangles(SELF, (0.0, 0.0), (2.0, 1.0), (4, 2)), (0.0, 1.0, 0.0))
-    body = Stated(mesh)
-    lower, upper = (lower_nodes(body.space, 1.0, above) for above in (False, True))
-    matching = ContactPair(upper, MatchingNodes(lower, Plane((0, 1), (0, 1))), between)
+    body = two_apart(shift=(0.0, 1.0, 0.0))
     load = body.load((0.2, -0.5), at(1, 2.0))
-    error = refusal(body, [floor(below), matching], load, said)
+    error = refusal(body, stacked(body, below, between), load, said)
     first, second = error.velocity.translation
     assert first == pytest.approx(second if said == BOTH else 0.0, abs=1e-9)
 
@@ -150,12 +159,11 @@ def test_only_the_block_that_nothing_holds_is_named():
 
 
 def test_axisymmetric_body_is_lifted_along_its_axis_only():
-    ring = block(state="axisymmetric", left=1.0)
-    error = refusal(ring, floor(), (1.0, 1.0), "the body lifts off pair 0")
+    error = refusal(ring(), floor(), (1.0, 1.0), "the body lifts off pair 0")
     volume = np.pi * (3**2 - 1)
     assert error.missing.force == pytest.approx(np.array([[0, -volume]]), rel=1e-6)
     assert error.velocity.translation == pytest.approx(np.array([[0, 1]]))
-    ring.solve(floor(), (1.0, -1.0))
+    ring().solve(floor(), (1.0, -1.0))
 
 
 def pushed_by(surface, force, mu=0.3):
@@ -189,7 +197,7 @@ def corner(x):
     return np.all(np.isclose(x.T, 0.0), axis=1)
 
 
-ICE, ICE_IN_SPACE = floor(0.0), ContactPair(at(2, 0.0), Plane((0, 0, 0), (0, 0, 1)))
+ICE, ICE_IN_SPACE = floor(0.0), ContactPair(at(2, 0.0), GROUND)
 PLATE = ContactPair(at(1, 1.0), CEILING, 0.3, [Motion((None, 0))])
 AWAY = ContactPair(at(2, 1.0), FlatPunch((9, 9, 1), (0, 0, -1), 0.1), 0.3)
 EDGE = [(axis, lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0)) for axis in (0, 2)]
@@ -198,25 +206,46 @@ ABOUT = " and ".join(rf"rotation about the axis along {a} through \(0, 0, 0\)" f
 SPIN = r"rotation about the axis along z through \(1, 1, 0\.5\) and translation x and tr"
 HINGE = r"rotation about the axis along y through \(0, 1, 0\) and translation y"
 RING = ContactPair(at(0, 3.0), Plane((3, 0), (-1, 0)))
+DOWN, SINK = (0.0, -1.0), (0.0, 0.0, -1.0)
 FREE = {
-    "ice": (block, ICE, "^increment 0: translation x"),
-    "inclined": (block, floor(0.0, Inclined()), r"translation \(0\.8, 0\.6\)"),
-    "apart": (two_apart, ICE, f"{ONE} and {OTHER}"),
+    "ice": (block, ICE, DOWN, "^increment 0: translation x"),
+    "inclined": (block, floor(0.0, Inclined()), DOWN, r"translation \(0\.8, 0\.6\)"),
+    "apart": (two_apart, ICE, DOWN, f"{ONE} and {OTHER}"),
     # a rough plate lies on a block on ice: it is free with the block, not by itself
-    "together": (block, [ICE, PLATE], "0: translation x of the body and the surface of pair 1"),
-    "space": (solid, ICE_IN_SPACE, SPIN),
-    "pinned": (lambda: solid([(axis, corner) for axis in range(3)]), AWAY, ABOUT),
-    "hinged": (lambda: solid(EDGE), AWAY, HINGE),
-    "axis": (lambda: block(state="axisymmetric", left=1.0), RING, "0: translation y"),
+    "together": (block, [ICE, PLATE], DOWN, "0: translation x of the body and the surface of pair"),
+    "space": (solid, ICE_IN_SPACE, SINK, SPIN),
+    "pinned": (lambda c: solid(c, [(axis, corner) for axis in range(3)]), AWAY, SINK, ABOUT),
+    "hinged": (lambda c: solid(c, EDGE), AWAY, SINK, HINGE),
+    "axis": (ring, RING, (0.0, 1.0), "0: translation y"),
 }
 
 
 @pytest.mark.parametrize("name", FREE)
 def test_free_motions_are_named_so_that_supports_can_follow(name):
-    make, pairs, words = FREE[name]
-    stated = make()
-    load = (0.0, 1.0) if name == "axis" else (0.0,) * (stated.dim - 1) + (-1.0,)
-    refusal(stated, pairs, load, f"{words}.*: held", FreeBody)
+    make, pairs, load, words = FREE[name]
+    refusal(make(SELF), pairs, load, f"{words}.*: held", FreeBody)
+
+
+def messages(comm):
+    """Refusals without equilibrium, then of free bodies."""
+    above, space = two_apart(comm, (0.0, 1.0, 0.0)), ContactPair(at(2, 0.0), GROUND, 0.3)
+    plate = pushed_by(CEILING, (0, 1.0))
+    cases = [
+        *((block(comm), floor(mu), f) for mu, f in ((0.3, (0.4, -1.0)), (3.0, (2.5, -1.0)))),
+        (block(comm), floor(), (0.0, 1.0)),
+        (clamped(comm), plate, (0.0, 0.0)),
+        (two_apart(comm), floor(), (0.4, -1.0)),
+        (above, stacked(above, 0.6, 0.3), (0.4, -1.0)),
+        (solid(comm), space, (0.3, 0.3, -1.0)),
+        (ring(comm), floor(0.0), (0.3, 1.0)),
+    ]
+    cases += [(make(comm), pairs, load) for make, pairs, load, _ in FREE.values()]
+    found = []
+    for stated, pairs, load in cases:
+        with pytest.raises(ContactFailed) as error:
+            stated.solve(pairs, load)
+        found.append(f"{error.type.__name__}: {error.value}")
+    return found
 
 
 # -- no proof ---------------------------------------------------------------------------------

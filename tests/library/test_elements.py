@@ -17,7 +17,6 @@ from dolfinx.mesh import (
     create_interval,
     create_rectangle,
     create_unit_cube,
-    create_unit_square,
     meshtags,
 )
 
@@ -68,21 +67,6 @@ def test_slopes_are_those_of_the_values(cell):
         assert within.mean() > 0.9
         difference = (above - below) / (2 * step)
         assert np.abs(slope - difference)[within].max() < 1e-11
-
-
-def test_integrates_to_a_quarter_and_a_half_of_an_edge():
-    mesh = create_unit_square(MPI.COMM_SELF, 1, 1)
-    for element, vertex, middle in [
-        (macro_element("triangle"), 1 / 4, 1 / 2),
-        (quadratic_element("triangle"), 1 / 6, 2 / 3),
-    ]:
-        W = fem.functionspace(mesh, element)
-        x = ufl.SpatialCoordinate(mesh)
-        below = ufl.conditional(ufl.lt(x[1], 1e-9), 1.0, 0.0)
-        load = fem.assemble_vector(fem.form(below * ufl.TestFunction(W) * ufl.ds)).array
-        nodes = fem.locate_dofs_geometrical(W, lambda x: np.isclose(x[1], 0))
-        nodes = nodes[np.argsort(W.tabulate_dof_coordinates()[nodes][:, 0])]
-        assert load[nodes] == pytest.approx([vertex, middle, vertex], abs=1e-14)
 
 
 def test_serendipity_is_nodal_and_holds_the_right_polynomials():

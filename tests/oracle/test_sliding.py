@@ -1,6 +1,5 @@
 """Two bodies that slide on each other at large strains: accepted states by outside arithmetic."""
 
-import basix
 import numpy as np
 import pytest
 
@@ -8,11 +7,7 @@ from pw_elements.contact import ContactFailed
 from tests.contact.sliding import die, slid, sliding
 from tests.oracle.large import Rubber
 from tests.oracle.sliding import Sliding
-
-TOLERANCE = 1e-8
-RULE = basix.make_quadrature(basix.CellType.triangle, 4)
-SUITE, NIGHTLY = 4, 100
-GIVEN_UP = 0.05  # of random problems, at most
+from tests.oracle.test_large import RULE, TOLERANCE, assert_law, parts, worst
 
 
 def random_die(seed):
@@ -50,9 +45,7 @@ def outside(bodies):
 
 
 def displacements(states):
-    """Of each state, after the inner ends of the parts into which its increment was cut."""
-    parts = [part for state in states for part in (*(at for _, at in state.substates), state)]
-    return [part.displacement.array_r.reshape(-1, 2).copy() for part in parts]
+    return [part.displacement.array_r.reshape(-1, 2).copy() for part in parts(states)]
 
 
 def outcome(seed):
@@ -64,21 +57,14 @@ def outcome(seed):
             states.append(state)
     except ContactFailed as failed:
         error = failed
-    problem, history, worst = outside(bodies), displacements(states), {}
-    for length in range(2, len(history) + 1):
-        found = problem.violations(history[:length])
-        worst = {name: max(size, worst.get(name, 0.0)) for name, size in found.items()}
-    return worst, error
+    problem, history = outside(bodies), displacements(states)
+    lengths = range(2, len(history) + 1)
+    return worst([problem.violations(history[:length]) for length in lengths]), error
 
 
 @pytest.mark.random
 def test_law_holds_in_every_accepted_state_and_few_problems_are_given_up(request):
-    given_up, count = [], NIGHTLY if request.config.getoption("--nightly") else SUITE
-    for seed in range(count):
-        worst, error = outcome(seed)
-        assert max(worst.values(), default=0.0) < TOLERANCE, (seed, worst)
-        given_up += [seed] * (error is not None)
-    assert len(given_up) <= GIVEN_UP * count, given_up
+    assert_law(outcome, 100 if request.config.getoption("--nightly") else 4)
 
 
 @pytest.mark.parametrize(

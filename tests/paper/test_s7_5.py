@@ -25,7 +25,7 @@ from tests.oracle.problem import (
     sorted_nodes,
     without_inner_nodes,
 )
-from tests.oracle.sections import converged, points
+from tests.oracle.test_sections import converged, points
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
