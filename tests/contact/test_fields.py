@@ -10,12 +10,8 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import (
-    Body,
-    Material,
     Reduction,
-    Spaces,
     as_function,
-    assemble_matrix,
     assemble_scalar,
     boundary_measure,
     prescribe,
@@ -31,7 +27,6 @@ from pw_elements.contact import (
     Plane,
     Sphere,
     plot,
-    solve_contact,
     write,
 )
 from pw_elements.meshes import mapped, triangles
@@ -133,8 +128,8 @@ def indented(edges):
     count, end = 3 * edges, (np.floor(2 * a / h) + 0.1) * h
     side = count * h
     mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (count, count), "left")
-    body = Body(Spaces.petrov_galerkin(mesh), Material(1.0, 0.3), "plane strain")
-    space, K = body.spaces.trial, assemble_matrix(body.stiffness())
+    elastic = Elastic(mesh, E=1.0)
+    body, space = elastic.body, elastic.space
     far = fem.Function(space)
     far.interpolate(lambda x: known.displacement(x[:2].T).T)
     outside = on(space, lambda x: np.isclose(x[0], side) | np.isclose(x[1], -side))
@@ -145,7 +140,7 @@ def indented(edges):
         return np.isclose(x[1], 0) & (x[0] < end)
 
     punch = ContactPair(below, Parabola((0, 0), 1000.0), 0.0, [Motion((0, -known.approach))])
-    (state,) = solve_contact(K, K.createVecRight(), supports, punch, space)
+    (state,) = elastic.contact(punch, supports)
     fields = ContactFields.of(state, body)
     x = ufl.SpatialCoordinate(mesh)
     exact = known.peak * ufl.sqrt(ufl.max_value(0.0, 1 - (x[0] / a) ** 2))

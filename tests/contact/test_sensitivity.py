@@ -9,13 +9,9 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_box
 
 from pw_elements import (
-    Body,
     Iterative,
-    Material,
-    Reduction,
     Spaces,
     as_function,
-    assemble_matrix,
     assemble_scalar,
     assemble_vector,
     boundary_measure,
@@ -30,6 +26,7 @@ from pw_elements.contact import (
     Sphere,
 )
 from pw_elements.meshes import triangles
+from tests.contact.cases import Elastic, at
 from tests.contact.test_large import Rubber as Touching
 from tests.contact.test_large import hardened
 from tests.parallel import same_numbers
@@ -214,18 +211,14 @@ class Steel:
 
     def __init__(self):
         mesh = triangles(MPI.COMM_SELF, (-1.0, -1.0), (1.0, 0.0), (12, 6))
-        spaces = Spaces.petrov_galerkin(mesh)
-        body, self.space = Body(spaces, Material(10.0, 0.3), "plane strain"), spaces.trial
-        self.K = assemble_matrix(body.stiffness())
-        end = boundary_measure(mesh, lambda x: np.isclose(x[0], 1.0))
-        self.load = assemble_vector(body.surface_load((0.02, -0.05), end))
-        held = [prescribe(self.space, i, lambda x: np.isclose(x[1], -1.0)) for i in (0, 1)]
-        self.supports = Reduction.dirichlet(self.space, held)
+        self.body = Elastic(mesh, E=10.0)
+        self.K, self.load = self.body.K, self.body.load((0.02, -0.05), at(0, 1.0))
+        self.supports = self.body.clamped(at(1, -1.0))
 
     def solve(self, friction=0.2, depth=1.0, slide=1.0, push=1.0, load=1.0, solver=None):
         circle = Sphere((0.03, 0.6), 0.6)
-        pair = ContactPair(lambda x: np.isclose(x[1], 0.0), circle, friction=friction)
-        problem = ContactProblem(self.K, self.supports, pair, self.space, solver)
+        pair = ContactPair(at(1, 0.0), circle, friction=friction)
+        problem = self.body.problem(pair, self.supports, solver=solver)
         states, f = [problem.undeformed], self.load.copy()
         f.scale(load)
         motions = [

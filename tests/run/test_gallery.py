@@ -3,18 +3,16 @@
 `python3 -m tests.run.test_gallery FOLDER` draws the pictures of the gallery.
 """
 
-import io
 import re
-import runpy
 import sys
-from contextlib import chdir, redirect_stdout
 from pathlib import Path
+from unittest.mock import patch
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from pw_elements.contact import OPEN, SLIP
+from tests.run.test_tutorial import run_program
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py") if not path.stem.endswith("_mesh"))
@@ -40,24 +38,15 @@ COARSE = {
 
 
 def run(name, folder, coarse=True):
-    """Runs an example in a folder; returns its names, and what it printed as "printed"."""
     code = (EXAMPLES / f"{name}.py").read_text()
     if coarse and name in COARSE:
         stated = COARSE[name].partition(" = ")[0]
         line = rf"^{re.escape(stated)} = [^#\n]*"
         code, count = re.subn(line, COARSE[name] + "  ", code, count=1, flags=re.MULTILINE)
         assert count == 1, f"{name} states no {stated}"
-    program = folder / f"{name}.py"
-    program.write_text(code.replace("Path(__file__)", f"Path({str(EXAMPLES / name)!r})"))
-    path = sys.path.copy()
-    sys.path.insert(0, str(EXAMPLES))
-    try:
-        with chdir(folder), redirect_stdout(io.StringIO()) as printed:
-            names = runpy.run_path(str(program))
-    finally:
-        sys.path[:] = path
-        plt.close("all")
-    return names | {"printed": printed.getvalue()}
+    code = code.replace("Path(__file__)", f"Path({str(EXAMPLES / name)!r})")
+    with patch.object(sys, "path", [str(EXAMPLES), *sys.path]):
+        return run_program(code, folder / f"{name}.py")
 
 
 @pytest.fixture

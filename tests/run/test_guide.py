@@ -1,14 +1,12 @@
 """The guide's pages: each one's code blocks are a program, which runs as it stands."""
 
-import io
 import re
-import runpy
 import shutil
-from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import pytest
+
+from tests.run.test_tutorial import code_of, run_program
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -19,22 +17,11 @@ PROGRAMS = sorted(
 )
 
 
-def program(page):
-    return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
-
-
 @pytest.mark.parametrize("page", PROGRAMS, ids=lambda page: page.stem)
 def test_code_of_the_page_runs(page, tmp_path):
     for name in ("gasket.msh", "plate.inp"):
         shutil.copy(ROOT / "examples" / name, tmp_path)
-    file = tmp_path / "program.py"
-    file.write_text(program(page))
-    try:
-        with chdir(tmp_path), redirect_stdout(io.StringIO()):
-            names = runpy.run_path(str(file))
-    finally:
-        plt.close("all")
-    assert names
+    run_program(code_of(page), tmp_path / "program.py")
 
 
 def test_every_how_to_is_in_the_index():

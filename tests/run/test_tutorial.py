@@ -21,15 +21,23 @@ PAGE = DOCS / "your-own-problem.md"
 METHODS = ("standard", "piecewise linear")
 
 
+def code_of(page):
+    return "\n\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL))
+
+
+def run_program(code, file):
+    """Run a program in its folder; return its names, and what it printed as "printed"."""
+    file.write_text(code)
+    with chdir(file.parent), redirect_stdout(io.StringIO()) as printed:
+        names = runpy.run_path(str(file))
+    return names | {"printed": printed.getvalue()}
+
+
 def run(folder, size="0.1"):
-    """Run the page's code blocks as one program in a folder; return its names."""
-    code = "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL))
-    program = folder / "dome.py"
+    code = code_of(PAGE)
     assert "\nsize = 0.1 " in code
-    program.write_text(code.replace("\nsize = 0.1 ", f"\nsize = {size} "))
-    with chdir(folder), redirect_stdout(io.StringIO()) as printed:
-        names = runpy.run_path(str(program))
-    return names | {"folder": folder, "printed": printed.getvalue()}
+    code = code.replace("\nsize = 0.1 ", f"\nsize = {size} ")
+    return run_program(code, folder / "dome.py") | {"folder": folder}
 
 
 def numbers(text):

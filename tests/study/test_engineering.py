@@ -1,6 +1,6 @@
 """Section W: problems confirmed by what they do not compute."""
 
-from functools import cache
+from functools import cache, partial
 
 from mpi4py import MPI
 
@@ -10,22 +10,18 @@ import ufl
 from scipy.integrate import dblquad, quad
 
 from pw_elements import (
-    Body,
-    Material,
-    Reduction,
     SurfaceNodes,
-    assemble_matrix,
     assemble_vector,
     boundary_measure,
-    prescribe,
     solve,
 )
-from pw_elements.contact import ContactPair, Plane, solve_contact
+from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
 from study.discretisation import spaces
 from study.engineering import conductance, friction, impact, submodel, wear
 from study.engineering.readings import reading
 from study.verification.solid_meshes import box
+from tests.contact.cases import Elastic, at
 
 ELEMENTS = ("galerkin-T6", "pw-T6", "galerkin-T10", "pw-T10")
 
@@ -36,17 +32,13 @@ def block(element, cells=3):
     mesh = triangles(MPI.COMM_SELF, (0, 0), (1, 1), (cells, cells)) if plane else None
     mesh = mesh or box("tetrahedron", lines, lines, lines)
     state = "plane strain" if plane else "solid"
-    return Body(spaces(element, mesh), Material(wear.MODULUS, wear.NU), state)
-
-
-def at(axis, value):
-    return lambda x: np.isclose(x[axis], value)
+    return Elastic(mesh, partial(spaces, element), state, wear.MODULUS, wear.NU)
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_readings_know_the_pressure_of_its_forces(element):
     """Even ones all but tributary areas, linear ones those that are projected; 1 + 2 x."""
-    body = block(element)
+    body = block(element).body
     mesh = body.spaces.mesh
     up = mesh.geometry.dim - 1
     surface = SurfaceNodes.of(body, at(up, 0.0))
@@ -74,19 +66,16 @@ def test_readings_know_the_pressure_of_its_forces(element):
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_an_unworn_punch_has_the_librarys_contact_forces(element):
-    punch = wear.Punch.of(element, 4)
-    body = block(element, 4)
-    up = body.spaces.mesh.geometry.dim - 1
+    punch, body = wear.Punch.of(element, 4), block(element, 4)
+    up = body.dim - 1
 
     def back(x):
         return np.isclose(x[up], 1) & (np.max(x[:up], axis=0) < wear.LOADED + 1e-9)
 
     traction = np.append(np.zeros(up), -wear.MEAN / wear.LOADED**up)
-    load = assemble_vector(body.surface_load(traction, boundary_measure(body.spaces.mesh, back)))
-    K, space = assemble_matrix(body.stiffness()), body.spaces.trial
-    held = Reduction.dirichlet(space, [prescribe(space, i, at(i, 0.0)) for i in range(up)])
-    plate = Plane((0.0,) * (up + 1), np.eye(up + 1)[up])
-    (state,) = solve_contact(K, load, held, ContactPair(at(up, 0.0), plate), space)
+    plate = ContactPair(at(up, 0.0), Plane((0.0,) * (up + 1), np.eye(up + 1)[up]))
+    held = body.held(*((i, at(i, 0.0)) for i in range(up)))
+    (state,) = body.contact(plate, held, body.load(traction, back))
     found, _ = punch.forces(np.zeros(len(punch.free)), np.ones(len(punch.free), dtype=bool))
     assert found == pytest.approx(state.pairs[0].force_normal, abs=1e-9)
 
@@ -99,17 +88,10 @@ def worn(element, rule="own"):
 def test_a_worn_punch_ends_in_the_shape_of_an_even_pressure():
     """The face's displacements under the even pressure, by one linear solution."""
     body, end = block("pw-T6", 4), worn("pw-T6")
-    surface, mesh = boundary_measure, body.spaces.mesh
-    load = np.zeros(body.spaces.trial.dofmap.index_map.size_local * 2)
     above = lambda x: np.isclose(x[1], 1) & (x[0] < wear.LOADED + 1e-9)  # noqa: E731
-    for where, pressure in ((at(1, 0.0), 1.0), (above, -1 / wear.LOADED)):
-        traction = np.array([0.0, pressure])
-        load += assemble_vector(body.surface_load(traction, surface(mesh, where))).array
-    K, space = assemble_matrix(body.stiffness()), body.spaces.trial
-    corner = prescribe(space, 1, lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
-    f = K.createVecLeft()
-    f.setArray(load)
-    u = solve(K, f, Reduction.dirichlet(space, [prescribe(space, 0, at(0, 0.0)), corner]))
+    load = body.load((0.0, 1.0), at(1, 0.0)) + body.load((0.0, -1 / wear.LOADED), above)
+    corner = (1, lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
+    u = solve(body.K, load, body.held((0, at(0, 0.0)), corner))
     moved = u.array_r[1::2][end.punch.surface.node]
     worn_off = end.depth - end.depth.min()
     assert worn_off == pytest.approx(moved.max() - moved, abs=5e-3 * np.ptp(moved))

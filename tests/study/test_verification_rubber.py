@@ -1,17 +1,20 @@
 """Section V15: its inf-sup constants by dense algebra, its seal by the library's contact."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import ufl
 from scipy.linalg import cholesky, solve_triangular, svdvals
 
-from pw_elements import Body, Material, Reduction, assemble_matrix, prescribe
-from pw_elements.contact import ContactPair, Motion, Plane, solve_contact
+from pw_elements import assemble_matrix
+from pw_elements.contact import ContactPair, Motion, Plane
 from pw_elements.elasticity import StressState
 from study.discretisation import spaces
 from study.verification import v15_seal
 from study.verification.v15_meshes import moved_mesh
 from study.verification.v15_stability import infsup
+from tests.contact.cases import Elastic, at
 
 
 def dense(matrix):
@@ -26,12 +29,8 @@ def test_inf_sup_constants_are_singular_values_between_the_norms(element):
     pair = spaces(element, mesh)
     state = StressState.SOLID if dim == 3 else StressState.PLANE_STRAIN
     # another shear modulus: the norms take it out
-    body = Body(pair, Material(12.0, 0.5), state)
-    mu = 4.0
-    held = Reduction.dirichlet(
-        pair.trial,
-        [prescribe(pair.trial, k, lambda x: np.isclose(x[dim - 1], 0.0)) for k in range(dim)],
-    )
+    body, mu = Elastic(mesh, lambda _: pair, state, 12.0, 0.5), 4.0
+    held = body.clamped(at(dim - 1, 0.0))
 
     def norm(space):
         (u, p), (v, q) = (ufl.split(of(space)) for of in (ufl.TrialFunction, ufl.TestFunction))
@@ -39,7 +38,7 @@ def test_inf_sup_constants_are_singular_values_between_the_norms(element):
         gram = held.matrix(assemble_matrix((2 * mu * strains + p * q / (2 * mu)) * ufl.dx))
         return cholesky(dense(gram), lower=True)
 
-    b = dense(held.matrix(assemble_matrix(body.stiffness())))
+    b = dense(held.matrix(body.K))
     scaled = solve_triangular(norm(pair.test), b, lower=True)
     scaled = solve_triangular(norm(pair.trial), scaled.T, lower=True)
     found = infsup(element, 2).scalars["inf_sup"]
@@ -53,8 +52,7 @@ def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements(
     large = -ring.force()[ring.upper, 1].sum()
 
     mesh = ring.space.mesh
-    body = Body(spaces("pw-hybrid-T6", mesh), Material(3.0, 0.5), "axisymmetric")
-    W = body.spaces.trial
+    body = Elastic(mesh, partial(spaces, "pw-hybrid-T6"), "axisymmetric", 3.0, 0.5)
 
     def outside(x, side):
         return (np.hypot(x[0] - v15_seal.RING, x[1]) > 1 - 1e-9) & (side * x[1] > 0.5)
@@ -68,9 +66,7 @@ def test_a_hardly_squeezed_seal_has_the_force_of_contact_at_small_displacements(
         )
         for side in (1.0, -1.0)
     ]
-    K = assemble_matrix(body.stiffness())
-    free = Reduction.dirichlet(W, [])
-    (state,) = solve_contact(K, K.createVecLeft(), free, pairs, W)
+    (state,) = body.contact(pairs)
     small = -state.pairs[0].force[1]
     closed = (state.pairs[0].status > 0).sum()
     assert closed == ring.upper.sum()
