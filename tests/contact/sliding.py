@@ -28,15 +28,7 @@ STORED = 1
 
 
 class Bodies:
-    """A body on a held base, and one above whose top is moved, both turned on the way.
-
-    Args:
-        mesh: of both.
-        own, opposite: sides of the pair.
-        base, top: markers.
-        turned: degrees by which supports turn all in the last increment.
-        options: of `ContactProblem.of_residual`.
-    """
+    """A body on a held base, and one above whose top is moved, both turned by some degrees."""
 
     def __init__(self, mesh, own, opposite, base, top, friction, turned=0.0, **options):
         spaces = Spaces.petrov_galerkin(mesh)

@@ -36,7 +36,6 @@ def skewed(x):
     ],
 )
 def test_contact_patch(build, method, state, shares):
-    """A uniform pressure arrives at the rigid plane as exact nodal forces on a skewed mesh."""
     mesh = mapped(build(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), skewed)
     body = Elastic(mesh, method, state, 10.0)
     load, (end, middle) = body.load((0.0, -PRESSURE), at(1, 1.0)), shares
@@ -89,7 +88,6 @@ def test_node_between_smooth_and_rough_matters():
 
 
 def test_start_from_a_coarser_mesh():
-    """Same answer, in as many iterations as it takes to correct the ends of the zones."""
     coarse = block(20).solve(0.3, 60.0, increments=3)
     warm = block(40).solve(0.3, 60.0, increments=3, start=coarse)
     cold = block(40).solve(0.3, 60.0, increments=3)

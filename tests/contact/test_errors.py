@@ -135,7 +135,6 @@ def test_what_has_no_solution_is_named(attempt, kind, message):
 
 
 def test_what_looks_similar_is_solved():
-    """Tangential supports, a motion on to the body, a round body on ice, nodes by any name."""
     (state,) = solved(reduction=corner_held(0))
     assert state.residuals.largest() < 1e-12
     (state,) = solved(floor(motions=[Motion((0, 0.1))]))

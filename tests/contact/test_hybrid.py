@@ -107,7 +107,6 @@ def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):
 @pytest.mark.parametrize("on", ["U", "U.sub(0)"])
 @pytest.mark.parametrize("finite", [False, True])
 def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
-    """What a newcomer tries first; a marker gives the state that it is compared with."""
     case = Rubber(nu=0.4999)
     U, mesh = case.space, case.space.mesh
     facets = {k: locate_entities_boundary(mesh, 1, at(1, y)) for k, y in ((5, 2.0), (6, 0.0))}

@@ -275,7 +275,6 @@ def test_a_critical_step_needs_a_diagonal_mass():
 
 
 def test_frames_know_whether_displacements_are_small(caplog):
-    """A soft block is crushed on the floor, and the frame says how much."""
     with caplog.at_level("WARNING", "pw_elements.contact"):
         history = BLOCK.fly(0.4, (0.0, -3.0), frames=2)
     assert max(state.smallness.strain for state in history.frames) > 0.05
@@ -284,7 +283,6 @@ def test_frames_know_whether_displacements_are_small(caplog):
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_stiffness_with_negative_eigenvalues_is_refused(sign):
-    """All of them, or some that the diagonal does not tell."""
     K = BLOCK.K.copy()
     if sign < 0:
         K.scale(-1.0)

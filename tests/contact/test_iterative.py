@@ -125,7 +125,6 @@ def test_failures_are_those_of_contact():
     ],
 )
 def test_two_bodies_have_the_states_of_the_direct_solver(case, slave, element):
-    """One of them is held by contact alone, or by forces through it."""
     hybrid = element == "hybrid"
     nu = 0.5 if hybrid else 0.3
     stack = Stack((3, 2), "tetrahedron", upper=(0.13, 0.83), element=element, nu=nu)

@@ -134,7 +134,6 @@ SURFACES = {
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_closest_points_and_their_derivatives(name):
-    """Gap and normal are those of the closest point, and derivatives those of differences."""
     surface, rng = SURFACES[name], np.random.default_rng(4)
     dim = 3 if name == "sphere" else 2
     away = rng.normal(size=(40, dim))
@@ -168,7 +167,6 @@ def _at_points(surface, x, dim):
 
 
 def test_slip_is_the_arc():
-    """On circles and spheres slip is the great circle's arc, in any number of dimensions."""
     for dim in (2, 3):
         angle = np.array([0.05, 0.4, 1.2])
         end = np.zeros((3, dim))
@@ -305,7 +303,6 @@ def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
 
 @pytest.mark.parametrize("kind", ["T6", "T10", "hybrid"])
 def test_krylov_finds_what_factors_find(kind):
-    """In space and in the plane, with a pressure field, too, where nodes stick and slip."""
     factors, krylov = (
         numbers({"end": pressed_and_pushed(kind, solver)}) for solver in SOLVERS.values()
     )
@@ -367,7 +364,6 @@ def test_levels_are_made_anew_when_it_pays(monkeypatch):
 
 
 def test_processes_and_restarts_find_the_same_numbers(tmp_path):
-    """By either solver, with the history of a function in the file."""
     same_when_resumed(way_and_resumed, tmp_path)
 
 

@@ -88,7 +88,6 @@ def test_uniform_pressure_passes_exactly(method, own_is_upper):
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_bodies_that_stick_are_one_body(method):
-    """With friction enough, two blocks move as the block that they would be if glued."""
     blocks, traction = Blocks(method), (1.0, -10.0)
     pair = blocks.pair(friction=5.0)
     (state,) = blocks.contact(pair, blocks.foot, blocks.load(traction))
@@ -104,7 +103,6 @@ def test_bodies_that_stick_are_one_body(method):
 
 @pytest.mark.parametrize("gap", [0.0, 0.1])
 def test_either_side_may_be_the_pair_s_own(gap):
-    """Slipping and opening too: forces turn round, everything else is the same."""
     blocks, results = Blocks(gap=gap), []
     for own_is_upper in (True, False):
         sign = -1.0 if own_is_upper else 1.0  # Parabola's rigid side is above for a positive radius
@@ -122,7 +120,6 @@ def test_either_side_may_be_the_pair_s_own(gap):
 
 
 def test_relative_motion_and_its_force():
-    """An approach that is given, and the same one by its force, between two held blocks."""
     blocks = Blocks(gap=0.25)
     ends = blocks.held(*((i, at(1, y)) for i in (0, 1) for y in (0.0, blocks.top)))
     shape = Parabola((LENGTH / 2, HEIGHT + 0.25), -50.0)

@@ -80,7 +80,6 @@ def assert_uniaxial(stack, state, nu=0.3, near=1e-11):
     ],
 )
 def test_patch(cell, slave, friction, element, nu, state):
-    """Uniaxial stress passes exactly, and pressures are even on both sides."""
     divisions = (4, 7) if cell in PLANE else (2, 3)
     stack = Stack(divisions, cell, element=element, nu=nu, state=state)
     found = stack.pressed(slave, friction)
@@ -184,7 +183,6 @@ def weights_beyond(corners, end):
     ],
 )
 def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, nu):
-    """Of an uneven contact with friction, on parts of facets."""
     low, high = 0.13, 0.83
     divisions = (5, 4) if cell in PLANE else (3, 2)
     stack = Stack(divisions, cell, upper=(low, high), element=element, nu=nu)
@@ -210,7 +208,6 @@ def test_forces_and_moments_balance_and_fields_have_them(cell, slave, element, n
 
 @pytest.mark.parametrize("motion", [Motion((0.0, 0.02)), Motion((0.0, None), (0.0, 0.01))])
 def test_motion_brings_the_opposite_body_nearer(motion):
-    """Given and, under a force, free."""
     stack = Stack((4, 5), nu=0.0)
     (state,) = stack.contact(stack.pair("upper", 0.0, [motion]), stack.moved_top((0.0, 0.0)))
     assert state.pairs[0].translation == pytest.approx([0.0, 0.02], rel=1e-9)
@@ -369,7 +366,6 @@ def test_two_slaves_on_one_master_and_a_rigid_floor():
 
 
 def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
-    """Slave below and master above, with friction that holds bodies 2 and 3."""
     levels = [block((0.0, k), (1.0, k + 1.0), (n, 3)) for k, n in enumerate((4, 7, 5))]
     body = Elastic(joined(joined(levels[0], levels[1]), levels[2]), E=1.0)
     pairs, faces = [], []

@@ -38,7 +38,6 @@ def contact(force, gap=None, slip=None, friction=0.3):
 
 
 def test_points_that_cycle_change_one_at_a_time():
-    """Points that swap their states: the remedy lets the worst one go first."""
     cycles = Cycles(SELF)
     a, b = active(STICK, STICK, OPEN, OPEN), active(OPEN, OPEN, STICK, STICK)
     assert not cycles.repeats(a)

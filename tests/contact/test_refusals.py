@@ -151,7 +151,6 @@ def test_upper_or_both_of_two_stacked_blocks_are_dragged_off(below, between, sai
 
 
 def test_only_the_block_that_nothing_holds_is_named():
-    """Two blocks apart: each has its own floor, one of them is lifted."""
     body = two_apart()
     load = assemble_vector(body.body.body_load((0.0, -1.0))) + body.at_node((6, 1), (0, 5.0))
     error = refusal(body, floor(), load, r"loads: the body around \(6, 0\.5\) lifts off pair 0\. ")

@@ -175,7 +175,6 @@ def agreement(case, found, states):
     [(0, {}), (1, {}), (2, {}), (5, {"dim": 3}), (6, {"most": 4, "steps": 2})],
 )
 def test_derivatives_are_those_of_differences_and_of_the_adjoint(seed, options):
-    """Loads, supports, material, friction and motions, also of increments that were cut."""
     case = Rubber(seed, **options)
     problem, states = case.solve()
     parameters = list(case.parameters().values())
@@ -265,7 +264,6 @@ def test_small_displacements_have_derivatives_too():
 
 
 def test_derivatives_are_of_the_stiffness_as_it_is():
-    """One that has changed since the last step is met as in a problem that is made with it."""
     case = Steel()
     problem, states = case.solve()
     asked = states[:3], [("force", 0, 0), ("force", 0, 1)], [("friction", 0)]

@@ -59,15 +59,7 @@ _KINDS = {
 
 
 class Shells(Elastic):
-    """One in the other, the outer one free outside; symmetry planes hold them.
-
-    Args:
-        kind: "tube", "tube in space", "sphere", or "revolved": a sphere in axisymmetry.
-        cell: of both.
-        divisions: of the inner and the outer one, some measure of them.
-        slave: "inner" or "outer".
-        coincident: as `DeformableSurface` has it.
-    """
+    """One in the other, the outer one free outside; symmetry planes hold them."""
 
     def __init__(self, kind, cell, divisions, slave="inner", coincident=True):
         build, axes, self.power = _KINDS[kind]

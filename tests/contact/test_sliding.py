@@ -123,7 +123,6 @@ def test_both_sides_may_be_the_slave():
 
 
 def test_a_turned_problem_has_turned_forces():
-    """The whole computation, with supports that turn both bodies by 90 degrees on the way."""
     plain, turned = (die(turned=angle) for angle in (0.0, 90.0))
     one, other = (slid(bodies, PATH[:3])[-1] for bodies in (plain, turned))
     (mine,), (theirs,) = one.pairs, other.pairs
@@ -148,7 +147,6 @@ def test_processes_find_the_same_numbers():
 
 
 def test_fields_have_pressures_and_forces_of_both_sides():
-    """The master's are means of the slave's, and sum up to its force over what hands it on."""
     bodies = die()
     states = slid(bodies)
     fields = ContactFields.of(states[0], bodies.body)

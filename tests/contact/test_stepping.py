@@ -126,7 +126,6 @@ def test_files_that_are_no_state_of_this_problem(tmp_path):
 
 
 def test_any_change_of_a_file_is_seen(tmp_path):
-    """Of each array, and of the bytes; those that do not matter leave the state as it is."""
     path, random = tmp_path / "state.npz", np.random.default_rng(5)
     state = PROBLEM.step(PROBLEM.undeformed, BLOCK.pressure)
     PROBLEM.save(state, path)
@@ -238,7 +237,6 @@ def test_old_factors_serve_while_few_rows_change():
 
 
 def test_motions_and_forces_may_alternate():
-    """Free and prescribed translations may alternate: the systems are exchanged."""
     punch = Punch()
     problem, nothing = punch.problem(punch.pair(0.0), punch.foot), punch.nothing
     driven = problem.step(problem.undeformed, nothing, [Motion((0, -0.2))])

@@ -159,7 +159,6 @@ def test_a_ball_without_force_just_touches(mu):
 
 
 def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
-    """Each remedy is announced with its budget; half of the increment has been solved."""
     with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as refused:
         problem(104).solve()
     for remedy in ("without active sets", "in parts"):

@@ -54,7 +54,6 @@ def walked(problem, motions):
 
 @pytest.mark.parametrize("name", ["plane", "circle", "sphere", "ellipse"])
 def test_what_turns_is_linearised_consistently(name):
-    """Gap, slip and forces in the tool's frame, and its torque, change as their derivatives say."""
     surface, rng = SURFACES[name], np.random.default_rng(3)
     dim, m, h = (3 if name == "sphere" else 2), 20, 1e-5
     x = rng.normal(size=(m, dim)) * 0.2 + [*[0.3] * (dim - 1), 1.3]
@@ -213,7 +212,6 @@ def spun(solver):
 
 @pytest.mark.parametrize("way", [rolled, spun])
 def test_krylov_turns_as_factors_do(way):
-    """By prescribed angles; a free one is refused."""
     factors, krylov = (
         numbers({"end": walked(*way(solver))[-1]}, PLACE) for solver in SOLVERS.values()
     )
@@ -235,7 +233,6 @@ def way_and_resumed(comm, folder):
 
 
 def test_processes_and_restarts_find_the_same_numbers(tmp_path):
-    """With the angle in the file."""
     same_when_resumed(way_and_resumed, tmp_path)
 
 
@@ -249,7 +246,6 @@ def test_a_state_with_another_pivot_is_refused(tmp_path):
 
 
 def test_an_increment_that_is_cut_turns_in_parts():
-    """Parts have their shares of the angle."""
     rubber = roller(max_iterations=6)
     state = rubber.problem.step(
         rubber.problem.undeformed, motions=Motion((0.0, -0.25), rotation=-1.0)
@@ -269,7 +265,6 @@ def test_derivatives_of_what_has_turned_are_refused():
 
 
 def test_wrong_pivots_are_refused():
-    """Of bodies, at small displacements, in space without an axis, in the plane with one."""
     rubber, block = Rubber(), Block(4)
     with pytest.raises(ValueError, match="are its supports"):
         ContactPair(above, DeformableSurface(above), pivot=PIVOT)

@@ -78,7 +78,6 @@ def in_space(space, field):
 
 @pytest.mark.parametrize("name", SPACES)
 def test_uniform_gradients_are_met_exactly(name):
-    """Uniaxial, a small turn, and any others: against the norms of the parts by NumPy."""
     space = SPACES[name]().trial
     dim = space.mesh.geometry.dim
     gradients, rng = Gradients(space), np.random.default_rng(8)

@@ -48,17 +48,9 @@ def two_sides(elastic, marker, is_beyond):
 class Stack(Elastic):
     """A block on another one; they meet near x_up = 1.
 
-    Args:
-        divisions: of the lower and the upper one.
-        cell: of both.
-        lower: first and last coordinate across, of the lower one.
-        upper: of the upper one.
-        element: method of `Spaces`, or a rival.
-        shape: of the upper block's nodes (n, 3) to new ones.
-        nu: Poisson's ratio.
-        ratio: of the upper modulus to the lower one, which is 1.
-        state: of stress; plane strain unless given, or solid.
-        comm: of the mesh.
+    `lower` and `upper` are their first and last coordinate across, `element` is a method of
+    `Spaces` or a rival, `shape` maps the upper block's nodes (n, 3), and `ratio` is of the upper
+    modulus to the lower one, which is 1.
     """
 
     def __init__(

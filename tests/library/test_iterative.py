@@ -161,7 +161,6 @@ def test_the_coarse_level_follows_what_is_held(blocked, sprung):
 
 @pytest.mark.parametrize("rows", [12_000, 90])
 def test_matrices_in_blocks(monkeypatch, rows):
-    """They give the same, coarse level included, however many rows are converted at once."""
     monkeypatch.setattr(matrices, "_ROWS_AT_ONCE", rows)
     case = Case("pw-T10")
     blocked = assemble_matrix(case.body.stiffness(), blocked=True)
@@ -378,7 +377,6 @@ def test_a_proof_comes_before_other_ways(solver, caplog):
 
 @pytest.mark.usefixtures("small")
 def test_linear_problems_go_on_with_factors(monkeypatch):
-    """Displacements, also of hybrid bodies, modes and buckling; iterations are few."""
     monkeypatch.setattr(iterative, "Iterative", lambda: Iterative(options={"ksp_max_it": 3}))
     rubber = Elastic(box("tetrahedron"), Spaces.hybrid, "solid", 1.0, 0.5)
     f, foot = rubber.weight((0.0, 0.0, -1.0)), rubber.clamped(at(0, 0.0))

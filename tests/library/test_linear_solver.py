@@ -37,7 +37,6 @@ def test_prescribed_values_against_dense_algebra(square):
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_end_in_an_error(square, components):
-    """One component held on one side leaves a translation (and a rotation) free."""
     supports = square.held(*((i, at(0, 0.0)) for i in components))
     with pytest.raises(SingularSystem, match="rigid motion"):
         solve(square.K, square.load((1.0, 0.2), at(0, 1.0)), supports)

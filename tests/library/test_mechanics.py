@@ -113,7 +113,6 @@ def halves(mesh, first=3, second=7):
 
 
 def test_a_material_per_tag():
-    """Two halves of a bar in plane stress, of given mass: stretches, and what a formula gives."""
     mesh = square(4)
     parts = {3: Material(2.0, 0.0, 1.0), 7: Material(5.0, 0.0, 4.0)}
     material = Material.by_tag(mesh, halves(mesh), parts)

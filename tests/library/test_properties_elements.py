@@ -164,7 +164,6 @@ def _load(elastic, kind, force):
 
 @given(bodies(), SEEDS)
 def test_patch_test(elastic, seed):
-    """A linear field prescribed around comes back inside, and the reactions are in balance."""
     U, mesh, dim = elastic.space, elastic.body.spaces.mesh, elastic.grid.dim
     gradient = np.random.default_rng(seed).uniform(-1, 1, (dim, dim))
     exact = fem.Function(U)

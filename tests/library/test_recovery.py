@@ -145,7 +145,6 @@ def test_surface_by_facets_is_that_of_the_marker():
     "cell", [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
 )
 def test_transferred_loads_are_those_of_the_weights(cell):
-    """Of an even traction, on faces of cells that are no two alike."""
     dim = 3 if cell in (CellType.tetrahedron, CellType.hexahedron) else 2
     if dim == 3:
         mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)

@@ -41,15 +41,10 @@ class NotFound(Exception):
 
 
 class Rubber:
-    """A neo-Hookean body of T6 triangles with straight sides.
+    """A neo-Hookean body of T6 triangles (c, 6) with straight sides, in Basix's order.
 
-    Args:
-        nodes: (n, 2).
-        cells: (c, 6) in Basix's order.
-        linear_weights: whether test functions are piecewise linear.
-        lame: lambda over the shear modulus.
-        rule: points (q, 2) and weights (q,) of a quadrature rule on the reference triangle; of
-            each of the four sub-triangles with piecewise-linear weights.
+    `lame` is over the shear modulus, and `rule` one of the reference triangle, or with
+    piecewise-linear weights of each of the four sub-triangles.
     """
 
     def __init__(self, nodes, cells, linear_weights, lame, rule) -> None:
@@ -140,11 +135,7 @@ class Contact:
     held: np.ndarray
 
     def solve(self, translations) -> list[np.ndarray]:
-        """Displacements (n, 2) after each translation (2,) of the circle.
-
-        Raises:
-            NotFound: if Newton's method comes to no end.
-        """
+        """Displacements (n, 2) after each translation (2,) of the circle."""
         states, u, U = [], np.zeros_like(self.body.nodes), np.zeros(2)
         for end in translations:
             start, before, U = self._place(u, U), U, np.array(end)
@@ -158,8 +149,7 @@ class Contact:
     def violations(self, history) -> dict[str, float]:
         """Of each condition in the last increment; of forces and lengths over history's largest.
 
-        Args:
-            history: displacements (n, 2) and translation (2,), from the undeformed body on.
+        A history has displacements (n, 2) and translation (2,), from the undeformed body on.
         """
         (first, was), (u, U) = history[-2:]
         force = max(np.abs(self.body.forces(u)).max() for u, _ in history)

@@ -122,11 +122,7 @@ class Sliding:
         return S
 
     def violations(self, history):
-        """Of each condition in the last increment; of forces and lengths over history's largest.
-
-        Args:
-            history: displacements (n, 2), from the undeformed bodies on.
-        """
+        """Of each condition at the end of displacements (n, 2); over the largest in them."""
         before, u = history[-2:]
         force = max(np.abs(self.bodies.forces(u)).max() for u in history)
         force = force if force > 1e-12 else 1.0  # the bodies have not yet met

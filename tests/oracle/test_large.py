@@ -25,18 +25,9 @@ GIVEN_UP = 0.05  # of random problems, at most
 class Problem:
     """A block on a held base, its top at height 0, and a circle that comes from above.
 
-    Args:
-        linear_weights: whether test functions are piecewise linear.
-        friction: Coulomb's mu.
-        way: of the circle, its translation (2,) at the end of each increment; or across, None
-            for a free vertical component, and the total force in that.
-        offset: first coordinate of the circle's centre.
-        radius: of the circle.
-        gap: of its lowest point, at first.
-        nu: Poisson's ratio.
-        divisions: cells along each side.
-        jiggle: of nodes over the cells' size; those of the boundary stay on their sides.
-        seed: of that.
+    Its way is the translation (2,) at the end of each increment; or across, None for a free
+    vertical component, and the total force in that. Nodes are jiggled by a share of the cells'
+    size; those of the boundary stay on their sides.
     """
 
     def __init__(

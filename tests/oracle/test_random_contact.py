@@ -213,7 +213,6 @@ VIOLATIONS = {
 
 @pytest.mark.parametrize("condition", VIOLATIONS)
 def test_violation_is_found(condition):
-    """A condition that does not hold is reported by its name, far above the tolerance."""
     stated, steps = VIOLATIONS[condition]()
     assert residuals(stated, steps)[-1][condition] > 1e-5
 

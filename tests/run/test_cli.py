@@ -75,7 +75,6 @@ def test_whole_study_leaves_everything(run, out, capsys):
 
 
 def test_what_is_computed_again(run, toy, out, capsys):
-    """What has changed or cannot be read, and all by force; the rest is reused."""
     assert run("1") == 0
     assert started(toy) == 2
     capsys.readouterr()

@@ -35,12 +35,7 @@ class Lazy:
 
 
 class ComputedResults(Results):
-    """Results of the study's cases, each computed once and kept in a folder.
-
-    Args:
-        folder: where.
-        parameters: of the cases, instead of their own.
-    """
+    """Results of the study's cases, or with other parameters, each computed once and kept."""
 
     def __init__(self, folder, parameters=None):
         super().__init__(folder)

@@ -371,8 +371,6 @@ def test_examples_follow_one_template(own):
 
 
 def test_first_page_gives_the_numbers_of_the_results(sheets):
-    """Recomputed here from the files: what each way gains, costs and risks."""
-
     def stored(key, name):
         return json.loads((RESULTS / f"{key}.json").read_text())["scalars"][name]
 
