@@ -88,20 +88,14 @@ def _sphere(solid):
 
 def _sphere_by_forces(solid):
     """Free to move in one direction, then in three: gap and normal are linearised anew."""
-    motions = [
-        Motion((0, 0, None), (0, 0, -5.0)),
-        Motion((None, None, None), (1.0, 0.3, -5.0)),
-    ]
+    motions = [Motion((0, 0, None), (0, 0, -5.0)), Motion((None, None, None), (1.0, 0.3, -5.0))]
     pair = ContactPair(at(2, 1.0), Sphere((1, 0.5, 2), 1.0), 0.3, motions)
     return [solid.nothing] * 2, solid.foot(), pair
 
 
 def _plate_by_forces(solid):
     """A rough plate, pressed and then pushed."""
-    motions = [
-        Motion((None, 0, None), (0, 0, -20.0)),
-        Motion((None, 0, None), (3.0, 0, -20.0)),
-    ]
+    motions = [Motion((None, 0, None), (0, 0, -20.0)), Motion((None, 0, None), (3.0, 0, -20.0))]
     pair = ContactPair(at(2, 1.0), Plane((0, 0, 1), (0, 0, -1)), 0.3, motions)
     return [solid.nothing] * 2, solid.foot(), pair
 

@@ -273,10 +273,7 @@ def test_picture_of_a_line():
     (pair,) = state.pairs
     area = np.full(25, 4 / 24)
     area[[0, -1]] /= 2
-    expected = {
-        "pressure": pair.force_normal / area,
-        "shear": pair.force_tangential[:, 0] / area,
-    }
+    expected = {"pressure": pair.force_normal / area, "shear": pair.force_tangential[:, 0] / area}
     for values in expected.values():
         curve = np.column_stack([pair.position[:, 0], values])
         assert any(c.shape == curve.shape and np.allclose(c, curve) for c in curves(axes))

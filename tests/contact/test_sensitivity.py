@@ -17,14 +17,7 @@ from pw_elements import (
     boundary_measure,
     prescribe,
 )
-from pw_elements.contact import (
-    SLIP,
-    ContactPair,
-    ContactProblem,
-    Motion,
-    SignedDistance,
-    Sphere,
-)
+from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
 from tests.contact.cases import Elastic, at
 from tests.contact.test_large import Rubber as Touching
@@ -171,8 +164,7 @@ def agreement(case, found, states):
 
 
 @pytest.mark.parametrize(
-    ("seed", "options"),
-    [(0, {}), (1, {}), (2, {}), (5, {"dim": 3}), (6, {"most": 4, "steps": 2})],
+    ("seed", "options"), [(0, {}), (1, {}), (2, {}), (5, {"dim": 3}), (6, {"most": 4, "steps": 2})]
 )
 def test_derivatives_are_those_of_differences_and_of_the_adjoint(seed, options):
     case = Rubber(seed, **options)
@@ -195,10 +187,7 @@ def both_ways(comm):
     problem, states = case.solve()
     given = states, case.outputs, list(case.parameters().values()), case.loads
     weights = np.cos(np.arange(15.0)).reshape(3, 5)
-    return {
-        "direct": problem.sensitivity(*given),
-        "adjoint": problem.sensitivity(*given, weights),
-    }
+    return {"direct": problem.sensitivity(*given), "adjoint": problem.sensitivity(*given, weights)}
 
 
 def test_processes_find_the_same_numbers():

@@ -10,24 +10,11 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_cube
 
 from pw_elements import Iterative, Spaces, prescribe
-from pw_elements.contact import (
-    ContactPair,
-    ContactProblem,
-    DeformableSurface,
-    Motion,
-    Sphere,
-)
+from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface, Motion, Sphere
 from pw_elements.contact.iteration import DeformedKinematics, Reference, Tools
 from pw_elements.meshes import triangles
 from tests.contact.cases import Block, at_large_strains
-from tests.contact.test_large import (
-    SOLVERS,
-    SURFACES,
-    Rubber,
-    _at_points,
-    above,
-    numbers,
-)
+from tests.contact.test_large import SOLVERS, SURFACES, Rubber, _at_points, above, numbers
 from tests.parallel import assert_same, same_when_resumed
 
 PIVOT = (0.2, 0.5)

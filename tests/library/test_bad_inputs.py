@@ -62,9 +62,7 @@ from pw_elements.contact import (
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.elasticity import nodal_load
 from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
-from pw_elements.spaces import (
-    macro_element,
-)
+from pw_elements.spaces import macro_element
 from tests.contact.cases import at
 from tests.library.faces import calls
 

@@ -87,11 +87,7 @@ def box():
 BODIES = {
     "2-D": (square, "plane stress", 3),
     "2-D curved": (lambda: curved(square(4), distorted), "plane strain", 3),
-    "slender": (
-        lambda: triangles(COMM, (0.0, 0.0), (100.0, 1.0), (100, 1)),
-        "plane stress",
-        3,
-    ),
+    "slender": (lambda: triangles(COMM, (0.0, 0.0), (100.0, 1.0), (100, 1)), "plane stress", 3),
     "axisymmetric": (square, "axisymmetric", 1),
     "3-D": (box, "solid", 6),
 }

@@ -31,11 +31,7 @@ from pw_elements import (
     solve,
 )
 from pw_elements.meshes import curved
-from pw_elements.spaces import (
-    macro_element,
-    quadratic_element,
-    with_cell_rules,
-)
+from pw_elements.spaces import macro_element, quadratic_element, with_cell_rules
 from pw_elements.spaces.elements import CELLS, twelve_cell_rule
 from study.elements import one_cut, one_cut_element, serendipity_element
 from study.matrices import dense

@@ -85,11 +85,7 @@ GOOD = {
 }
 BAD = {
     "folded": (
-        lambda: (
-            "triangle",
-            [*SQUARE, [1.2, 0.9]],
-            [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
-        ),
+        lambda: ("triangle", [*SQUARE, [1.2, 0.9]], [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]),
         "cells around (0.7333, 0.3), (0.7333, 0.9667), (1.067, 0.6333) " + ONE_SIDE,
     ),
     "flat": (
@@ -104,10 +100,7 @@ BAD = {
         lambda: ("triangle", TORN, [[0, 1, 2], [0, 2, 3], *HALVES]),
         f"facets around (1, 0.5) {TORN_APART}",
     ),
-    "hanging nodes in 3-D": (
-        coarse_beside_fine,
-        f"facets around (1, 0.5, 0.5) {TORN_APART}",
-    ),
+    "hanging nodes in 3-D": (coarse_beside_fine, f"facets around (1, 0.5, 0.5) {TORN_APART}"),
     "overlap": (
         lambda: two("quadrilateral", (2, 2), (2, 2), (0.5, 0.5)),
         "cells around (0.75, 0.75) lie in other parts of the mesh",

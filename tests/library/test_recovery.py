@@ -213,11 +213,7 @@ def solved(cell, method, components=0, n=3, field=None, source=0.0):
 @pytest.mark.parametrize("components", [0, 2])
 def test_an_even_flux_is_exact_at_every_node(cell, components):
     expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
-    ways = [
-        (PW, "geometric"),
-        (PW, "own"),
-        (GALERKIN, "geometric"),
-    ]
+    ways = [(PW, "geometric"), (PW, "own"), (GALERKIN, "geometric")]
     if cell != CellType.tetrahedron:
         ways.append((GALERKIN, "own"))
     for method, area in ways:

@@ -8,14 +8,7 @@ import scipy.linalg
 from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import Sibling, assemble_matrix, force_transfer, lumped_mass, prescribe, solve
-from pw_elements.contact import (
-    OPEN,
-    ContactPair,
-    Motion,
-    Parabola,
-    Plane,
-    solve_contact,
-)
+from pw_elements.contact import OPEN, ContactPair, Motion, Parabola, Plane, solve_contact
 from study.matrices import dense
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 

@@ -90,10 +90,7 @@ def oracle_body(result, element, linear, state, E, nu, **more):
 
 def plane(normal, level=0.0):
     """Gap and normal of a horizontal plane, for a `Pair`."""
-    return (
-        lambda x: (x[:, 1] - level) * normal[1],
-        lambda x: np.tile(normal, (len(x), 1)),
-    )
+    return (lambda x: (x[:, 1] - level) * normal[1], lambda x: np.tile(normal, (len(x), 1)))
 
 
 def parabola(apex, radius):

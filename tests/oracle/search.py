@@ -109,9 +109,7 @@ def _newton(increment: Increment, z: np.ndarray) -> np.ndarray | None:
             [
                 np.where(closed[:, None], c * increment.gap, increment.normal),
                 np.where(
-                    sticks[:, None],
-                    c * increment.slip,
-                    increment.shear - share * increment.normal,
+                    sticks[:, None], c * increment.slip, increment.shear - share * increment.normal
                 ),
                 increment.balance,
             ]

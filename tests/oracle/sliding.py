@@ -43,11 +43,7 @@ def inwards(x):
 def seen(a, b, n_a, n_b, p):
     """The s at which p is on the normal; None if it is nowhere."""
     roots = np.roots(
-        [
-            cross(b - a, n_b - n_a),
-            cross(b - a, n_a) + cross(a - p, n_b - n_a),
-            cross(a - p, n_a),
-        ]
+        [cross(b - a, n_b - n_a), cross(b - a, n_a) + cross(a - p, n_b - n_a), cross(a - p, n_a)]
     )
     real = [root.real for root in roots if abs(root.imag) < 1e-12]
     return min(real, key=lambda s: abs(s - 0.5), default=None)

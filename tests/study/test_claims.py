@@ -16,7 +16,7 @@ NOT_TESTABLE = {
     "grade": '"not testable"',
     "missing": '"A second force."',
     **dict.fromkeys(
-        ("measure", "args", "relation", "value", "tol", "tol_why", "tol_set", "why", "unit"),
+        ("measure", "args", "relation", "value", "tol", "tol_why", "tol_set", "why", "unit")
     ),
 }
 

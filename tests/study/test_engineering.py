@@ -9,12 +9,7 @@ import pytest
 import ufl
 from scipy.integrate import dblquad, quad
 
-from pw_elements import (
-    SurfaceNodes,
-    assemble_vector,
-    boundary_measure,
-    solve,
-)
+from pw_elements import SurfaceNodes, assemble_vector, boundary_measure, solve
 from pw_elements.contact import ContactPair, Plane
 from pw_elements.meshes import triangles
 from study.discretisation import spaces
