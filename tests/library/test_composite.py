@@ -75,15 +75,3 @@ def test_is_the_standard_triangle_after_a_change_of_variables():
     assert np.abs(a - a_G).max() > 1e-4
     assert np.abs(r - r_pw).max() < 1e-12
     assert np.abs(r - r_G).max() > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("state", "motions"), [("plane stress", 3), ("plane strain", 3), ("axisymmetric", 1)]
-)
-def test_rigid_motions_of_one_triangle_are_its_only_zero_modes(state, motions):
-    mesh = triangles(MPI.COMM_SELF, (1.0, 0.0), (2.0, 1.0), (1, 1))
-    K = dense(Elastic(mesh, composite, state, E).K)
-    assert np.abs(K - K.T).max() < 1e-13
-    values = np.linalg.eigvalsh(K)
-    assert np.abs(values[:motions]).max() < 1e-13 * values[-1]
-    assert values[motions] > 1e-3 * values[-1]

@@ -1,7 +1,5 @@
 """Weight functions on all cells; on tetrahedra the mean of three cuts, and its quadrature."""
 
-import itertools
-
 from mpi4py import MPI
 
 import basix
@@ -157,26 +155,6 @@ def one_cell():
 
 def tetrahedra(seed):
     return structured("tetrahedron", [np.linspace(0, 1, 3)] * 3, seed, 1.0)
-
-
-def test_is_the_mean_of_the_one_cut_element_over_all_orders_of_vertices():
-    twelve, one = macro_element("tetrahedron"), one_cut_element()
-    points = points_within("tetrahedron", 600, 1)
-    nodes = twelve._element.points
-
-    def barycentric(x):
-        return np.column_stack([1 - x.sum(axis=1), x])
-
-    mean = 0.0
-    for order in itertools.permutations(range(4)):
-        place = [
-            np.abs(nodes - x).sum(axis=1).argmin() for x in barycentric(nodes)[:, order][:, 1:]
-        ]
-        turned = np.ascontiguousarray(barycentric(points)[:, order][:, 1:])
-        mean = mean + one.tabulate(0, turned)[0][:, place] / 24
-    values = twelve.tabulate(0, points)[0]
-    assert np.abs(values - mean).max() < 1e-15
-    assert np.abs(one.tabulate(0, points)[0] - mean).max() > 0.1
 
 
 def test_stiffness_mass_and_load_are_the_mean_of_the_three_cuts():

@@ -226,13 +226,6 @@ def test_an_even_flux_is_exact_at_every_node(cell, components):
         assert np.abs(heat.flux[inside] - expected).max() < 1e-12, (method, area)
 
 
-def test_reactions_of_standard_elements_zigzag_over_geometric_areas():
-    spaces, r, _ = solved(CellType.triangle, GALERKIN)
-    heat = nodal_flux(spaces, r, side)
-    share = np.sort(heat.flux[~heat.surface.rim] / -SLOPE[0])
-    assert share == pytest.approx([2 / 3] * 2 + [4 / 3] * 3, rel=1e-12)
-
-
 def test_corners_of_standard_tetrahedra_have_no_flux_over_own_areas():
     spaces, r, _ = solved(CellType.tetrahedron, GALERKIN)
     heat = nodal_flux(spaces, r, side, area="own")

@@ -5,7 +5,6 @@ The oracle of the tests imports none of them.
 
 import ast
 import re
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -257,15 +256,3 @@ def test_the_judge_asks_results_and_printed_numbers_only():
 def test_the_check_above_sees_a_solver_where_there_is_one():
     names = reached("study.paper.s7_1_two_triangles")
     assert any(tops(imported(name)) & SOLVER for name in names)
-
-
-def test_report_and_figures_leave_the_solver_unloaded():
-    code = (
-        "import sys, study.report, study.judge.claims, figures, figures.__main__;"
-        "from study.core.cases import SECTIONS, title;"
-        "[title(section) for section in SECTIONS];"
-        "print(sorted(set(sys.argv[1:]) & set(sys.modules)))"
-    )
-    command = [sys.executable, "-c", code, *sorted(SOLVER)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"

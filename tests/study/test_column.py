@@ -48,30 +48,6 @@ def test_columns_are_those_of_the_fit(name):
     assert found == pytest.approx([*stored.radii, *stored.heights], abs=2e-5)
 
 
-@pytest.fixture
-def modes(results):
-    elements = ("galerkin-T6", "pw-T6", "pwsym-T6", "pw-T6-lumped", "pw-Q8")
-    stored = {e: results[f"7.5/{e}"].scalars for e in (*elements, "pw-Q8-same", "pw-Q8-lumped")}
-    for one in stored.values():
-        assert one["imaginary"] == one["rigid"] == 0
-        assert one["mode_residual"] < 1e-9
-    return {e: np.array([one[f"omega2_{i}"] for i in range(1, 7)]) for e, one in stored.items()}
-
-
-def test_weights_alone_hardly_shift_eigenvalues_and_symmetrisation_lowers_them(modes):
-    shift = {name: 100 * (modes[name] / modes["galerkin-T6"] - 1) for name in modes}
-    assert np.abs(shift["pw-T6"]).max() < 1e-3
-    assert np.all((shift["pwsym-T6"] < -0.02) & (shift["pwsym-T6"] > -0.06))
-    assert np.all(shift["pw-T6-lumped"][1:] < -0.01)
-
-
-def test_both_left_matrices_of_guyan_raise_the_triangles_eigenvalues(modes):
-    for name in ("pw-Q8", "pw-Q8-same"):
-        assert np.all(modes[name] > modes["pw-T6"])
-    assert np.all(modes["pw-Q8-same"] > modes["pw-Q8"])
-    assert np.all(modes["pw-Q8-lumped"][1:] < modes["pw-Q8"][1:])
-
-
 def test_printed_differences():
     pairs = [["6-node user element", "CAX6"], ["8-node user element", "CAX8"]]
     assert measures.largest_printed_shift(None, pairs) == pytest.approx(0.2908, abs=5e-5)
