@@ -87,18 +87,6 @@ def test_node_between_smooth_and_rough_matters():
     assert 1.03 < u[1] / u[0] < 1.15
 
 
-def test_start_from_a_coarser_mesh():
-    coarse = block(20).solve(0.3, 60.0, increments=3)
-    warm = block(40).solve(0.3, 60.0, increments=3, start=coarse)
-    cold = block(40).solve(0.3, 60.0, increments=3)
-    for a, b in zip(warm, cold, strict=True):
-        assert a.displacement.array_r == pytest.approx(b.displacement.array_r, abs=1e-9)
-        assert a.pairs[0].status.tolist() == b.pairs[0].status.tolist()
-        assert a.iterations <= min(3, b.iterations)
-    again = block(40).solve(0.3, 60.0, increments=3, start=cold)
-    assert [state.iterations for state in again] == [1, 1, 1, 1]
-
-
 @pytest.mark.parametrize(
     ("build", "method", "n", "mu", "share"),
     [

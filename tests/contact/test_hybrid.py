@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
 
-from pw_elements import Reduction, Spaces, force_transfer, prescribe, reactions, split
+from pw_elements import Reduction, Spaces, prescribe, split
 from pw_elements.contact import (
     ContactFields,
     ContactPair,
@@ -21,7 +21,6 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
-from pw_elements.spaces import SubSpace
 from study.elements import taylor_hood
 from tests.contact.cases import PW, Elastic, at
 from tests.contact.test_matching import doubled
@@ -55,25 +54,6 @@ def test_even_pressure_on_a_rigid_plane_is_exact(method, nu):
     assert np.allclose(p.x.array, 1e5 * nu, rtol=1e-8)
     ratio = pair.force_normal[1::2].mean() / pair.force_normal[2:-1:2].mean()
     assert ratio == pytest.approx(1.0 if method == HYBRID else 2.0, rel=1e-9)
-
-
-def test_where_all_stick_forces_are_taylor_and_hoods_shared_out():
-    """In the plane displacements are the same, and forces T times the others."""
-    found = []
-    for method in (HYBRID, TAYLOR_HOOD):
-        case = Rubber(method)
-        # so wide that every node is in contact
-        problem = case.under(Plane((0.0, 2.0), (0.0, -1.0)), 1e3)
-        state = problem.step(problem.undeformed, case.nothing, [Motion((0.03, -0.05))])
-        r = SubSpace.displacements(case.space).part(reactions(case.K, state.unknowns, case.nothing))
-        found.append((state, r))
-    (new, forces), (standard, theirs) = found
-    difference = new.displacement - standard.displacement
-    assert difference.norm() < 1e-11 * standard.displacement.norm()
-    T = force_transfer(case.displacements)
-    assert (T * theirs - forces).norm() < 1e-10 * forces.norm()
-    (pair,) = new.pairs
-    assert np.allclose(pair.force_vector, forces.array.reshape(-1, 2)[pair.node])
 
 
 def test_files_and_fields_have_the_pressure_of_the_body(tmp_path):

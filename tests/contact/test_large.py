@@ -16,10 +16,8 @@ from pw_elements import (
     Direct,
     Iterative,
     Material,
-    Reduction,
     Spaces,
     SurfaceNodes,
-    assemble_matrix,
     prescribe,
 )
 from pw_elements.contact import (
@@ -34,7 +32,6 @@ from pw_elements.contact import (
     SignedDistance,
     Sphere,
     plot,
-    solve_contact,
     write,
 )
 from pw_elements.contact.iteration import (
@@ -183,44 +180,6 @@ def test_slip_is_the_arc():
         assert list(place.jumped) == [False, False, False]
         far = view(still, -start * 2, np.zeros((3, dim)))
         assert far.jumped.all()
-
-
-def test_small_displacements_are_those_of_the_linear_problem():
-    """Forces with friction tend to the linear problem's, whose code for surfaces is another."""
-    errors = []
-    for size in (1e-3, 1e-4):
-        rubber = Rubber()
-        motions = [(0.0, -size), (size, -size)]
-        large = rubber.states(motions)[-1].pairs[0]
-        rubber.u.x.array[:] = 0.0
-        K = assemble_matrix(
-            ufl.derivative(rubber.residual, rubber.u, ufl.TrialFunction(rubber.space))
-        )
-        supports = Reduction.dirichlet(rubber.space, rubber.held)
-        nothing = K.createVecLeft()
-        steps = replace(rubber.pair, motions=[Motion(m) for m in motions])
-        small = solve_contact(K, [nothing] * 2, supports, steps, rubber.space)[-1].pairs[0]
-        away = np.abs(large.force_vector - small.force_vector).max()
-        errors.append(away / np.abs(small.force_vector).max())
-    assert errors[1] < 1e-3
-    assert errors[1] < 0.2 * errors[0]
-
-
-def test_a_base_that_moves_is_a_tool_that_moves():
-    """Supports follow a function of the share: only the relative motion makes forces."""
-    tools = Rubber().states(WAY)[-1]
-    rubber = Rubber()
-    state, before = rubber.problem.undeformed, (0.0, 0.0)
-    for end in WAY:
-
-        def load(share, start=before, end=end):
-            for base, a, b in zip(rubber.base, start, end, strict=True):
-                base.value = -((1 - share) * a + share * b)
-
-        state, before = rubber.problem.step(state, load), end
-    (mine,), (theirs,) = state.pairs, tools.pairs
-    assert np.abs(mine.force_vector - theirs.force_vector).max() < 1e-9
-    assert np.abs(mine.slip - theirs.slip).max() < 1e-9
 
 
 @pytest.mark.parametrize("stress", [neo_hookean, saint_venant])

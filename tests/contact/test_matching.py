@@ -9,7 +9,7 @@ from dolfinx.mesh import create_mesh
 
 from pw_elements import reactions, solve
 from pw_elements._compat import cell_nodes
-from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, Motion, Parabola, Plane
+from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, Parabola, Plane
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -117,22 +117,6 @@ def test_either_side_may_be_the_pair_s_own(gap):
     assert own.force_normal == pytest.approx(other.force_normal, abs=1e-8)
     assert own.force_tangential == pytest.approx(-other.force_tangential, abs=1e-8)
     assert own.gap == pytest.approx(other.gap, abs=1e-9)
-
-
-def test_relative_motion_and_its_force():
-    blocks = Blocks(gap=0.25)
-    ends = blocks.held(*((i, at(1, y)) for i in (0, 1) for y in (0.0, blocks.top)))
-    shape = Parabola((LENGTH / 2, HEIGHT + 0.25), -50.0)
-    problem = blocks.problem(blocks.pair(0.3, shape=shape), ends)
-
-    def driven(*motion):
-        return problem.step(problem.undeformed, blocks.nothing, [Motion(*motion)]).pairs[0]
-
-    given = driven((0.0, 0.01))
-    assert given.force[1] > 0
-    by_force = driven((0.0, None), (0.0, given.force[1]))
-    assert by_force.translation == pytest.approx((0.0, 0.01), rel=1e-9)
-    assert by_force.force_normal == pytest.approx(given.force_normal, rel=1e-8)
 
 
 APART = Blocks(gap=0.1)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pw_elements import Direct
-from pw_elements.contact import OPEN, ContactPair, FreeBody, Motion, Plane
+from pw_elements.contact import ContactPair, Motion, Plane
 from tests.contact.cases import GALERKIN, Block, Elastic, Punch, at
 from tests.contact.histories import RESUMED, fields, histories, resumed, scale_of, whole
 from tests.contact.test_matching import Blocks
@@ -68,28 +68,6 @@ def test_a_step_changes_no_state_and_can_be_repeated():
         first.pairs[0].force_normal[:] = 0.0
     with pytest.raises(FrozenInstanceError):
         first.iterations = 3
-
-
-def test_solve_contact_is_a_loop_over_step():
-    loads = BLOCK.pulled(60.0, 3)
-    state = PROBLEM.undeformed
-    assert state.increment == 0
-    assert np.all(state.pairs[0].status == OPEN)
-    for load, expected in zip(loads, BLOCK.contact(BLOCK.pair(0.3), loads=loads), strict=True):
-        state = PROBLEM.step(state, load)
-        assert distance([state], [expected]) == 0
-        assert state.report == expected.report
-
-
-def test_a_load_step_that_fails_leaves_the_state_before_it():
-    """A cut-back is a loop over `step`: the block that would be dragged off is pushed less."""
-    problem = BLOCK.problem(BLOCK.pair(0.3, smooth=0.0))
-    pressed = problem.step(problem.undeformed, BLOCK.pressure)
-    pull = BLOCK.load((100.0, 0.0), at(0, 4.0))
-    with pytest.raises(FreeBody, match="slides along x"):
-        problem.step(pressed, BLOCK.pressure + pull * 2.0)
-    state = problem.step(pressed, BLOCK.pressure + pull)
-    assert state.pairs[0].force[0] == pytest.approx(-200.0)
 
 
 def test_files_that_are_no_state_of_this_problem(tmp_path):

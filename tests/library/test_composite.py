@@ -12,32 +12,13 @@ from dolfinx import fem
 from pw_elements import Body, Material, Spaces, assemble_matrix, force_transfer, reactions, solve
 from pw_elements.meshes import mapped, triangles
 from pw_elements.spaces import macro_element
-from study.elements import composite, composite_element
+from study.elements import composite
 from study.matrices import dense
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, Elastic, at
 
 E, NU = 2.0, 0.3
 MESH = mapped(triangles(MPI.COMM_SELF, (0.0, 0.0), (1.0, 1.0), (4, 4)), distorted)
-
-
-def test_gradient_is_the_projection_of_the_piecewise_constant_one():
-    macro, assumed = macro_element("triangle"), composite_element()
-    points, weights = basix.make_quadrature(
-        basix.CellType.triangle, 2, polyset_type=basix.PolysetType.macroedge
-    )
-    table, slopes = assumed.tabulate(1, points), macro.tabulate(1, points)
-    assert np.array_equal(table[0], slopes[0])
-    linear = np.column_stack([np.ones(len(points)), points])
-    for direction in (1, 2):
-        # linear, and its difference from the macro slopes orthogonal to linear functions
-        _, residual, _, _ = np.linalg.lstsq(linear, table[direction], rcond=None)
-        assert np.abs(residual).max() < 1e-28
-        difference = table[direction] - slopes[direction]
-        assert np.abs((linear.T * weights) @ difference).max() < 1e-15
-        assert np.abs(difference).max() > 0.1
-    with pytest.raises(NotImplementedError):
-        assumed.tabulate(2, points)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ QUICK = """
 71: constants constants-galerkin
 72: balance composite own transfer transfer-stick displacements condensed
 74: own tributary
-75: axis units transfer symmetrised-half weights symmetrised-sign guyan-sign real
+75: axis units transfer symmetrised-half weights symmetrised-sign guyan-sign
 76: weights-. static-symmetrised unsymmetrised-1 safe-exact-1 safe-exact-J-2 thin-1 gap-1
 s4: lumped
 s5: q9-even identity rigid diagonal q9-unsymmetric
