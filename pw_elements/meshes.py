@@ -158,45 +158,42 @@ def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
 
 
 @same_everywhere
-def from_gmsh(comm: MPI.Comm, source: Any, dim: int | None = None) -> TaggedMesh:  # noqa: ANN401
+def from_gmsh(comm: MPI.Comm, source: Any) -> TaggedMesh:  # noqa: ANN401
     """Mesh from a `.msh` file or from the model that Gmsh has just meshed, with physical groups.
 
         mesh, cell_tags, facet_tags, names = from_gmsh(MPI.COMM_WORLD, gmsh.model)
 
-    Gmsh's own order is kept: after `gmsh.model.mesh.setOrder(2)` the mesh's sides are curved.
+    Gmsh's own order is kept: after `gmsh.model.mesh.setOrder(2)` the mesh's sides are curved. The
+    mesh lies in a space of the cells' own dimension.
 
     Args:
         comm: communicator.
         source: path of a file, or `gmsh.model`, which is read on process 0.
-        dim: of the space in which the mesh lies; by default the cells' own dimension.
 
     Raises:
         ModuleNotFoundError: if Gmsh's Python module is not installed.
         FileNotFoundError: if there is no such file.
-        ValueError: for a dimension other than 2 or 3, a file that Gmsh cannot read, a model
-            without a mesh or without a physical group of cells, or a mesh of dimension 2 that does
-            not lie in a plane z = constant.
+        ValueError: for a file that Gmsh cannot read, a model without a mesh or without a physical
+            group of cells, or a mesh of dimension 2 that does not lie in a plane z = constant.
     """
     arguments.communicator(comm)
     with collective(comm):
         import gmsh
 
         from pw_elements._compat import model_to_mesh
-    if dim not in (None, 2, 3):
-        raise ValueError(f"dim = {dim!r}: meshes from Gmsh lie in 2 or 3 dimensions")
     path = Path(source) if isinstance(source, str | Path) else None
     with collective(comm) as same:
         same["source"] = path  # a model is process 0's
         if comm.rank == 0 and path is None and not hasattr(source, "getPhysicalGroups"):
             words = "it has to be a file's name, or gmsh.model"
             raise TypeError(f"the source is {arguments.described(source)}: {words}")
-    names: Names = {}
+    dim, names = 0, Names()
     with ExitStack() as opened:
         with collective(comm):
             if comm.rank == 0:
                 if path is not None:
                     _open(gmsh, path, opened)
-                dim = _checked_dimension(gmsh.model, dim)
+                dim = _checked_dimension(gmsh.model)
                 names = _group_names(gmsh.model)
         dim, names = comm.bcast((dim, names))
         read = model_to_mesh(gmsh.model, comm, 0, gdim=dim)
@@ -292,17 +289,14 @@ def _open(gmsh: Any, path: Path, opened: ExitStack) -> None:  # noqa: ANN401
         raise ValueError(f"{path} cannot be read: {error}") from error
 
 
-def _checked_dimension(model: Any, dim: int | None) -> int:  # noqa: ANN401
-    """Raises unless Gmsh's model has a mesh with a physical group of cells, in a space of `dim`."""
-    highest, x = model.getDimension(), np.reshape(model.mesh.getNodes()[1], (-1, 3))
-    if highest < 2 or not len(x):
+def _checked_dimension(model: Any) -> int:  # noqa: ANN401
+    """The dimension of a model's cells, which have to be there, and in a physical group."""
+    dim, x = model.getDimension(), np.reshape(model.mesh.getNodes()[1], (-1, 3))
+    if dim < 2 or not len(x):
         raise ValueError("Gmsh's model has no mesh: call gmsh.model.mesh.generate first")
-    dim = dim or highest
-    if highest > dim:
-        raise ValueError(f"Gmsh's model has cells of {highest} dimensions: give dim={highest}")
     if dim == 2:
         _check_plane("Gmsh's model", x)
-    if not model.getPhysicalGroups(highest):
+    if not model.getPhysicalGroups(dim):
         raise ValueError(
             "no physical group has the cells: gmsh.model.addPhysicalGroup(dim, tags, number) "
             "makes one, and DOLFINx takes only what is in groups"

@@ -204,8 +204,7 @@ class Body:
         if mesh.topology.dim != dimension:
             raise ValueError(
                 f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
-                "its nodes as many coordinates as its cells have dimensions (from Gmsh by "
-                f"from_gmsh(comm, source, dim={mesh.topology.dim}))"
+                "its nodes as many coordinates as its cells have dimensions"
             )
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")

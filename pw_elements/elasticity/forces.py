@@ -40,7 +40,7 @@ from ufl.core.expr import Expr
 
 from pw_elements.algebra import is_finite
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import arguments, collective, is_number, same_everywhere
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.elasticity.body import Body, Scalar, boundary_measure
 from pw_elements.spaces import (
     Marker,
@@ -144,10 +144,8 @@ class BoundaryForces:
 
 
 @same_everywhere
-def forces_along(
-    space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker, axis: int = 0
-) -> BoundaryForces:
-    """Nodal forces at the nodes that a marker selects, sorted along a coordinate axis.
+def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> BoundaryForces:
+    """Nodal forces at the nodes that a marker selects, sorted by their coordinates.
 
         held = forces_along(U, reactions(K, a, f), lambda x: np.isclose(x[0], 0))
         axes.plot(held.position[:, 1], held.force)
@@ -158,18 +156,14 @@ def forces_along(
         space: trial space.
         forces: vector (n,) of nodal forces.
         where: marker of the nodes' positions as columns (3, n).
-        axis: along which they are sorted, counted from 0; where the line does not extend along it,
-            they are sorted along the next one.
 
     Raises:
-        ValueError: if there is no such node or no such axis, the marker fails or does not return
-            truth values, or the vector does not belong to the space.
+        ValueError: if there is no such node, the marker fails or does not return truth values, or
+            the vector does not belong to the space.
     """
     arguments.space(space)
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
-    if not (is_number(axis) and axis in range(3)):
-        raise ValueError(f"axis {axis}: coordinates are counted from 0 to 2")
     with collective(comm):
         arguments.petsc_vector("the vector of forces", forces)
         arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
@@ -177,7 +171,7 @@ def forces_along(
     nodes = nodes[nodes < index_map.size_local]
     position = np.concatenate(comm.allgather(x[nodes]))
     force = np.concatenate(comm.allgather(forces.array_r.reshape(-1, block)[nodes]))
-    order = by_position(np.roll(position, -axis, axis=1))
+    order = by_position(position)
     return BoundaryForces(position[order], force[order])
 
 

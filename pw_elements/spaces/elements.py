@@ -191,7 +191,7 @@ def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementB
         element = TwelveCellElement(element._element)
     elif cell not in _SIMPLICES:
         element = _HalvedTensorElement(element._element)
-    return _blocked(element, shape)
+    return basix.ufl.blocked_element(element, shape=shape) if shape else element
 
 
 def quadratic_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:
@@ -237,7 +237,3 @@ def _cell(name: str) -> CellType:
     if name not in CELLS:
         raise ValueError(f"no quadratic element on a {name!r}; the cells are {', '.join(CELLS)}")
     return CellType[name]
-
-
-def _blocked(element: basix.ufl._ElementBase, shape: tuple[int, ...]) -> basix.ufl._ElementBase:
-    return basix.ufl.blocked_element(element, shape=shape) if shape else element

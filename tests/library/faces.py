@@ -176,13 +176,13 @@ def calls(comm):
             | {"edges": True}),
         "force_transfer": (pw_elements.force_transfer, {"space": V}),
         "forces_along": (
-            pw_elements.forces_along, {"space": w.U, "forces": w.r, "where": FOOT, "axis": 0}),
+            pw_elements.forces_along, {"space": w.U, "forces": w.r, "where": FOOT}),
         "from_file": (
             pw_elements.meshes.from_file,
             {"path": str(ROOT / "examples/gasket.msh"), "comm": comm}),
         "from_gmsh": (
             pw_elements.meshes.from_gmsh,
-            {"comm": comm, "source": str(ROOT / "examples/gasket.msh"), "dim": 2}),
+            {"comm": comm, "source": str(ROOT / "examples/gasket.msh")}),
         "lumped_mass": (lumped_mass, {"M": w.M, "space": w.U}),
         "mapped": (pw_elements.meshes.mapped, {"mesh": w.mesh, "image": lambda x: x}),
         "nodal_flux": (

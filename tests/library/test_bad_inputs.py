@@ -435,7 +435,6 @@ REFUSED = [
     ("count = 0: has to be a whole number", lambda w: w.buckles(count=0)),
     ("the force transfer T exists for quadratic", lambda w: force_transfer(w.P1)),
     ("the vector of forces has 7 degrees of freedom", lambda w: forces_along(w.U, w.short, left)),
-    ("axis 5: coordinates are counted from 0 to 2", lambda w: forces_along(w.U, w.f, left, 5)),
     ("TypeError: body is None: Body(spaces", lambda w: SurfaceNodes.of(None, below)),
     ("2 values for the 5 nodes", lambda w: w.surface.pressure(np.ones(2))),
     ("values are object of the shape ()", lambda w: w.surface.pressure(None)),

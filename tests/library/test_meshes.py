@@ -56,7 +56,7 @@ def test_a_mesh_from_gmsh_has_its_groups(square, order):
     square.addPhysicalGroup(1, [tag for _, tag in lower], 3)
     square.mesh.generate(2)
     square.mesh.setOrder(order)
-    mesh, cells, facets, _ = from_gmsh(MPI.COMM_SELF, square, dim=2)
+    mesh, cells, facets, _ = from_gmsh(MPI.COMM_SELF, square)
     assert mesh.geometry.dim == 2
     assert mesh.ufl_domain().ufl_coordinate_element().degree == order
     for number in (4, 7):
@@ -72,9 +72,9 @@ def test_a_file_gives_the_mesh_it_was_written_from(square, tmp_path):
     gmsh.write(str(tmp_path / "square.msh"))
     count = len(square.mesh.getNodes()[0])
     with pytest.raises(ValueError, match="Gmsh is at work"):
-        from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh", dim=2)
+        from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh")
     gmsh.finalize()
-    mesh, _, facets, _ = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh", dim=2)
+    mesh, _, facets, _ = from_gmsh(MPI.COMM_SELF, tmp_path / "square.msh")
     assert mesh.geometry.index_map().size_global == count
     assert len(facets.find(1)) == 0
     assert not gmsh.isInitialized()
@@ -83,15 +83,13 @@ def test_a_file_gives_the_mesh_it_was_written_from(square, tmp_path):
 
 def test_what_gmsh_does_not_have_is_said(square, tmp_path):
     with pytest.raises(ValueError, match="has no mesh"):
-        from_gmsh(MPI.COMM_SELF, square, dim=2)
+        from_gmsh(MPI.COMM_SELF, square)
     square.mesh.generate(2)
     with pytest.raises(ValueError, match="not lie in one plane"):
-        square.mesh.setNode(1, [0, 0, 0.1], []) or from_gmsh(MPI.COMM_SELF, square, dim=2)
+        square.mesh.setNode(1, [0, 0, 0.1], []) or from_gmsh(MPI.COMM_SELF, square)
     square.mesh.setNode(1, [0, 0, 0], [])
     with pytest.raises(ValueError, match="no physical group has the cells"):
-        from_gmsh(MPI.COMM_SELF, square, dim=2)
-    with pytest.raises(ValueError, match="dim = 4"):
-        from_gmsh(MPI.COMM_SELF, square, dim=4)
+        from_gmsh(MPI.COMM_SELF, square)
     with pytest.raises(FileNotFoundError, match="nowhere"):
         from_gmsh(MPI.COMM_SELF, tmp_path / "nowhere.msh")
     gmsh.finalize()

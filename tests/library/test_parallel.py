@@ -75,7 +75,7 @@ def beam(comm, method):
     parts = symmetric_part(K), symmetric_part(stresses["J"])
     return {
         "displacement norm": a.norm(),
-        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0), axis=1).force,
+        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0)).force,
         "stiffness norm": K.norm(),
         "mass norm": M.norm(),
         "rigid": free.rigid,
@@ -124,7 +124,7 @@ def element(comm, name):
     return found | {
         "displacement norm": a.norm(),
         "stiffness norm": supports.matrix(K).norm(),
-        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0), axis=1).force,
+        "reactions": forces_along(U, reactions(K, a, f), at(0, 0.0)).force,
         "contact": state.pairs[0].force_normal,
         "contact displacement norm": state.displacement.norm(),
     }
