@@ -43,7 +43,7 @@ def test_points_that_cycle_change_one_at_a_time():
     assert not cycles.repeats(a)
     assert not cycles.repeats(b)
     assert cycles.repeats(a)
-    wrong = contact([[-1.0, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1])
+    wrong = contact([[-1.99, 0], [-2.0, 0], [0, 0], [0, 0]], gap=[0, 0, -0.5, -0.1])
     assert wrong.active_set(a).status.tolist() == b.status.tolist()
     assert cycles.slowed(a, wrong).status.tolist() == [STICK, OPEN, OPEN, OPEN]
     assert not cycles.repeats(a)

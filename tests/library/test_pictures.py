@@ -46,8 +46,11 @@ def test_a_plane_body_is_drawn_where_it_has_moved(axes, cell):
     assert body.get_clim() == pytest.approx((0.0, 0.2))
 
 
-@pytest.mark.parametrize(("cell", "view"), [("tetrahedron", (30, 40)), ("hexahedron", (0, 20))])
-def test_of_a_box_the_faces_are_seen_that_are_turned_to_the_eye(axes, cell, view):
+@pytest.mark.parametrize(
+    ("cell", "view", "faces"),
+    [("tetrahedron", (30, 40), 3), ("hexahedron", (0, 20), 2), ("hexahedron", (1e-5, 20), 3)],
+)
+def test_of_a_box_the_faces_are_seen_that_are_turned_to_the_eye(axes, cell, view, faces):
     """Their area as it is seen is that of the box's shadow along the line of sight."""
     size = np.array([1.0, 2.0, 3.0])
     mesh = create_box(COMM, [np.zeros(3), size], [2, 2, 2], CellType[cell])
@@ -56,6 +59,7 @@ def test_of_a_box_the_faces_are_seen_that_are_turned_to_the_eye(axes, cell, view
     eye = [np.cos(up) * np.cos(turned), np.cos(up) * np.sin(turned), np.sin(up)]
     shadow = np.abs(eye) @ (np.prod(size) / size)
     assert sum(area(p) for p, _ in filled(axes)) == pytest.approx(shadow)
+    assert len(filled(axes)) == faces * 128  # parts of a face
 
 
 def test_higher_is_drawn_higher_and_in_its_colour(axes):
