@@ -87,27 +87,6 @@ def test_node_between_smooth_and_rough_matters():
     assert 1.03 < u[1] / u[0] < 1.15
 
 
-@pytest.mark.parametrize(
-    ("build", "method", "n", "mu", "share"),
-    [
-        (triangles, PW, 4, 0.02, 0.8),
-        (triangles, PW, 8, 0.3, 0.8),
-        (quadrilaterals, Q8, 8, 0.1, 0.5),
-        (quadrilaterals, Q8, 16, 0.02, 0.8),
-    ],
-)
-def test_a_plate_under_force_that_is_pressed_and_pushed_at_once(build, method, n, mu, share):
-    """A clamped block's plate is held by friction alone, and Q < mu P: there is a solution."""
-    body = Elastic(build(MPI.COMM_SELF, (0.0, 0.0), (4.0, 2.0), (n, n // 2)), method)
-    motion = Motion((None, None), (share * mu, -1.0))
-    plate = ContactPair(at(1, 2.0), Plane((0, 2), (0, -1)), mu, [motion])
-    (state,) = body.contact(plate, body.clamped(at(1, 0.0)))
-    assert state.residuals.largest() < 1e-10
-    assert state.pairs[0].force == pytest.approx((share * mu, -1.0), rel=1e-9)
-    # one set of status with all slipping would leave the plate free
-    assert (state.pairs[0].status == STICK).any()
-
-
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_a_tip_under_force_is_found_where_differences_are_its_normals(unit):
     """Their round-off changes with each place of the tip: it is found as the circle is."""

@@ -19,11 +19,9 @@ from pw_elements.contact import (
     Sphere,
     write,
 )
-from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from study.elements import taylor_hood
 from tests.contact.cases import PW, Elastic, at
-from tests.contact.test_matching import doubled
 
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
@@ -149,14 +147,3 @@ def test_without_active_sets_the_same_state_is_found():
     )
     assert state.iterations > 2
     assert (state.displacement - other.displacement).norm() < 1e-9 * state.displacement.norm()
-
-
-def test_two_incompressible_blocks_press_evenly_where_their_nodes_match():
-    mesh = doubled(triangles(COMM, (0.0, 0.0), (2.0, 1.0), (6, 3)), (0.0, 1.1, 0.0), COMM)
-    body = Elastic(mesh, HYBRID, nu=0.5)
-    lower = MatchingNodes(at(1, 1.0), Plane((0.0, 1.0), (0.0, 1.0)), (0.0, -0.1))
-    held = body.held((1, at(1, 0.0)), (0, at(0, 0.0)))
-    pair = ContactPair(at(1, 1.1), lower, 0.3)
-    (state,) = body.contact(pair, held, body.load((0.0, -3.0), at(1, 2.1)))
-    pressure = ContactFields.of(state, body.body).pressure.x.array[state.pairs[0].node]
-    assert np.allclose(pressure, 3.0, rtol=1e-8)

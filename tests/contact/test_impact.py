@@ -72,16 +72,6 @@ class Thrown(Elastic):
 BLOCK = Thrown()
 
 
-def test_free_flight_is_a_parabola():
-    velocity, gravity = np.array([0.3, 2.0]), np.array([0.0, -0.5])
-    history = BLOCK.fly(1.7, velocity, load=BLOCK.weight(gravity))
-    t = history.time[-1]
-    moved = history.displacement.array.reshape(-1, 2)
-    assert moved == pytest.approx(np.tile(velocity * t + gravity * t**2 / 2, (len(moved), 1)))
-    assert not history.pairs[0].force.any()
-    assert history.energies.imbalance < 1e-12
-
-
 def test_momentum_changes_by_the_impulses_and_energy_by_the_work():
     gravity = np.array([0.2, -1.0])
     history = BLOCK.fly(3.0, (1.0, -0.7), 0.4, load=BLOCK.weight(gravity))

@@ -7,9 +7,9 @@ import pytest
 from dolfinx import fem
 from dolfinx.mesh import create_mesh
 
-from pw_elements import reactions, solve
+from pw_elements import reactions
 from pw_elements._compat import cell_nodes
-from pw_elements.contact import OPEN, SLIP, STICK, ContactPair, Parabola, Plane
+from pw_elements.contact import OPEN, SLIP, ContactPair, Parabola, Plane
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, Elastic, at
@@ -84,21 +84,6 @@ def test_uniform_pressure_passes_exactly(method, own_is_upper):
     own, other = blocks.nodes(own_is_upper), blocks.nodes(not own_is_upper)
     assert r[own].sum(axis=0) == pytest.approx(-r[other].sum(axis=0), abs=1e-10)
     assert r[own].sum(axis=0) == pytest.approx(pair.force, abs=1e-10)
-
-
-@pytest.mark.parametrize("method", [GALERKIN, PW])
-def test_bodies_that_stick_are_one_body(method):
-    blocks, traction = Blocks(method), (1.0, -10.0)
-    pair = blocks.pair(friction=5.0)
-    (state,) = blocks.contact(pair, blocks.foot, blocks.load(traction))
-    assert (state.pairs[0].status == STICK).all()
-    mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, 2 * HEIGHT), (6, 6))
-    whole = Elastic(mesh, method, E=100.0)
-    foot = whole.held((1, at(1, 0.0)), (0, at(0, 0.0)))
-    a = solve(whole.K, whole.load(traction, at(1, 2 * HEIGHT)), foot)
-    nearest = [np.argmin(np.linalg.norm(whole.x - place, axis=1)) for place in blocks.x]
-    glued = a.array_r.reshape(-1, 2)[nearest]
-    assert state.displacement.array_r.reshape(-1, 2) == pytest.approx(glued, abs=1e-11)
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.1])

@@ -11,7 +11,6 @@ from pw_elements import (
     SurfaceNodes,
     assemble_matrix,
     assemble_vector,
-    boundary_measure,
     force_transfer,
     forces_along,
     nodal_flux,
@@ -20,7 +19,6 @@ from pw_elements import (
 )
 from pw_elements.elasticity import by_position
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from pw_elements.spaces import exterior_facets
 from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 
@@ -125,18 +123,6 @@ def test_faces_in_space(cell, method):
         assert surface.sawtooth(force) > 1e6
         corner = np.flatnonzero(weightless)
         assert surface.tributary_pressure(force)[corner] == pytest.approx(0, abs=1e-12)
-
-
-def test_surface_by_facets_is_that_of_the_marker():
-    body = uneven()
-    facets = exterior_facets(body.mesh, at(1, 0.0))
-    marked, tagged = (SurfaceNodes.of(body.body, where) for where in (at(1, 0.0), facets))
-    assert tagged.position == pytest.approx(marked.position)
-    assert tagged.tributary_area == pytest.approx(marked.tributary_area)
-    loads = [body.load((0.0, 1.0), where) for where in (at(1, 0.0), facets)]
-    assert (loads[0] - loads[1]).norm() < 1e-14
-    with pytest.raises(ValueError, match="counted from 0"):
-        boundary_measure(body.mesh, np.array([-1]))
 
 
 @pytest.mark.parametrize(
