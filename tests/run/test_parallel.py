@@ -7,10 +7,6 @@ import pytest
 from tests.parallel import run_on, same_numbers
 
 
-def ranks(comm, first):
-    return first + comm.rank, comm.allreduce(comm.rank)
-
-
 def one_fails(comm):
     print("here is", comm.rank, flush=True)
     comm.barrier()
@@ -30,10 +26,6 @@ def numbers(comm, shift):
         "rank": [3.0, 1.0 + shift * (comm.rank > 0)],
         "a slip": 1e-12 * comm.rank,
     }
-
-
-def test_each_process_gives_its_result():
-    assert run_on(3, ranks, 5) == [(5, 3), (6, 3), (7, 3)]
 
 
 @pytest.mark.parametrize(

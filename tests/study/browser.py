@@ -79,42 +79,47 @@ def faults(browser, url, width):
     return found + [f"{entry['source']}: {entry['message']}" for entry in logged]
 
 
-class Anchors(HTMLParser):
-    """What a page refers to, and what may be referred to in it."""
+class Page(HTMLParser):
+    """A page's tags with their attributes."""
 
     def __init__(self, html):
         super().__init__()
-        self.ids, self.targets, self.loads, self.silent = set(), set(), set(), set()
+        self.tags = []
         self.feed(html)
 
     def handle_starttag(self, tag, attributes):
-        given = dict(attributes)
-        if tag == "img" and not given.get("alt"):
-            self.silent.add(given.get("src"))
-        if tag in ("script", "img", "link", "source"):
-            self.loads |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
-        self.ids |= {given[key] for key in ("id", "name") if given.get(key)}
-        self.targets |= {given[key] for key in ("href", "src", "srcset") if given.get(key)}
+        self.tags.append((tag, dict(attributes)))
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def values(tags, *keys):
+    """What attributes of these names have."""
+    return {given[key] for _, given in tags for key in keys if given.get(key)}
 
 
 def dead(folder):
     """Links between a folder's files that lead nowhere, images without words; a line for each."""
-    pages = {path: Anchors(path.read_text("utf-8")) for path in sorted(folder.rglob("*.html"))}
+    pages = {path: Page(path.read_text("utf-8")) for path in sorted(folder.rglob("*.html"))}
     wrong = []
-    for page, anchors in pages.items():
+    for page, read in pages.items():
         name = page.relative_to(folder)
-        wrong += [f"{name}: no alternative text: {image}" for image in sorted(anchors.silent)]
-        for target in sorted(anchors.targets):
+        silent = {image.get("src") for image in read.all("img") if not image.get("alt")}
+        wrong += [f"{name}: no alternative text: {image}" for image in sorted(silent)]
+        loading = [one for one in read.tags if one[0] in ("script", "img", "link", "source")]
+        loads = values(loading, "href", "src", "srcset")
+        for target in sorted(values(read.tags, "href", "src", "srcset")):
             parts = urlsplit(target)
             if parts.scheme or parts.netloc:
-                if target in anchors.loads and parts.scheme != "data":
-                    wrong.append(f"{page.relative_to(folder)}: {target} comes from elsewhere")
+                if target in loads and parts.scheme != "data":
+                    wrong.append(f"{name}: {target} comes from elsewhere")
                 continue
             path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
             anchor = unquote(parts.fragment)
-            known = pages[path].ids if path in pages else {anchor}
+            known = values(pages[path].tags, "id", "name") if path in pages else {anchor}
             if not path.is_file() or (anchor and anchor not in known):
-                wrong.append(f"{page.relative_to(folder)}: {target}")
+                wrong.append(f"{name}: {target}")
     return wrong
 
 

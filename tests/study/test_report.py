@@ -2,7 +2,6 @@
 
 import json
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from study.core.store import MissingResult, Results, StudyError
 from study.report import build, render
 from study.texts import numbers, statements
 from study.texts.statements import names_section
+from tests.study.browser import Page
 from tests.study.toystudy import reported
 
 # Debian pairs WeasyPrint with a newer pydyf, which has renamed some methods
@@ -39,19 +39,6 @@ def text(tmp_path):
         return render(Results(out), folder).html
 
     return page
-
-
-class Page(HTMLParser):
-    def __init__(self, html):
-        super().__init__()
-        self.tags = []
-        self.feed(html)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.tags if name == tag]
 
 
 FIGURES = '{{ figure("fig05") }}{{ figure("tab2") }}{{ figure("orders") }}{{ statements() }}'
