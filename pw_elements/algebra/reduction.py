@@ -37,7 +37,6 @@ from pw_elements.spaces import (
     is_hybrid,
     is_split,
     numbered,
-    positions,
     tied,
 )
 
@@ -73,14 +72,15 @@ def prescribed(
             values[dofs] = own[dofs]
         if not np.isfinite(values[:owned]).all():
             raise ValueError("a prescribed value is not a finite number")
-    size = np.zeros(owned)
+    places = np.zeros((0, space.mesh.geometry.dim))
     for field in fields_of(space):
-        largest = np.abs(values[field.owned]).max(initial=0.0)
-        size[field.owned] = comm.allreduce(largest, MPI.MAX)
-    twice = np.flatnonzero(difference > _SAME_VALUE * size)
-    if comm.allreduce(len(twice), MPI.SUM):
-        x = positions(space)[twice, : space.mesh.geometry.dim]
-        places = np.unique(np.concatenate(comm.allgather(x)), axis=0)
+        largest = comm.allreduce(np.abs(values[field.owned]).max(initial=0.0), MPI.MAX)
+        twice = (difference[field.owned] > _SAME_VALUE * largest).any(axis=1)
+        if twice.any():
+            x = field.space.tabulate_dof_coordinates()[: len(twice)][twice]
+            places = np.vstack([places, x[:, : places.shape[1]]])
+    places = np.unique(np.concatenate(comm.allgather(places)), axis=0)
+    if len(places):
         raise ValueError(
             f"Dirichlet conditions contradict each other at {listed(places)}: a degree of freedom "
             "can have one value"

@@ -18,7 +18,6 @@ from pw_elements.spaces.hybrid import (
     fields_of,
     is_hybrid,
     is_split,
-    positions,
     tied,
 )
 from pw_elements.spaces.parts import (

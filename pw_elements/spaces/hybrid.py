@@ -143,17 +143,6 @@ def fields_of(space: fem.FunctionSpace) -> list[SubSpace]:
     return [*fields, SubSpace.pressure(space)] if is_hybrid(space) else fields
 
 
-def positions(space: fem.FunctionSpace) -> Array:
-    """Positions (n, 3) of this process' own unknowns, those of mixed spaces too."""
-    fields = fields_of(space)
-    x = np.zeros((fields[0].rows[0], 3))
-    for field in fields:
-        places = field.space.tabulate_dof_coordinates()
-        for component in field.owned.T:
-            x[component] = places[: len(component)]
-    return x
-
-
 def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.Mat:
     """Selection (n, n_r) of free unknowns that gives a vertex one pressure in each part."""
     mesh = space.mesh
