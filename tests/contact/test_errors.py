@@ -123,7 +123,7 @@ def test_what_states_no_problem_is_named(attempt, message):
         (
             lambda: solved(floor(10.0), overturning()),
             NoEquilibrium,
-            r"turns about \(4, 0\) and lifts off pair 0",
+            r"rotation about \(4, 0\) of the body, by which the body lifts off pair 0",
         ),
         (lambda: Greco(16).solve(10.0, remedies=()), NotFound, "runs through the same"),
         (lambda: Greco(16).solve(1, max_iterations=3, remedies=()), NotFound, "after 3 iterations"),
@@ -178,8 +178,8 @@ def test_large_friction_has_several_answers_and_says_so():
 
     def slipping(state):
         """The same, as a guess, with a node that slips."""
-        status, force = np.array([SLIP], dtype=np.int8), np.array([[side, 0.0]])
-        changed = replace(state.pairs[0], status=status, force_tangential=force)
+        status, direction = np.array([SLIP], dtype=np.int8), np.array([[side, 0.0]])
+        changed = replace(state.pairs[0], status=status, direction=direction)
         return [replace(state, pairs=(changed,))]
 
     # the equations of slip have no solution, or at the limit of stick one for any slip

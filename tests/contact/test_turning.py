@@ -56,7 +56,7 @@ def test_what_turns_is_linearised_consistently(name):
     )
     a, r = tools.carried(q, ends), rng.normal(size=(m, dim))
     here = view(q, a, r)
-    R, V, w = np.eye(dim) + tools.turned(q), here.levers.carried, here.levers.spun
+    R, w = np.eye(dim) + tools.turned(q), here.levers.spun
 
     def seen(share, motion, way):
         """Gap, slip and force in the surface's frame, size of the shear, and the torque."""
@@ -64,7 +64,7 @@ def test_what_turns_is_linearised_consistently(name):
         place, turn = view(there, moved, r), np.eye(dim) + tools.turned(there)
         slip = np.einsum("nta,nt->na", place.frame[:, 1:] @ turn, place.slip)
         parts = place.gap[:, None], slip, place.frame[:, :1] @ turn, r[:, None] @ turn
-        sheared = np.linalg.norm(place.forces(r, there)[:, 1:], axis=1)
+        sheared = np.linalg.norm(np.einsum("nab,nb->na", place.frame, r)[:, 1:], axis=1)
         torque = place.levers.forces(r)[:, -1]
         return np.column_stack([*(part.reshape(m, -1) for part in parts), sheared, torque])
 
@@ -75,8 +75,7 @@ def test_what_turns_is_linearised_consistently(name):
         found = (seen(h, motion, way) - seen(-h, motion, way)) / (2 * h)
         parts = np.split(found, np.cumsum([1, dim, dim, dim, 1]), axis=1)
         gap, slip, normal, force, shear, torque = parts
-        relative = way - V @ motion
-        known = np.einsum("nab,nb->na", here.moved, relative)
+        known = np.einsum("nab,nb->na", here.moved, way) + here.followed @ motion
         assert np.abs(gap[:, 0] - known[:, 0]).max() < 1e-7
         tangents = here.frame[:, 1:] @ R
         assert np.abs(np.einsum("nta,na->nt", tangents, slip) - known[:, 1:]).max() < 1e-7
@@ -85,10 +84,9 @@ def test_what_turns_is_linearised_consistently(name):
         assert np.abs(force + spun).max() < 1e-7
         own = np.einsum("nb,nba->na", here.frame[:, 0], R), np.einsum("nba,nb->na", R, r)
         pressed = np.sum(normal * own[1] + force * own[0], axis=1)
-        turns = np.einsum("nab,nb->na", here.turned, relative)
-        turns -= np.einsum("nab,nb->na", here.frame, w) * motion[-1]
+        turns = np.einsum("nab,nb->na", here.turned, way) + here.spun @ motion
         assert np.abs(pressed - turns[:, 0]).max() < 1e-7
-        sheared = here.forces(r, q)[:, 1:]
+        sheared = np.einsum("nab,nb->na", here.frame, r)[:, 1:]
         along = np.sum(sheared * turns[:, 1:], axis=1) / np.linalg.norm(sheared, axis=1)
         assert np.abs(shear[:, 0] - along).max() < 1e-6
         known = -np.sum(w * (way - motion[:-1]), axis=1)

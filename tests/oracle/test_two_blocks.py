@@ -64,18 +64,12 @@ class Blocks:
         stepping = self.problem._stepping
         increment, place, _ = stepping._begun(state, Target.of(load, (), stepping.interface))
         seen = CondensedIncrement(increment, stepping._condensed, place)
-        parts = [
-            np.column_stack([of.slope[:, k], of.value[:, k]])
-            for of, k in ((seen.force, 0), (seen.force, 1), (seen.slip, 0))
-        ]
-        gap = np.column_stack([seen.gap.slope, seen.gap.value])
-        none = np.zeros((0, gap.shape[1]))
         stated = Increment(
-            parts[0],
-            parts[1],
-            gap,
-            parts[2],
-            none,
+            seen.force[:, 0],
+            seen.force[:, 1],
+            seen.seen[:, 0],
+            seen.seen[:, 1],
+            seen.balance,
             seen.cone.steepest,
             seen.faced,
             seen.scale.mean(),

@@ -43,7 +43,7 @@ from ufl.algorithms import extract_elements
 from pw_elements.algebra import Reduction, System
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import RIGID, ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import TOLERANCE, DeformedPlace, Levers, frames
+from pw_elements.contact.iteration.law import TOLERANCE, Levers, Place, frames
 from pw_elements.contact.iteration.newton import LinearEquilibrium, Reference
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import ContactPair, NotFound
@@ -121,7 +121,7 @@ class Sliding:
             total += sp.csr_matrix((part.data[mine], place), rows)
         return interface.of_unknowns(total)
 
-    def into(self, place: DeformedPlace, force: Array) -> DeformedPlace:
+    def into(self, place: Place, force: Array) -> Place:
         """A place (m) with the points of these pairs in it, under forces (m, dim)."""
         interface, (m, dim) = self._interface, force.shape
         gap, slip, frame = place.gap.copy(), place.slip.copy(), place.frame.copy()
@@ -212,7 +212,7 @@ class DeformedKinematics:
         """Displacements (m, dim) of closed points that have gone with their surfaces."""
         return np.where(closed[:, None], self._tools.carried(places, self._start), displacement)
 
-    def __call__(self, places: Array, displacement: Array, force: Array) -> DeformedPlace:
+    def __call__(self, places: Array, displacement: Array, force: Array) -> Place:
         """Linearisation at placements (pairs, dim + 1), motions and forces (m, dim)."""
         interface, tools = self._interface, self._tools
         at, R = tools.within(places, displacement), np.eye(force.shape[1]) + tools.turned(places)
@@ -229,22 +229,29 @@ class DeformedKinematics:
         slipped = factor[:, None, None] * (tangents - (gap + across)[:, None, None] * bent)
         slipped -= (rise[:, None] * along)[:, :, None] * turning[:, None]
         pressed, back = np.sum(frame[:, 0] * force, axis=1), np.swapaxes(R, 1, 2)
-        turned = [np.einsum("na,nab->nb", force, R @ bend)[:, None], -pressed[:, None, None] * bent]
-        place = DeformedPlace(
-            interface,
-            places,
-            tools.levers(places, displacement, force),
+        by_turn = np.einsum("na,nab->nb", force, R @ bend)[:, None], -pressed[:, None, None] * bent
+        moved = np.concatenate([normal[:, None], slipped], axis=1) @ back
+        turned = np.concatenate(by_turn, axis=1) @ back
+        levers = tools.levers(places, displacement, force)
+        rigid = (interface.faced == RIGID)[:, None, None]
+        followed, spun = (np.where(rigid, -part @ levers.carried, 0.0) for part in (moved, turned))
+        spun[:, :, -1] -= np.einsum("nab,nb->na", frame, levers.spun)
+        place = Place(
+            interface.pair,
+            levers,
             displacement,
+            places,
             frame,
             gap,
             factor[:, None] * along,
-            np.concatenate([normal[:, None], slipped], axis=1) @ back,
-            np.concatenate(turned, axis=1) @ back,
-            s > _RIGHT_ANGLE,
+            moved,
+            followed,
+            turned,
+            spun,
         )
         return place if self._sliding is None else self._sliding.into(place, force)
 
-    def by_start(self, place: DeformedPlace) -> Array:
+    def by_start(self, place: Place) -> Array:
         """Derivatives (m, dim - 1, dim) of a place's slip by the motions where it began."""
         normal, tangents = place.frame[:, 0], place.frame[:, 1:]
         s = np.linalg.norm(normal - self._normal, axis=1) / 2
@@ -255,16 +262,18 @@ class DeformedKinematics:
         turned = (rise / factor)[:, None, None] * place.slip[:, :, None] * turning[:, None]
         return -factor[:, None, None] * (tangents @ point) - turned
 
-    def passed(self, place: DeformedPlace) -> Mask:
-        """Points (m,) whose normals have turned over, on a straight way through the surface."""
-        within = np.zeros(len(place.gap), dtype=bool)
-        if not len(self._interface.gathered(place.jumped[place.jumped])):
-            return within
-        dim = self._start.shape[1]
-        end = self._tools.within(place.translations, place.at[:, :dim])
-        for share in _WAY:
-            within |= self._interface.closest((1 - share) * self._start + share * end)[0] < 0
-        return place.jumped & within
+    def lost(self, place: Place, pressed: Mask) -> Mask:
+        """Points (m,) whose normals have turned by a right angle, pressed or past their surface."""
+        interface = self._interface
+        end = self._tools.within(place.translations, place.at[:, : self._start.shape[1]])
+        turned = np.linalg.norm(interface.closest(end)[1] - self._normal, axis=1)
+        jumped = turned > 2 * _RIGHT_ANGLE
+        if len(interface.gathered(jumped[jumped])):
+            for share in _WAY:
+                pressed = pressed | (
+                    interface.closest((1 - share) * self._start + share * end)[0] < 0
+                )
+        return jumped & pressed
 
 
 def _arc(s: Array) -> tuple[Array, Array]:
@@ -375,11 +384,9 @@ class FiniteEquilibrium:
         return share
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
-        """Residual F(u), reduced, of now."""
         return self._residual
 
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
-        """Gives all unknowns (n,)."""
         return self._at
 
     def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002

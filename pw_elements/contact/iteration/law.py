@@ -34,8 +34,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from pw_elements.arrays import Array, Mask
-from pw_elements.contact.interface import RIGID, Interface
+from pw_elements.arrays import Array, Local, Mask
+from pw_elements.contact.interface import Interface
 from pw_elements.contact.model import Cone, projected
 
 OPEN, STICK, SLIP = 0, 1, 2
@@ -250,29 +250,29 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Kinematics:
-    """Gap, slip and force components as linear functions of a, U and r.
+class Place:
+    """Gap, slip and force components, linear about a place, where values are marked by 0.
 
-    a and r are displacements and forces of the contact nodes, U the translations of their surfaces.
-    Where a curved surface is free to move, its normals turn with it. With values of the place of
-    linearisation marked by 0 and sums over the free translations k,
+    With motions v of the points and q of their surfaces,
 
-        gap   = gap_0 + n_0·a - sum loss_k (U_k - U_0k),
-        slip  = T_0 (a - U - what they were) + sum turned_slip_k (U_k - U_0k),
-        force = [n_0; T_0] r + sum turned_force_k (U_k - U_0k).
+        (gap; slip) = (gap_0; slip_0) + moved (v - v_0) + followed (q - q_0),
+        force       = frame_0 r + turned (v - v_0) + spun (q - q_0).
     """
 
-    interface: Interface
-    translations: Array  # U_0, (pairs, dim)
-    past: Array  # displacements less translations (n, dim) from which slip counts
-    frame: Array  # normals n_0 and tangents T_0, (n, dim, dim)
-    gap: Array  # gap_0 of the undeformed body (n,), infinite where nothing faces a node
-    loss: Array  # (n, dim), of gap per translation; the normal, unless curved and free
-    turned_slip: Array  # (n, dim - 1, dim), by the turning of tangents per translation
-    turned_force: Array  # (n, dim, dim), by the turning of the frame per translation
+    pair: Local  # of the contact points (m)
+    levers: Levers
+    at: Array  # v_0, (m, p)
+    translations: Array  # q_0, (pairs, k)
+    frame: Array  # normals and tangents, (m, dim, dim)
+    gap: Array  # (m,), infinite where nothing faces a node
+    slip: Array  # (m, dim - 1)
+    moved: Array  # (m, dim, p)
+    followed: Array  # (m, dim, k)
+    turned: Array  # (m, dim, p)
+    spun: Array  # (m, dim, k)
 
     @classmethod
-    def at(
+    def undeformed(
         cls,
         interface: Interface,
         past: Array,
@@ -280,8 +280,13 @@ class Kinematics:
         free: Mask,
         displacement: Array,
         force: Array,
-    ) -> "Kinematics":
-        """Linearisation at translations, of which some are free, motions and forces (n, dim)."""
+    ) -> "Place":
+        """The place of an undeformed body, as displacements a and translations U move points.
+
+        Planes make all linear. Where a curved surface is free to move, its normals turn with it,
+        as is seen at translations, of which some are free, motions and forces (m, dim). Slip is
+        that since `past` displacements less translations (m, dim).
+        """
         step = _STEP * (interface.extent or 1.0)
         frame = frames(interface.normals(translations), interface.equation >= 0)
         normal, tangents = frame[:, 0], frame[:, 1:]
@@ -300,103 +305,47 @@ class Kinematics:
             loss[smooth, axis] = change[smooth] - np.sum(turned * displacement, axis=1)[smooth]
         # tangents turn so that they stay normal to it: dt = -(t·dn) n
         tilt = np.einsum("nta,nak->ntk", tangents, turn)
-        relative = displacement - translations[interface.pair] - past
-        turned_slip = -tilt * np.sum(normal * relative, axis=1)[:, None, None]
-        turned_force = np.concatenate(
-            [
-                np.einsum("na,nak->nk", force, turn)[:, None],
-                -tilt * np.sum(normal * force, axis=1)[:, None, None],
-            ],
-            axis=1,
+        start = past + translations[interface.pair]
+        relative, pressed = (np.sum(normal * v, axis=1) for v in (displacement - start, force))
+        slid = tangents + tilt * relative[:, None, None]
+        by_turn = np.einsum("na,nak->nk", force, turn)[:, None], -tilt * pressed[:, None, None]
+        return cls(
+            interface.pair,
+            Levers.straight(*force.shape),
+            np.zeros_like(force),
+            translations,
+            frame,
+            gap,
+            -np.einsum("nta,na->nt", tangents, start),
+            frame,
+            -np.concatenate([loss[:, None], slid], axis=1),
+            np.zeros_like(frame),
+            np.concatenate(by_turn, axis=1),
         )
-        return cls(interface, translations, past, frame, gap, loss, turned_slip, turned_force)
 
-    def gaps(self, displacement: Array, translations: Array) -> Array:
-        """Gaps (n,) at displacements (n, dim) and translations (pairs, dim)."""
-        approach = np.sum(self.frame[:, 0] * displacement - self.loss * self._from(translations), 1)
-        return self.gap + approach
+    def contact(
+        self, motions: Array, translations: Array, force: Array, cone: Cone, scale: Array
+    ) -> Contact:
+        """What is seen at motions (m, p) and (pairs, k), under forces (m, dim)."""
+        moved, followed = motions - self.at, (translations - self.translations)[self.pair]
 
-    def slips(self, displacement: Array, translations: Array) -> Array:
-        relative = displacement - translations[self.interface.pair] - self.past
-        slips = np.einsum("nab,nb->na", self.frame[:, 1:], relative)
-        return slips + np.einsum("nak,nk->na", self.turned_slip, self._from(translations))
+        def change(by_points: Array, by_surfaces: Array) -> Array:
+            each = (by_points, moved), (by_surfaces, followed)
+            return np.asarray(sum(np.einsum("nab,nb->na", slope, way) for slope, way in each))
 
-    def forces(self, force: Array, translations: Array) -> Array:
-        """Force components (n, dim) along the frame of nodal forces (n, dim)."""
-        turned = np.einsum("nak,nk->na", self.turned_force, self._from(translations))
-        return np.einsum("nab,nb->na", self.frame, force) + turned
-
-    def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
-        """The law of an active set, in the nodes' coordinates; its factors c are (n,)."""
-        A, B, b = equations(active, scale)
-        slip = self.frame[:, 1:] - self.turned_slip
-        follow = np.concatenate([self.loss[:, None], slip], axis=1)
-        D = np.einsum("nab,nbk->nak", B, follow) - np.einsum("nab,nbk->nak", A, self.turned_force)
-        level = np.einsum("nab,nb->na", self.frame, self.past)
-        level[:, 0] = np.where(np.isfinite(self.gap), -self.gap, 0.0)
-        here = self.translations[self.interface.pair]
-        turned = D - np.einsum("nab,nbk->nak", B[:, :, 1:], self.frame[:, 1:])
-        c = b + np.einsum("nab,nb->na", B, level) - np.einsum("nak,nk->na", turned, here)
-        E, C = A @ self.frame, B @ self.frame
-        to_nodes = np.swapaxes(self.frame, 1, 2)
-        c = np.einsum("nab,nb->na", to_nodes, c)
-        return LinearisedLaw(to_nodes @ E, to_nodes @ C, to_nodes @ D, c)
-
-    @property
-    def levers(self) -> Levers:
-        """Levers of surfaces that do not turn."""
-        return Levers.straight(*self.past.shape)
-
-    def _from(self, translations: Array) -> Array:
-        """Translations (n, dim) of the nodes' surfaces from the place of linearisation."""
-        return (translations - self.translations)[self.interface.pair]
-
-
-@dataclass(frozen=True)
-class DeformedPlace:
-    """Gap, slip and force components where deformed nodes are, and their derivatives.
-
-    Nodes have p motions each, which are their own for those that rigid surfaces face.
-    """
-
-    interface: Interface  # contact points (m)
-    translations: Array  # U and angles there, (pairs, dim + 1)
-    levers: Levers
-    at: Array  # the motions there, (m, p)
-    frame: Array  # normals and tangents, (m, dim, dim)
-    gap: Array  # (m,), infinite where nothing faces a node
-    slip: Array  # (m, dim - 1)
-    moved: Array  # derivatives of gap and slip by the motions, (m, dim, p)
-    turned: Array  # of the force components, by the turning of the frame, (m, dim, p)
-    jumped: Mask  # (m,), whether the normal has turned by a right angle since the start
-
-    def gaps(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
-        """Gaps (m,) there: a place is never seen from another one."""
-        return self.gap
-
-    def slips(self, displacement: Array, translations: Array) -> Array:  # noqa: ARG002
-        """Slip components (m, dim - 1) likewise."""
-        return self.slip
-
-    def forces(self, force: Array, translations: Array) -> Array:  # noqa: ARG002
-        """Components (m, dim) along the frame of forces (m, dim)."""
-        return np.einsum("nab,nb->na", self.frame, force)
+        relative, components = change(self.moved, self.followed), change(self.turned, self.spun)
+        components += np.einsum("nab,nb->na", self.frame, force)
+        gap, slip = self.gap + relative[:, 0], self.slip + relative[:, 1:]
+        return Contact(self.frame, gap, slip, components, cone, scale)
 
     def law(self, active: ActiveSet, scale: Array) -> LinearisedLaw:
         """The law of an active set, in the nodes' coordinates; its factors c are (m,)."""
         A, B, b = equations(active, scale)
-        E, C = A @ self.frame, A @ self.turned + B @ self.moved
+        to_nodes = np.swapaxes(self.frame, 1, 2)
+        C, D = A @ self.turned + B @ self.moved, -(A @ self.spun + B @ self.followed)
         gap = np.where(np.isfinite(self.gap), self.gap, 0.0)
         known = np.concatenate([gap[:, None], self.slip], axis=1)
-        c = b - np.einsum("nab,nb->na", B, known) + np.einsum("nab,nb->na", C, self.at)
-        to_nodes = np.swapaxes(self.frame, 1, 2)
-        E, C, c = to_nodes @ E, to_nodes @ C, np.einsum("nab,nb->na", to_nodes, c)
-        rigid = (self.interface.faced == RIGID)[:, None, None]
-        D = np.where(rigid, C[:, :, : self.frame.shape[1]] @ self.levers.carried, 0.0)
-        D[:, :, -1] += np.einsum("nab,nb->na", E, self.levers.spun)
-        c -= np.einsum("nak,nk->na", D, self.translations[self.interface.pair])
-        return LinearisedLaw(E, C, D, c)
-
-
-# Gap, slip and force components, linear about a place in a, U and r
-Place: TypeAlias = Kinematics | DeformedPlace
+        here = (B, -known), (C, self.at), (D, -self.translations[self.pair])
+        c = b + sum(np.einsum("nab,nb->na", slope, way) for slope, way in here)
+        E, C, D, c = (to_nodes @ part for part in (A @ self.frame, C, D, c[:, :, None]))
+        return LinearisedLaw(E, C, D, c[:, :, 0])

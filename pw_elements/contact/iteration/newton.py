@@ -17,7 +17,6 @@ from pw_elements.contact.iteration.law import (
     Accuracy,
     ActiveSet,
     Contact,
-    Kinematics,
     Place,
     turned,
 )
@@ -121,7 +120,6 @@ class LinearEquilibrium:
         return cls(system.stiffness, reduced, reduction.right, reduction.offset, largest)
 
     def take(self, reduced: PETSc.Vec) -> float:  # noqa: ARG002
-        """The solution is the one of any place."""
         return 1.0
 
     def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:
@@ -131,14 +129,12 @@ class LinearEquilibrium:
         return unbalanced / allowed if unbalanced else 0.0
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """K a - f, reduced: where nothing touches it vanishes."""
         residual = self.load.duplicate()
         self.stiffness.mult(reduced, residual)
         residual.axpy(-1.0, self.load)
         return residual
 
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
-        """All unknowns (n,) of reduced ones."""
         full = self.offset.duplicate()
         self.right.multAdd(reduced, self.offset, full)
         return full
@@ -172,14 +168,14 @@ class Increment:
 
     def kinematics(
         self, translations: Array, displacement: Array, force: Array, every: bool = False
-    ) -> Kinematics:
+    ) -> Place:
         """Linearisation at translations (pairs, dim), motions and forces (m, dim).
 
         It is one in `every` translation or in the free ones.
         """
         free: Mask = np.isnan(self.prescribed) | every
         past = self.past.displacement - self.past.translations[self.interface.pair]
-        place = Kinematics.at(self.interface, past, translations, free, displacement, force)
+        place = Place.undeformed(self.interface, past, translations, free, displacement, force)
         if self._stated == 1:
             return place
         # points inside their surface are pressed out of it little by little
@@ -260,14 +256,9 @@ class Increment:
         force, unbalanced = self.system.forces(self.equilibrium.residual(reduced))
         if self.deformed is not None:
             place = self.deformed(translations, displacement, force)
-        contact = Contact(
-            place.frame,
-            place.gaps(displacement, translations),
-            place.slips(displacement, translations),
-            place.forces(force, translations),
-            self.interface.cone,
-            self.system.scale,
-        )
+        motions = displacement if self.deformed is None else place.at
+        seen = motions, translations, force, self.interface.cone, self.system.scale
+        contact = place.contact(*seen)
         return Iterate(
             reduced,
             full,

@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Indices, Local, Mask
+from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.law import (
     HELD,
@@ -24,7 +24,7 @@ from pw_elements.contact.iteration.law import (
     STICK,
     ActiveSet,
     Contact,
-    Kinematics,
+    Place,
     mixed,
     sticking,
 )
@@ -157,15 +157,9 @@ class Cycles:
 class LastHold:
     """Keeps a body from losing the last points that hold it, as far as the loads allow."""
 
-    def __init__(
-        self,
-        free_motions: FreeMotions,
-        pair: Local,
-        pairs: int,
-        comm: MPI.Comm,
-    ) -> None:
-        self._free_motions, self._comm = free_motions, comm
-        self._pair, self._pairs = pair, pairs
+    def __init__(self, free_motions: FreeMotions, interface: Interface) -> None:
+        self._free_motions, self._interface = free_motions, interface
+        self._comm: MPI.Comm = interface.comm
         self.rescues = 0
 
     def kept(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
@@ -230,8 +224,8 @@ class LastHold:
     def _landing(self, active: ActiveSet, gap: Array) -> Mask:
         """The nearest point of each pair that is open everywhere."""
         landing = np.zeros(len(gap), dtype=bool)
-        for k in range(self._pairs):
-            mine = (self._pair == k) & np.isfinite(gap)
+        for k in range(self._interface.pairs):
+            mine = (self._interface.pair == k) & np.isfinite(gap)
             closed = int(np.any(active.status[mine] != OPEN))
             nearest = self._comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
             if not self._comm.allreduce(closed, MPI.MAX):
@@ -242,16 +236,11 @@ class LastHold:
 class Policy:
     """The next active set, by the law, slowed where it cycles and with its last hold kept."""
 
-    def __init__(self, hold: LastHold, comm: MPI.Comm, edges: EdgeRelease | None = None) -> None:
-        self._hold, self._comm, self._edges = hold, comm, edges
-        self._cycles = Cycles(comm)
-
-    @classmethod
-    def of(cls, free_motions: FreeMotions, interface: Interface) -> "Policy":
-        comm = interface.comm
+    def __init__(self, free_motions: FreeMotions, interface: Interface) -> None:
+        self._comm: MPI.Comm = interface.comm
         mortar = [k for k, nodes in enumerate(interface.opposite) if len(nodes)]
-        hold = LastHold(free_motions, interface.pair, interface.pairs, comm)
-        return cls(hold, comm, EdgeRelease(interface, mortar) if mortar else None)
+        self._edges = EdgeRelease(interface, mortar) if mortar else None
+        self._hold, self._cycles = LastHold(free_motions, interface), Cycles(self._comm)
 
     def restart(self, first: ActiveSet | None = None) -> None:
         """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""
@@ -292,7 +281,8 @@ def _differs(a: ActiveSet, b: ActiveSet) -> Mask:
 
 
 def initial_active_set(
-    place: Kinematics,
+    interface: Interface,
+    place: Place,
     before: ContactState,
     guess: ContactState | None,
     free_motions: FreeMotions,
@@ -305,15 +295,15 @@ def initial_active_set(
     even that does.
     """
     if guess is not None:
-        firsts = [_transferred(guess, place)]
+        firsts = [_transferred(interface, place, guess)]
     elif before.increment:
-        first, just = resumed(before, place), idle[place.interface.pair]
-        landed = _touching(place)
+        first, just = resumed(interface, place, before), idle[interface.pair]
+        landed = _touching(interface, place)
         smooth = np.where(landed.status == STICK, SLIP, landed.status).astype(np.int8)
         firsts = [mixed(just, some, first) for some in (replace(landed, status=smooth), landed)]
     else:
-        firsts = [_touching(place)]
-    every = sticking(np.isfinite(place.gap), place.interface.cone, place.frame.shape[1] - 1)
+        firsts = [_touching(interface, place)]
+    every = sticking(np.isfinite(place.gap), interface.cone, place.frame.shape[1] - 1)
     for candidate in (*firsts, every):
         motions = free_motions(candidate, place.frame)
         if not motions:
@@ -324,9 +314,8 @@ def initial_active_set(
     )
 
 
-def _touching(place: Kinematics) -> ActiveSet:
+def _touching(interface: Interface, place: Place) -> ActiveSet:
     """Points that the moved surface reaches; the nearest of each pair in any case."""
-    interface: Interface = place.interface
     gap, near = place.gap, _TOUCHING_GAP * interface.extent
     closed = gap <= near
     for k in range(interface.pairs):
@@ -336,39 +325,27 @@ def _touching(place: Kinematics) -> ActiveSet:
     return sticking(closed, interface.cone, place.frame.shape[1] - 1)
 
 
-def resumed(before: ContactState, place: Kinematics) -> ActiveSet:
+def resumed(interface: Interface, place: Place, before: ContactState) -> ActiveSet:
     """The active set that a state ended with."""
-    local, pairs = place.interface.local, before.pairs
+    local, pairs = interface.local, before.pairs
     status = local([pair.status for pair in pairs])
     direction = local([pair.direction for pair in pairs])
     return ActiveSet.of(
         np.where(status == HELD, STICK, status).astype(np.int8),
         np.einsum("nab,nb->na", place.frame[:, 1:], direction),
         local([pair.turning for pair in pairs]),
-        place.interface.cone,
+        interface.cone,
         local([pair.force_normal for pair in pairs]),
     )
 
 
-def _transferred(guess: ContactState, place: Kinematics) -> ActiveSet:
-    """Status and direction of the nearest node of another mesh's state."""
-    interface = place.interface
-    n, dim = interface.position.shape
-    status, force, pressing = np.zeros(n, dtype=np.int8), np.zeros((n, dim)), np.zeros(n)
+def _transferred(interface: Interface, place: Place, guess: ContactState) -> ActiveSet:
+    """The active set of the nearest nodes of another mesh's state."""
+    pairs = []
     for k, pair in enumerate(guess.pairs):
-        mine = interface.pair == k
-        if mine.any():
-            nearest = cKDTree(pair.position).query(interface.position[mine])[1]
-            known = pair.status[nearest]
-            status[mine] = np.where(known == HELD, STICK, known)
-            force[mine] = pair.force_tangential[nearest]
-            pressing[mine] = pair.force_normal[nearest]
-    rough = interface.cone.rough
-    status[(status == STICK) & ~rough] = SLIP
-    tangential = np.einsum("nab,nb->na", place.frame[:, 1:], force)
-    size = np.linalg.norm(tangential, axis=1)
-    directed = (status == SLIP) & rough & (size > 0)
-    status[(status == SLIP) & rough & ~directed] = STICK
-    direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None]
-    turning, cone = directed.astype(float), interface.cone
-    return ActiveSet.of(status, direction * tangential, turning, cone, pressing)
+        near = cKDTree(pair.position).query(interface.in_order(k, interface.position))[1]
+        names = ("status", "direction", "turning", "force_normal")
+        pairs.append(replace(pair, **{name: getattr(pair, name)[near] for name in names}))
+    found, cone = resumed(interface, place, replace(guess, pairs=tuple(pairs))), interface.cone
+    slides = cone.rough & np.any(found.direction != 0, axis=1)
+    return mixed(slides, found, sticking(found.status != OPEN, cone, found.direction.shape[1]))

@@ -11,13 +11,9 @@ from pw_elements.contact.model.errors import (
     SurfacePassed,
 )
 from pw_elements.contact.model.friction import (
-    SIDES,
     Cone,
     Coulomb,
     Friction,
-    dual_clearance,
-    dual_rows,
-    polygon,
     projected,
 )
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion

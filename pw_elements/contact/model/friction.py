@@ -12,7 +12,6 @@ are asked for it once, at forces of many sizes, for those of a problem are not k
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -23,9 +22,6 @@ from pw_elements.checks import field
 # Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
 _FORCES = 10.0 ** np.arange(-12, 13)
 _ROUND_OFF = 1e-9
-
-# Sides of the polygon that stands for the circle of friction in a linear problem
-SIDES = 8
 
 
 @runtime_checkable
@@ -106,8 +102,9 @@ class Cone:
         Where a law fails, and this is kept, limits are NaN.
         """
         try:
-            pairs = zip(self.laws, self.at, self._parts, strict=True)
-            each = [self._of(law, at, force[part]) for law, at, part in pairs]
+            parts = np.split(force, np.cumsum([len(at) for at in self.at])[:-1])
+            pairs = zip(self.laws, self.at, parts, strict=True)
+            each = [self._of(law, at, part) for law, at, part in pairs]
         except BaseException as error:
             if self.failed is None:
                 raise
@@ -133,11 +130,6 @@ class Cone:
         """Raises what a law has raised."""
         if self.failed:
             raise self.failed.pop()
-
-    @cached_property
-    def _parts(self) -> list[slice]:
-        ends = np.cumsum([0, *map(len, self.at)])
-        return [slice(*part) for part in pairwise(ends)]
 
     def coefficient(self, force: Array) -> Array:
         """The limit over normal forces (m,); its slope at zero where there is none."""
@@ -168,30 +160,3 @@ def projected(tangential: Array, radius: Array) -> Array:
     size = np.linalg.norm(tangential, axis=1)
     beyond = size > radius
     return np.where(beyond, radius / np.where(beyond, size, 1.0), 1.0)[:, None] * tangential
-
-
-def polygon(tangents: Array) -> Array:
-    """Corners (k, t) of the unit polygon of friction, for tangents (t, dim), zero or of length one.
-
-    In the plane it is the circle itself.
-    """
-    one = np.eye(len(tangents))[np.linalg.norm(tangents, axis=1) > 0.5]
-    if len(one) < 2:
-        return np.concatenate([one, -one])
-    angle = 2 * np.pi * np.arange(SIDES) / SIDES
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def dual_rows(mu: Array, along: Array, normal: Array, tangential: Array) -> Array:
-    """v_n - mu v_t·d over the length of (1, mu), (m, k): one row each of a linear program.
-
-    Where it is negative in some direction d, forces of the cone brake the motion. `along` has the
-    unit vectors d (m, dim), `normal` v_n (m, k) in each of k motions, `tangential` v_t (m, dim, k).
-    """
-    sliding = np.einsum("ma,mak->mk", along, tangential)
-    return (normal - mu[:, None] * sliding) / np.sqrt(1 + mu**2)[:, None]
-
-
-def dual_clearance(mu: Array, normal: Array, tangential: Array) -> Array:
-    """v_n - mu |v_t| over the length of (1, mu), (m,), of velocities (m,) and (m, dim)."""
-    return (normal - mu * np.linalg.norm(tangential, axis=1)) / np.sqrt(1 + mu**2)

@@ -11,10 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from ufl.algorithms import expand_derivatives, extract_coefficients
-from ufl.algorithms.analysis import extract_constants
-from ufl.core.expr import Expr
-from ufl.utils.stacks import StackDict
 
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks import field, is_function, number, positive, vector
@@ -228,24 +224,20 @@ class SignedDistance:
     Args:
         function: of points as rows, (n, dim) to (n,), zero on the surface; infinite where nothing
             faces x.
-        gradient: of points as rows, (n, dim) to (n, dim), by default central differences; or a UFL
-            vector of numbers and `ufl.SpatialCoordinate`, such as a `ufl.grad`, which is evaluated
-            point by point: much slower than arrays, some 0.1 ms a time.
+        gradient: of points as rows, (n, dim) to (n, dim), by default central differences.
         step: of the differences, a small part of the smallest radius of the surface; by default
             1e-6 of the largest coordinate, in contact that of the mesh.
 
     Raises:
         TypeError: for anything but functions.
-        ValueError: for a step that is not positive, and a UFL gradient of anything else.
+        ValueError: for a step that is not positive.
     """
 
     function: Callable[[Points], Array]
-    gradient: Callable[[Points], Points] | Expr | None = None
+    gradient: Callable[[Points], Points] | None = None
     step: float | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.gradient, Expr):
-            object.__setattr__(self, "gradient", _at_points(self.gradient))
         for name in ("function", "gradient"):
             given = getattr(self, name)
             if not (is_function(given) or (name == "gradient" and given is None)):
@@ -276,29 +268,23 @@ class SignedDistance:
         of the digits.
         """
         n, dim = x.shape
-        one, p, active = np.eye(dim), x.copy(), np.arange(n)
+        one, p = np.eye(dim), x.copy()
         slope, flat = self._directed(x)
         length = self._values(x) / np.sum(slope**2, axis=1)
-        bend = np.full((n, dim, dim), np.nan)
-        found = np.zeros(n, dtype=bool)
         small = _PROJECTED_BY_DIFFERENCES if self.gradient is None else _PROJECTED
         small *= np.abs(x).max(initial=0.0)
         for _ in range(_PROJECTIONS):
-            at, level = p[active], length[active]
-            slope, bent = self._directed(at)[0], self._bend(at)
-            system = np.zeros((len(at), dim + 1, dim + 1))
-            system[:, :dim, :dim] = one + level[:, None, None] * bent
+            slope, bend = self._directed(p)[0], self._bend(p)
+            system = np.zeros((n, dim + 1, dim + 1))
+            system[:, :dim, :dim] = one + length[:, None, None] * bend
             system[:, :dim, dim] = system[:, dim, :dim] = slope
-            wrong = x[active] - at - level[:, None] * slope
-            right = np.concatenate([wrong, -self._values(at)[:, None]], axis=1)
+            wrong = x - p - length[:, None] * slope
+            right = np.concatenate([wrong, -self._values(p)[:, None]], axis=1)
             step = np.linalg.solve(system, right[:, :, None])[:, :, 0]
-            p[active] += step[:, :dim]
-            length[active] += step[:, dim]
-            bend[active] = bent
-            still = np.abs(step[:, :dim]).max(axis=1) <= small
-            found[active[still]] = True
-            active = active[~still]
-            if not len(active):
+            p += step[:, :dim]
+            length += step[:, dim]
+            found = np.abs(step[:, :dim]).max(axis=1) <= small
+            if found.all():
                 break
         slope, flat_there = self._directed(p)
         found &= ~(flat | flat_there)
@@ -345,18 +331,3 @@ def with_step(surface: Surface, largest: float) -> Surface:
     if isinstance(surface, SignedDistance) and surface.step is None:
         return replace(surface, step=_STEP * largest)
     return surface
-
-
-def _at_points(vector: Expr) -> Callable[[Points], Points]:
-    """A UFL vector as a function of points (n, dim), also of those outside its mesh."""
-    plain = expand_derivatives(vector)
-    values = extract_coefficients(plain) + extract_constants(plain)
-    if values or len(vector.ufl_shape) != 1:
-        raise ValueError(f"gradient = {vector}: has to be a vector of coordinates and numbers")
-    parts = [(k,) for k in range(vector.ufl_shape[0])]
-
-    def at(x: Points) -> Points:
-        rows = [[plain.evaluate(tuple(p), {}, k, StackDict()) for k in parts] for p in x]
-        return np.array(rows, dtype=float).reshape(len(x), len(parts))
-
-    return at

@@ -30,8 +30,8 @@ found, so that they let go.
 import logging
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -42,25 +42,30 @@ from scipy.linalg.blas import dger
 from scipy.optimize import linprog
 
 from pw_elements.algebra import Reduction
-from pw_elements.arrays import Array, Local
+from pw_elements.arrays import Array
 from pw_elements.checks import collective
 from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration import (
+    OPEN,
+    STICK,
     ActiveSet,
     Contact,
     ContactSystem,
     Increment,
     Iterate,
-    Kinematics,
     LinearisedLaw,
+    Place,
     Policy,
+    border_columns,
     equations,
     newton,
 )
-from pw_elements.contact.model import SIDES, Cone, ContactFailed, Free, NotUnique, polygon
+from pw_elements.contact.model import Cone, ContactFailed, Free, NotUnique
 from pw_elements.progress import told
 from pw_elements.solvers import LinearSolver, SingularSystem, SolverReport
 
+# Sides of the polygon that stands for the circle of friction
+_SIDES = 8
 # Violation of the law and of balances over the largest contact force
 _TOLERANCE = 1e-9
 # Singular values that count as none, over the largest
@@ -85,10 +90,10 @@ _DAMPED_STEPS = 100
 # Unknowns of the complementarity problem: its table takes 16 bytes times their square
 _MOST_UNKNOWNS = 3000
 # What takes as long as a linear system, over which part of it: a solution with factors, Newton's
-# step on a dense system, what grows with its size's cube and its singular values, a trial of a
-# line search, and one of Lemke's pivots, which grows with the square of the table's size
+# step on a dense system, what grows with its size's cube, a trial of a line search, and one of
+# Lemke's pivots, which grows with the square of the table's size
 _SUBSTITUTED = 0.05
-_DENSE_STEP, _DENSE, _SINGULAR_VALUES, _SEARCHED = 0.15, 1e-9, 2e-8, 0.02
+_DENSE_STEP, _DENSE, _SEARCHED = 0.15, 1e-9, 0.02
 _PIVOTED = 5e-8
 
 
@@ -97,10 +102,6 @@ class Budget:
     """What a remedy may still do, in linear systems and what takes about as long."""
 
     left: float
-    allowed: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.allowed = self.left
 
     def take(self, systems: float) -> bool:
         """Whether there was anything left before so many are taken."""
@@ -116,16 +117,13 @@ class Condensation:
     ) -> None:
         self._interface = interface
         self._system = ContactSystem(K, reduction, interface, (), solver)
-        own = np.arange(len(interface.pair))
-        first = sum(interface.comm.allgather(len(own))[: interface.comm.rank])
-        number = gathered(interface, first + own)
         stated = gathered(interface, interface.equation >= 0)
         load = self._system.stiffness.createVecLeft()
         columns = []
         for point, axis in np.argwhere(stated):
-            moved = np.zeros_like(interface.position)
-            moved[own[first + own == number[point]], axis] = 1.0
-            columns.append(self._forces(load, moved)[stated])
+            moved = np.zeros(stated.shape)
+            moved[point, axis] = 1.0
+            columns.append(self._forces(load, scattered(interface, moved))[stated])
         self.stiffness = np.stack(columns, axis=1)
 
     @property
@@ -161,26 +159,16 @@ def scattered(interface: Interface, values: npt.NDArray) -> npt.NDArray:
     return interface.local(np.split(values, np.cumsum(counts)[:-1]))
 
 
-@dataclass(frozen=True)
-class Affine:
-    """A linear function of z, and its value at zero."""
-
-    slope: Array
-    value: Array
-
-    def at(self, z: Array) -> Array:
-        return self.slope @ z + self.value
-
-
 class CondensedIncrement:
-    """Forces, gaps and slips of all contact points as functions of z = (w; U).
+    """Forces, gaps and slips of all contact points, linear in z = (w; U) about a place.
 
-    The kinematics are linearised at a place. Forces (points, dim) are components along the frames,
-    gaps (points,) zero where nothing faces a point, slips (points, dim - 1); `balance` is of the
-    free translations, total force less what is prescribed; `start` is z at the increment's start.
+    Linear functions have the coefficients of z along their last axis, then their value at zero:
+    `force` (points, dim, n + 1) has components along the frames, `seen` gaps, of what a surface
+    faces, and slips; `balance` (k, n + 1) total forces of free translations less what is
+    prescribed. `start` is z at the increment's start.
     """
 
-    def __init__(self, increment: Increment, condensation: Condensation, place: Kinematics) -> None:
+    def __init__(self, increment: Increment, condensation: Condensation, place: Place) -> None:
         interface = increment.interface
         self._interface = interface
         self.free: Free = increment.system.free
@@ -189,65 +177,60 @@ class CondensedIncrement:
         def all_of(values: npt.NDArray) -> npt.NDArray:
             return gathered(interface, values)
 
-        self.frame, gap = all_of(place.frame), all_of(place.gap)
-        cone, said = interface.cone, np.concatenate(interface.cone.at)
-        at = [interface.in_order(k, said) for k in range(interface.pairs)]
-        self.cone = Cone(cone.laws, at)
+        pair, stated = all_of(interface.pair), all_of(interface.equation >= 0)
+        self.frame, self._gap = all_of(place.frame), all_of(place.gap)
+        self.faced, self._places = np.isfinite(self._gap), np.flatnonzero(stated.ravel())
+        said = np.concatenate(interface.cone.at)
+        each = [interface.in_order(k, said) for k in range(interface.pairs)]
+        self.cone = Cone(interface.cone.laws, each)
         self.scale = all_of(increment.system.scale)
-        self.faced = np.isfinite(gap)
-        self._stated = all_of(interface.equation >= 0)
-        points, dim = self._stated.shape
-        self._prescribed = increment.prescribed
-        pair = all_of(interface.pair)
-        supported = np.where(self._stated, 0.0, all_of(increment.supported))
-        moved, followed = self._motions(pair, supported)
-        loss, tangents = all_of(place.loss), self.frame[:, 1:]
-        since = Affine(followed.slope, followed.value - place.translations[pair])
-        turning = all_of(place.turned_force)
-        turned_slip = all_of(place.turned_slip)
+        (points, dim), self.unknowns = stated.shape, len(self._places)
+        size = self.unknowns + len(self.free) + 1
 
-        slope = np.zeros((points * dim, moved.slope.shape[-1]))
-        slope[np.ix_(self._places, np.arange(self.unknowns))] = condensation.stiffness
-        rest = np.where(
-            self._stated, condensation.at_rest(increment.equilibrium.load, increment.supported), 0
-        )
-        self._nodal = Affine(slope.reshape(points, dim, -1), rest)
-        self.force = _sum(_through(self.frame, self._nodal), _through(turning, since))
-        normal = self.frame[:, None, 0]
-        towards = _sum(_through(normal, moved), _through(-loss[:, None], since))
-        self.gap = Affine(towards.slope[:, 0], towards.value[:, 0] + np.where(self.faced, gap, 0.0))
-        relative = Affine(
-            moved.slope - followed.slope, moved.value - followed.value - all_of(place.past)
-        )
-        self.slip = _sum(_through(tangents, relative), _through(turned_slip, since))
-        sums = np.array([(pair == k)[:, None] * (np.arange(dim) == axis) for k, axis in self.free])
-        sums = sums.reshape(len(self.free), points * dim).astype(float)
-        self.sums = sums[:, self._places]
-        self.balance = Affine(sums @ slope, sums @ rest.ravel() - increment.totals)
+        self._translations = np.zeros((*increment.prescribed.shape, size))
+        self._translations[..., -1] = np.nan_to_num(increment.prescribed)
+        for k, at in enumerate(self.free, start=self.unknowns):
+            self._translations[at][k] = 1.0
+        moved, nodal = np.zeros((2, points * dim, size))
+        moved[:, -1] = np.where(stated, 0.0, all_of(increment.supported)).ravel()
+        moved[self._places, np.arange(self.unknowns)] = 1.0
+        nodal[np.ix_(self._places, np.arange(self.unknowns))] = condensation.stiffness
+        rest = condensation.at_rest(increment.equilibrium.load, increment.supported)
+        nodal[self._places, -1] = rest.ravel()[self._places]
+        self._moved, self._nodal = (of.reshape(points, dim, size) for of in (moved, nodal))
+        sums = border_columns(self.free, pair, dim).T
+        self.balance, self.sums = sums @ nodal, sums[:, self._places].sum(axis=1)
+        self.balance[:, -1] -= increment.totals
         past = all_of(increment.past.displacement).ravel()[self._places]
         self.start = np.append(past, [increment.past.translations[at] for at in self.free])
 
-    @cached_property
-    def _places(self) -> npt.NDArray[np.intp]:
-        return np.flatnonzero(self._stated.ravel())
+        fields = ("pair", "at", "frame", "gap", "slip", "moved", "followed", "turned", "spun")
+        every: dict[str, Any] = {name: all_of(getattr(place, name)) for name in fields}
+        whole = replace(place, **every)
+        following = self._translations[pair]
 
-    @property
-    def unknowns(self) -> int:
-        return len(self._places)
+        def law(status: int) -> Array:
+            """What vanishes by the law where all points are alike, along the frames."""
+            none = np.zeros((points, dim - 1)), *np.zeros((3, points))
+            law = whole.law(ActiveSet(np.full(points, status), *none), self.scale)
+            rows = law.E @ self._nodal + law.C @ self._moved - law.D @ following
+            rows[:, :, -1] -= law.c
+            return self.frame @ rows
+
+        self.force, self.seen = law(OPEN), law(STICK) / self.scale[:, None, None]
 
     def contact(self, z: Array) -> Contact:
-        gap = np.where(self.faced, self.gap.at(z), np.inf)
-        return Contact(self.frame, gap, self.slip.at(z), self.force.at(z), self.cone, self.scale)
+        force, seen = (of @ np.append(z, 1.0) for of in (self.force, self.seen))
+        gap = np.where(self.faced, seen[:, 0], np.inf)
+        return Contact(self.frame, gap, seen[:, 1:], force, self.cone, self.scale)
 
     def step(self, active: ActiveSet, z: Array) -> Array:
         """The way from z to the solution of an active set; the shortest if there are many."""
         A, B, b = equations(active, self.scale)
-        slope = np.concatenate([self.gap.slope[:, None], self.slip.slope], axis=1)
-        value = np.concatenate([self.gap.value[:, None], self.slip.value], axis=1)
-        law = _sum(_through(A, self.force), _through(B, Affine(slope, value)))
-        law = self.in_components(Affine(law.slope, law.value - b))
-        matrix = np.vstack([law.slope, self.balance.slope])
-        right = -np.append(law.at(z), self.balance.at(z))
+        law = A @ self.force + B @ self.seen
+        law[:, :, -1] -= b
+        rows = np.vstack([self.in_components(law), self.balance])
+        matrix, right = rows[:, :-1], -rows @ np.append(z, 1.0)
         with warnings.catch_warnings():
             warnings.simplefilter("error", LinAlgWarning)  # singular but for round-off
             try:
@@ -255,19 +238,18 @@ class CondensedIncrement:
             except (np.linalg.LinAlgError, LinAlgWarning):
                 return np.asarray(lstsq(matrix, right, _SINGULAR, lapack_driver="gelsy")[0])
 
-    def in_components(self, framed: Affine) -> Affine:
-        """Turns values along each point's frame into the stated components (p, ...)."""
-        turned = _through(np.swapaxes(self.frame, 1, 2), framed)
-        slope = turned.slope.reshape(turned.value.size, turned.slope.shape[-1])[self._places]
-        return Affine(slope, turned.value.ravel()[self._places])
+    def in_components(self, framed: Array) -> Array:
+        """Turns values (points, dim, ...) along the frames into the stated components (p, ...)."""
+        turned = np.einsum("nab,na...->nb...", self.frame, framed)
+        return turned.reshape(-1, *framed.shape[2:])[self._places]
 
     def residual(self, z: Array) -> Array:
-        wrong = np.einsum("nab,na->nb", self.frame, self.contact(z).violation())
-        return np.append(wrong.ravel()[self._places], self.balance.at(z))
+        wrong = self.in_components(self.contact(z).violation())
+        return np.append(wrong, self.balance @ np.append(z, 1.0))
 
     def error(self, z: Array) -> float:
         """Largest violation of the law and of the balances over the largest force."""
-        largest = np.abs(self._nodal.at(z)).max(initial=0.0)
+        largest = np.abs(self._nodal @ np.append(z, 1.0)).max(initial=0.0)
         wrong = np.abs(self.residual(z)).max(initial=0.0)
         return float(wrong / largest) if wrong > 0 else 0.0
 
@@ -293,36 +275,11 @@ class CondensedIncrement:
 
     def split(self, z: Array) -> tuple[Array, Array, Array]:
         """Translations (pairs, dim), motions and forces (m, dim) of this process."""
-        translations = self._prescribed.copy()
-        translations[np.isnan(translations)] = z[self.unknowns :]
-        moved = self._moved.at(z)
-        interface = self._interface
-        return (
-            translations,
-            scattered(interface, moved),
-            scattered(interface, self._nodal.at(z)),
+        translations, *points = (
+            of @ np.append(z, 1.0) for of in (self._translations, self._moved, self._nodal)
         )
-
-    def _motions(self, pair: Local, supported: Array) -> tuple[Affine, Affine]:
-        """Motions of the points, and of their surfaces: (points, dim)."""
-        points, dim = supported.shape
-        size = self.unknowns + len(self.free)
-        moved = np.zeros((points * dim, size))
-        moved[self._places, np.arange(self.unknowns)] = 1.0
-        followed = np.zeros((points, dim, size))
-        for k, (number, axis) in enumerate(self.free):
-            followed[pair == number, axis, self.unknowns + k] = 1.0
-        self._moved = Affine(moved.reshape(points, dim, size), supported)
-        return self._moved, Affine(followed, np.nan_to_num(self._prescribed)[pair])
-
-
-def _through(matrices: Array, of: Affine) -> Affine:
-    """Each point's matrix (points, a, b) times its b values."""
-    return Affine(matrices @ of.slope, np.einsum("nab,nb->na", matrices, of.value))
-
-
-def _sum(one: Affine, other: Affine) -> Affine:
-    return Affine(one.slope + other.slope, one.value + other.value)
+        moved, force = (scattered(self._interface, values) for values in points)
+        return translations, moved, force
 
 
 def lemke(M: Array, q: Array, budget: Budget) -> Array | None:
@@ -371,62 +328,64 @@ def _pivot(table: Array, row: int, column: int) -> None:
 def sprung(problem: CondensedIncrement, spring: float, near: Array, budget: Budget) -> Array | None:
     """The z of a problem with polygonal cones and springs at rest `near`; None without one."""
     faced = np.flatnonzero(problem.faced)
-    directions = _directions(problem, faced)
+    tangents = problem.frame[:, 1:] * problem.cone.rough[:, None, None]
+    directions = [_corners(tangents[n]) for n in faced]
     rough = np.array([k for k, d in enumerate(directions) if len(d)], dtype=np.intp)
     sides = np.array([len(directions[k]) for k in rough], dtype=np.intp)
     pressed, count = len(faced), int(sides.sum())
     owner = np.repeat(rough, sides)  # of each side, among those that are faced
     d = np.concatenate([np.zeros((0, problem.frame.shape[1] - 1)), *directions])
-    # z of forces along the frames, x = (r_n, b)
-    points, dim = problem.frame.shape[:2]
-    along = np.zeros((points, dim, pressed + count))
+    # z of x = (r_n, b), and what it is without any
+    along = np.zeros((*problem.frame.shape[:2], pressed + count + 1))
     along[faced, 0, np.arange(pressed)] = 1.0
     along[faced[owner], 1:, pressed + np.arange(count)] = d
-    law = problem.in_components(problem.force)
-    given = problem.in_components(type(problem.force)(along, np.zeros((points, dim)))).slope
-    S = problem.condensation.stiffness
-    springs = spring * np.abs(np.diag(S)).mean()
-    springs = springs * np.append(np.ones(problem.unknowns), problem.sums.sum(axis=1))
-    matrix = np.vstack([law.slope, problem.balance.slope]) + np.diag(springs)
-    right = np.vstack([given, np.zeros((len(problem.free), pressed + count))])
-    fixed = springs * near - np.append(law.value, problem.balance.value)
+    rows = np.vstack([problem.in_components(problem.force), problem.balance])
+    right = np.pad(problem.in_components(along), [(0, len(problem.free)), (0, 0)])
+    springs = spring * np.abs(np.diag(problem.condensation.stiffness)).mean()
+    springs = springs * np.append(np.ones(problem.unknowns), problem.sums)
+    right[:, -1] = springs * near - rows[:, -1]
     try:
-        z = np.linalg.solve(matrix, np.column_stack([right, fixed]))
+        z = np.linalg.solve(rows[:, :-1] + np.diag(springs), right)
     except np.linalg.LinAlgError:
         return None
-    slope, value = z[:, :-1], z[:, -1]
 
-    c = problem.scale[faced]
+    # gaps and slips along the sides, times c
+    seen = problem.seen[:, :, :-1] @ z
+    seen[:, :, -1] += problem.seen[:, :, -1]
+    seen *= problem.scale[:, None, None]
+    met = along[..., :-1].reshape(-1, pressed + count).T @ seen.reshape(-1, z.shape[1])
     size = pressed + count + len(rough)
     M, q = np.zeros((size, size)), np.zeros(size)
-    M[:pressed, : pressed + count] = c[:, None] * (problem.gap.slope @ slope)[faced]
-    q[:pressed] = c * problem.gap.at(value)[faced]
-    sliding = (problem.slip.slope @ slope)[faced[owner]]
+    M[: pressed + count, : pressed + count], q[: pressed + count] = met[:, :-1], met[:, -1]
     side = pressed + np.arange(count)
-    M[side, : pressed + count] = c[owner, None] * np.einsum("kt,ktx->kx", d, sliding)
-    q[side] = c[owner] * np.sum(d * problem.slip.at(value)[faced[owner]], axis=1)
     speed = pressed + count + np.repeat(np.arange(len(rough)), sides)
     M[side, speed], M[speed, side] = 1.0, -1.0
-    force = np.maximum(0.0, problem.force.at(near)[:, 0])  # limits are linearised there
+    force = np.maximum(0.0, problem.contact(near).force[:, 0])  # limits are linearised there
     limit, steep = problem.cone.limit(force)
     last = pressed + count + np.arange(len(rough))
     M[last, rough] = steep[faced[rough]]
     q[last] = (limit - steep * force)[faced[rough]]
     scale = np.abs(q).max(initial=0.0) or 1.0
     x = lemke(M, q / scale, budget)
-    return None if x is None else slope @ (scale * x[: pressed + count]) + value
+    return None if x is None else z @ np.append(scale * x[: pressed + count], 1.0)
 
 
-def _directions(problem: CondensedIncrement, faced: npt.NDArray[np.intp]) -> list[Array]:
-    """Corners (k, dim - 1) of each point's unit polygon of friction; none where it is smooth."""
-    rough, tangents = problem.cone.rough, problem.frame[:, 1:]
-    return [polygon(tangents[n] if rough[n] else np.zeros_like(tangents[n])) for n in faced]
+def _corners(tangents: Array) -> Array:
+    """Corners (k, t) of the unit polygon of friction, for tangents (t, dim), zero or of length one.
+
+    In the plane it is the circle itself.
+    """
+    one = np.eye(len(tangents))[np.linalg.norm(tangents, axis=1) > 0.5]
+    if len(one) < 2:
+        return np.concatenate([one, -one])
+    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def without_active_sets(
     increment: Increment,
     condensed: Callable[[], Condensation],
-    place: Kinematics,
+    place: Place,
     policy: Callable[[], Policy],
     most: int,
     budget: Budget,
@@ -434,7 +393,7 @@ def without_active_sets(
     """The solution of an increment, or None; NotUnique of a loose body or singular tangents."""
     comm, dim = increment.interface.comm, increment.interface.position.shape[1]
     points = sum(comm.allgather(len(increment.interface.pair)))
-    size = points * (2 + (2 if dim == 2 else SIDES))  # of the complementarity problem, at most
+    size = points * (2 + (2 if dim == 2 else _SIDES))  # of the complementarity problem, at most
     if size > _MOST_UNKNOWNS or _SUBSTITUTED * points * dim > budget.left:
         told(comm, logging.INFO, "too many contact points to do without active sets", ".contact")
         return None
@@ -468,7 +427,7 @@ def without_active_sets(
             problem = CondensedIncrement(increment, condensation, place)
     if one_of_many is not None:
         raise one_of_many
-    _refuse_loose(first, increment, budget)
+    _refuse_loose(first, increment)
     return None
 
 
@@ -476,7 +435,7 @@ def confirmed(
     problem: CondensedIncrement,
     increment: Increment,
     z: Array,
-    place: Kinematics,
+    place: Place,
     policy: Callable[[], Policy],
     most: int,
     way: str,
@@ -486,7 +445,9 @@ def confirmed(
     comm, before = increment.interface.comm, increment.system.solved
     most = int(max(1, min(most, budget.left)))
     try:
-        solution = newton(increment, _active_set(problem, increment, z), place, policy(), most)
+        active = vars(problem.contact(z).active_set()).values()
+        first = ActiveSet(*(scattered(increment.interface, part) for part in active))
+        solution = newton(increment, first, place, policy(), most)
     except ContactFailed as failed:
         told(comm, logging.INFO, f"not from {way}: {failed}", ".contact")
         there = at_itself(problem, increment, z)
@@ -526,16 +487,9 @@ def _search(
     return z, exact, budget.left
 
 
-def _active_set(problem: CondensedIncrement, increment: Increment, z: Array) -> ActiveSet:
-    active = problem.contact(z).active_set()
-    return ActiveSet(*(scattered(increment.interface, part) for part in vars(active).values()))
-
-
-def _refuse_loose(problem: CondensedIncrement, increment: Increment, budget: Budget) -> None:
+def _refuse_loose(problem: CondensedIncrement, increment: Increment) -> None:
     """Raises NotUnique if there is a state without contact forces, in which nothing touches."""
     comm = increment.interface.comm
-    if _SINGULAR_VALUES * problem.unknowns**3 > budget.allowed:
-        return
     with collective(comm):
         found = _loose(problem) if comm.rank == 0 else None
     z = comm.bcast(found)
@@ -549,19 +503,18 @@ def _refuse_loose(problem: CondensedIncrement, increment: Increment, budget: Bud
 
 def _loose(problem: CondensedIncrement) -> Array | None:
     """The z without contact forces in which the smallest gap is largest; None if it is not open."""
-    n, scale = problem.force.slope.shape[-1], np.abs(problem.gap.value).max(initial=0.0) or 1.0
-    balanced = np.concatenate([problem.force.slope.reshape(-1, n), problem.balance.slope])
-    forces = np.append(problem.force.value.ravel(), problem.balance.value)
-    left, size, motions = np.linalg.svd(balanced, full_matrices=False)
+    n, gap = problem.balance.shape[1], problem.seen[problem.faced, 0]
+    scale = np.abs(gap[:, -1]).max(initial=0.0) or 1.0
+    balanced = np.concatenate([problem.force.reshape(-1, n), problem.balance])
+    left, size, motions = np.linalg.svd(balanced[:, :-1], full_matrices=False)
     held = size > _SINGULAR * size.max(initial=0.0)
     if held.all():
         return None
-    z, free = -motions[held].T @ (forces @ left[:, held] / size[held]), motions[~held].T
-    faced = problem.faced
+    z, free = -motions[held].T @ (balanced[:, -1] @ left[:, held] / size[held]), motions[~held].T
     best = linprog(
         np.append(np.zeros(free.shape[1]), -1.0),
-        A_ub=np.column_stack([-problem.gap.slope[faced] @ free, np.ones(int(faced.sum()))]),
-        b_ub=problem.gap.at(z)[faced] / scale,
+        A_ub=np.column_stack([-gap[:, :-1] @ free, np.ones(len(gap))]),
+        b_ub=gap @ np.append(z, 1.0) / scale,
         bounds=[(None, None)] * free.shape[1] + [(None, 1.0)],
     )
     if not best.success or best.x[-1] <= _OPEN:

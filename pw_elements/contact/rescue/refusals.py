@@ -22,9 +22,8 @@ Only contact points are gathered, and the program runs on one process: 3 seconds
 in space, 0.2 in the plane.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import linprog
@@ -36,7 +35,7 @@ from pw_elements.contact.iteration import (
     TOLERANCE,
     Increment,
     Iterate,
-    Kinematics,
+    Place,
     Policy,
     contact_state,
 )
@@ -49,8 +48,6 @@ from pw_elements.contact.model import (
     NotUnique,
     RigidVelocity,
     Smallness,
-    dual_clearance,
-    dual_rows,
 )
 from pw_elements.contact.rescue.condensed import (
     Budget,
@@ -60,9 +57,6 @@ from pw_elements.contact.rescue.condensed import (
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.solvers import NotConverged, SolverReport
-
-# A refusal, if there is one, and the pairs of which none was looked for
-Proof: TypeAlias = tuple[NoEquilibrium | None, list[int]]
 
 # Work of the loads over the sum of its parts' magnitudes: none below
 _ZERO_WORK = 1e-9
@@ -113,10 +107,15 @@ class Points:
         )
 
     def rows(self, along: Array) -> Array:
-        return dual_rows(self.steepest, along, self.normal, self.tangential)
+        """v_n - mu v_t·d over the length of (1, mu), (m, k), for unit vectors d (m, dim)."""
+        sliding = np.einsum("ma,mak->mk", along, self.tangential)
+        mu = self.steepest[:, None]
+        return np.asarray((self.normal - mu * sliding) / np.sqrt(1 + mu**2))
 
     def clearance(self, velocity: Array) -> Array:
-        return dual_clearance(self.steepest, self.normal @ velocity, self.tangential @ velocity)
+        """v_n - mu |v_t| over the length of (1, mu), (m,), in a motion (k,)."""
+        sliding = np.linalg.norm(self.tangential @ velocity, axis=1)
+        return (self.normal @ velocity - self.steepest * sliding) / np.sqrt(1 + self.steepest**2)
 
     def where(self, mask: Mask) -> "Points":
         return Points(*(values[mask] for values in vars(self).values()))
@@ -171,7 +170,7 @@ def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
     return bool(work > _ZERO_WORK * parts and work > _HUGE * braked * parts)
 
 
-def gathered_points(increment: Increment, place: Kinematics, works: Array) -> Points:
+def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
     """Points of all processes, in an order independent of them; `works` are (m, dim, k)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     faced = np.isfinite(place.gap) | np.any(free, axis=1)[interface.pair]
@@ -189,7 +188,7 @@ def gathered_points(increment: Increment, place: Kinematics, works: Array) -> Po
     return Points(*points).where(some)
 
 
-def _turning(increment: Increment, place: Kinematics) -> Mask:
+def _turning(increment: Increment, place: Place) -> Mask:
     """Whether points' normals change with a free translation, (m,)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
@@ -205,11 +204,8 @@ def _turning(increment: Increment, place: Kinematics) -> Mask:
     return turning
 
 
-def no_equilibrium(increment: Increment, place: Kinematics, rigid: RigidMotions) -> Proof:
-    """The refusal with its proof, if there is one; the same on all processes.
-
-    And the pairs of which no proof was looked for: their surfaces are curved and free to move.
-    """
+def no_equilibrium(increment: Increment, place: Place, rigid: RigidMotions) -> NoEquilibrium | None:
+    """The refusal with its proof, if there is one; the same on all processes."""
     basis, works = rigid.virtual()
     work, size = rigid.power(increment.equilibrium.load, increment.totals)
     points = gathered_points(increment, place, works)
@@ -218,14 +214,14 @@ def no_equilibrium(increment: Increment, place: Kinematics, rigid: RigidMotions)
     with collective(comm):
         if comm.rank == 0:
             error = _proved(points, basis, work, size, rigid.modes)
-    return comm.bcast(error), [int(k) for k in np.unique(points.pair[points.turning])]
+    return comm.bcast(error)
 
 
 def rescue(
     failure: ContactFailed | NotConverged,
     increment: Increment,
-    place: Kinematics,
-    proved: Callable[[], Proof],
+    place: Place,
+    proved: Callable[[], NoEquilibrium | None],
     condensed: Callable[[], Condensation] | None,
     budget: Budget,
     policy: Callable[[], Policy],
@@ -238,8 +234,7 @@ def rescue(
     The body is condensed unless that is not to be tried. A failure to converge stays one, unless
     statics explain it.
     """
-    proof, unproved = proved()
-    if proof is not None:
+    if proof := proved():
         raise proof from None
     if isinstance(failure, NotConverged):
         raise failure
@@ -250,7 +245,7 @@ def rescue(
         except NotUnique as unique:
             failure = unique
     if found is None:
-        raise refusal(failure, increment, before, spent(), unproved) from None
+        raise refusal(failure, increment, before, spent()) from None
     return found
 
 
@@ -259,15 +254,9 @@ def refusal(
     increment: Increment,
     before: ContactState,
     spent: tuple[int, SolverReport],
-    unproved: Sequence[int],
 ) -> ContactFailed:
     """`NotUnique` if that is what the tangent showed, else `NotFound`; both with a state."""
     near, state = "", None
-    doubt = "That is no proof that there is no solution" + "".join(
-        f", and none was looked for where pair {k} is concerned: its surface is curved and free to "
-        "move, so that its normals are not given"
-        for k in unproved
-    )
     if increment.nearest is not None:
         now, violation = increment.nearest
         size = Smallness(np.nan, np.nan, np.nan)  # of no solution
@@ -280,8 +269,9 @@ def refusal(
         if increment.system.tangent.encloses():
             enclosed = f" {_ENCLOSED}."
         failure = NotFound(
-            f"{failure}. {doubt}.{enclosed}{near} Smaller increments, pressing before pushing, or "
-            "a start from states of a smaller friction or a coarser mesh may find one"
+            f"{failure}. That is no proof that there is no solution.{enclosed}{near} Smaller "
+            "increments, pressing before pushing, or a start from states of a smaller friction or "
+            "a coarser mesh may find one"
         )
     failure.state = state
     return failure
@@ -303,7 +293,7 @@ def _proved(
         motion += velocity @ motions
         lacking[np.abs(lacking) <= NOTHING * np.abs(lacking).max()] = 0.0
         missing[basis.pivot[cluster]] = lacking
-        words.append(_movement(modes, touched, velocity, velocity @ motions))
+        words.append(modes.name(velocity @ motions) + _contacts(touched, velocity))
     if not words:
         return None
     (moved, turned, surface), (force, moment, push) = modes.parts(motion), modes.parts(missing)
@@ -318,33 +308,21 @@ def _proved(
     return error
 
 
-def _movement(modes: RigidModes, points: Points, velocity: Array, motion: Array) -> str:
-    movers = modes.movers(motion, motion[None])
-    if len(movers) > 1:
-        contacts = _contacts(points, velocity, False)
-        return f"{modes.names(motion[None])[0]}, by which the body {' and '.join(contacts)}"
-    ((who, how),) = movers
-    turns = [how.replace("rotation", "turns")] if how.startswith("rotation") else []
-    contacts = _contacts(points, velocity, who.startswith("the surface"))
-    return f"{who} {' and '.join([*turns, *contacts])}"
-
-
-def _contacts(points: Points, velocity: Array, of_surface: bool) -> list[str]:
-    """Says what the body, or else the surface, does at each pair in a motion (k,)."""
+def _contacts(points: Points, velocity: Array) -> str:
+    """Says what the body does at each pair in a motion (k,)."""
     sliding, clear = points.tangential @ velocity, points.clearance(velocity)
     speed = np.linalg.norm(sliding, axis=1)
     nothing = NOTHING * max(speed.max(initial=0.0), clear.max(initial=0.0))
     words = []
     for k in np.unique(points.pair):
-        what = "the body" if of_surface else f"pair {k}"
         slides = (points.pair == k) & (clear <= nothing) & (speed > nothing)
         if slides.any():
-            along = sliding[slides] / speed[slides, None] * (-1.0 if of_surface else 1.0)
+            along = sliding[slides] / speed[slides, None]
             one = np.all(along @ along[0] > 1 - NOTHING)
-            words.append(f"slides {f'along {direction(along[0])} ' if one else ''}on {what}")
+            words.append(f"slides {f'along {direction(along[0])} ' if one else ''}on pair {k}")
         elif np.any(clear[points.pair == k] > nothing):
-            words.append(f"lifts off {what}")
-    return words
+            words.append(f"lifts off pair {k}")
+    return f", by which the body {' and '.join(words)}" if words else ""
 
 
 def _amount(centre: Array, missing: MissingForce) -> str:

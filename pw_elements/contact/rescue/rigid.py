@@ -3,7 +3,7 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -12,6 +12,8 @@ from petsc4py import PETSc
 import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
+from scipy.linalg import qr
+from scipy.sparse.csgraph import connected_components
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
@@ -31,20 +33,19 @@ from pw_elements.contact.iteration import (
 from pw_elements.contact.model import Free
 from pw_elements.solvers import Pieces, destroy, galerkin_product
 
-# Rows (r, k) on some modes (k,)
-Block = tuple[Indices, Array]
-
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
 NOTHING = 1e-6
+# The same, in what is solved for
+_NO_PART = 1e-12
+# By how much a mode's part of motions may be larger before it comes first
+_PREFERRED = 1e3
 
 # Stiffness of a motion, over what it would be for an arbitrary one, that is no more than round-off:
 # something is to be proved by it
 _ZERO_STIFFNESS = 1e-11
 # The same, as good as none
 _FREE_STIFFNESS = 1e-8
-# Pieces and surfaces' motions that are looked at together
-_TOGETHER = 20
 # Rows that are factorised at once, to save memory
 _AT_ONCE = 20_000
 
@@ -111,95 +112,36 @@ class RigidModes:
         """
         turns = np.arange(self.of_pieces) % self.each >= self.centre.shape[1]
         rank = np.concatenate([np.where(turns, 0, 1), np.full(len(self.free), 2)])
-        order = np.argsort(rank, kind="stable")
-        rows, pivot = reduced_echelon(motions[:, order])
-        return Basis(rows[:, np.argsort(order)], order[pivot])
+        _, pivots = qr(motions / _PREFERRED**rank, mode="r", pivoting=True)
+        pivot = np.array(sorted(pivots[: len(motions)], key=lambda k: (rank[k], k)), dtype=int)
+        rows = np.asarray(np.linalg.solve(motions[:, pivot], motions), dtype=float)
+        return Basis(np.where(np.abs(rows) <= _NO_PART, 0.0, rows), pivot)
 
-    def names(self, motions: Array) -> list[str]:
-        """Names what moves how in each of the motions (k, modes).
-
-        Rotations of a piece are about a point at rest in all of them, if there is one.
-        """
-        words = []
-        for motion in motions:
-            how: dict[str, list[str]] = {}
-            for who, movement in self.movers(motion, motions):
-                how.setdefault(movement, []).append(who)
-            if list(how.values()) == [["the body"]]:
-                words.append(next(iter(how)))
-            else:
-                parts = [f"{what} of {' and '.join(who)}" for what, who in how.items()]
-                words.append(" with ".join(parts))
-        return words
-
-    def movers(self, motion: Array, motions: Array) -> list[tuple[str, str]]:
-        """Names of bodies and surfaces that move in one of the motions, and how, in words."""
+    def name(self, motion: Array) -> str:
+        """What moves how in a motion (modes,), in words."""
         translation, turning, surface = self.parts(motion)
         nothing, words = NOTHING * np.abs(motion).max(), []
-        for k in range(len(translation)):
-            if np.abs(np.append(translation[k], turning[k])).max() > nothing:
-                around = listed(self.centre[k : k + 1])
-                who = "the body" + (f" around {around}" if len(self.centre) > 1 else "")
-                if np.abs(turning[k]).max(initial=0.0) > nothing:
-                    words.append((who, self._rotation(k, motion, motions)))
-                else:
-                    words.append((who, f"translation {direction(translation[k])}"))
+        around = [f" around {listed(self.centre[k : k + 1])}" for k in range(len(self.centre))]
+        for k, place in enumerate(around):
+            who = f"the body{place if len(around) > 1 else ''}"
+            if np.abs(turning[k]).max(initial=0.0) > nothing:
+                words.append(f"{self._rotation(k, translation[k], turning[k])} of {who}")
+            elif np.abs(translation[k]).max() > nothing:
+                words.append(f"translation {direction(translation[k])} of {who}")
         for k in range(len(surface)):
             if np.abs(surface[k]).max() > nothing:
-                words.append((f"the surface of pair {k}", f"translation {direction(surface[k])}"))
-        return words
+                words.append(f"translation {direction(surface[k])} of the surface of pair {k}")
+        return " with ".join(words)
 
-    def _rotation(self, k: int, motion: Array, motions: Array) -> str:
-        moved, turned = (part[0] for part in self._in_space(k, motion[None]))
-        pole, rest = self._pole(k, motions)
-        if rest > NOTHING:
-            pole, _ = self._pole(k, motion[None])
-        if len(pole) == 2:
+    def _rotation(self, k: int, moved: Array, turned: Array) -> str:
+        dim = len(moved)
+        v, w = np.pad(moved, (0, 3 - dim)), np.pad(turned, (3 - len(turned), 0))
+        pole = self.centre[k] + self.length[k] * np.cross(w, v)[:dim] / (w @ w)
+        if dim == 2:
             return f"rotation about {listed(pole[None])}"
-        axis = direction(turned * np.sign(turned[np.argmax(np.abs(turned))]))
-        along = abs(moved @ turned) > NOTHING * (turned @ turned)
-        return (
-            f"rotation about the axis along {axis} through {listed(pole[None])}"
-            f"{' with a translation along it' if along else ''}"
-        )
-
-    def _pole(self, k: int, motions: Array) -> tuple[Array, float]:
-        """The point (dim,) next to a piece's centre that moves least, and how fast it does."""
-        moved, turned = self._in_space(k, motions)
-        turns = np.abs(turned).max(axis=1) > NOTHING * np.abs(motions).max(axis=1)
-        moved, turned = moved[turns], turned[turns]
-        arms = np.cross(turned[:, None], np.eye(3)).transpose(0, 2, 1).reshape(-1, 3)
-        shift = np.linalg.lstsq(arms, -moved.ravel(), rcond=NOTHING)[0]
-        speed = float(np.abs(arms @ shift + moved.ravel()).max())
-        return self.centre[k] + self.length[k] * shift[: self.centre.shape[1]], speed
-
-    def _in_space(self, k: int, motions: Array) -> tuple[Array, Array]:
-        """Translations and rotations (motions, 3) of a piece, the plane being one in space."""
-        parts = [self.parts(motion) for motion in motions]
-        moved = np.array([translation[k] for translation, _, _ in parts])
-        turned = np.array([turning[k] for _, turning, _ in parts])
-        more = ((0, 0), (0, 3 - moved.shape[1]))
-        return np.pad(moved, more), np.pad(turned, ((0, 0), (3 - turned.shape[1], 0)))
-
-
-def reduced_echelon(rows: Array) -> tuple[Array, Indices]:
-    """Reduced echelon form of independent rows (k, n), and its pivots (k,)."""
-    rows = rows.copy()
-    pivot: list[int] = []
-    for column in range(rows.shape[1]):
-        done = len(pivot)
-        if done == len(rows):
-            break
-        best = done + int(np.argmax(np.abs(rows[done:, column])))
-        if abs(rows[best, column]) <= NOTHING * np.abs(rows[best]).max():
-            rows[done:, column] = 0.0
-            continue
-        rows[[done, best]] = rows[[best, done]]
-        rows[done] /= rows[done, column]
-        others = np.arange(len(rows)) != done
-        rows[others] -= rows[others, column, None] * rows[done]
-        pivot.append(column)
-    return rows, np.array(pivot, dtype=np.int64)
+        axis = direction(w * np.sign(w[np.argmax(np.abs(w))]))
+        along = " with a translation along it" if abs(v @ w) > NOTHING * (w @ w) else ""
+        return f"rotation about the axis along {axis} through {listed(pole[None])}{along}"
 
 
 def direction(vector: Array) -> str:
@@ -211,81 +153,43 @@ def direction(vector: Array) -> str:
     return listed(vector[None])
 
 
-def triangles(rows: sp.csr_array, group: Indices, comm: MPI.Comm) -> list[Block]:
-    """R of QR factorisations of all processes' rows (n, modes), one of those on the same groups.
+def triangle(rows: sp.csr_array, comm: MPI.Comm) -> sp.csr_array:
+    """R of QR factorisations of all processes' rows (n, modes): of modes that hang together.
 
     A Gram matrix would lose what is small.
     """
     rows.eliminate_zeros()
-    of = sp.csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
-    touched = sp.csr_array((np.ones(rows.nnz), rows.indices, rows.indptr), rows.shape) @ of
-    touched.sort_indices()
-    touched.data[:] = 1.0
-    which = touched @ np.random.default_rng(0).random(touched.shape[1])
-    order = np.argsort(which, kind="stable")
-    own: list[Block] = []
-    for part in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
-        groups = touched[part[:1]].indices
-        if not len(groups):
-            continue
-        modes = np.flatnonzero(np.isin(group, groups))
-        triangle = np.zeros((0, len(modes)))
-        for first in range(0, len(part), _AT_ONCE):
-            some = rows[part[first : first + _AT_ONCE]][:, modes].toarray()
-            triangle = np.asarray(np.linalg.qr(np.vstack([triangle, some]), mode="r"))
-        own.append((modes, triangle))
-    return [block for blocks in comm.allgather(own) for block in blocks]
+    found = [sp.csr_array((0, rows.shape[1]))]
+    for modes in _together(comm.allgather(rows)):
+        own = rows[:, modes]
+        own, R = own[np.diff(own.indptr) > 0], np.zeros((0, len(modes)))
+        for first in range(0, own.shape[0], _AT_ONCE):
+            some = own[first : first + _AT_ONCE].toarray()
+            R = np.asarray(np.linalg.qr(np.vstack([R, some]), mode="r"))
+        R = np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
+        places = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
+        found.append(sp.csr_array((R.ravel(), places), (len(R), rows.shape[1])))
+    return sp.vstack(found, "csr")
 
 
-def null_space(blocks: list[Block], group: Indices, tolerance: float) -> Array:
-    """Orthonormal motions (k, modes) that blocks of rows of unit size take to nothing.
-
-    Groups of modes hang together in parts. In large ones those that are held, alone or by others
-    that are, go first, one by one: what is left is little, or hangs together in smaller parts.
-    """
-    at: list[list[int]] = [[*map(int, np.unique(group[modes]))] for modes, _ in blocks]
-    touching: list[list[int]] = [[] for _ in range(group.max(initial=-1) + 1)]
-    for b, groups in enumerate(at):
-        for k in groups:
-            touching[k].append(b)
-
-    def parts(free: set[int]) -> Iterator[list[int]]:
-        while free:
-            part = [free.pop()]
-            for k in part:  # which grows
-                beside = {j for b in touching[k] for j in at[b]} & free
-                free -= beside
-                part += beside
-            yield part
-
-    def kernel(groups: list[int], chosen: Iterable[int]) -> Array:
-        modes, rows = np.flatnonzero(np.isin(group, groups)), []
-        for b in chosen:
-            rows.append(np.zeros((len(blocks[b][1]), len(group))))
-            rows[-1][:, blocks[b][0]] = blocks[b][1]
-        dense = np.concatenate([np.zeros((len(modes), len(group))), *rows])[:, modes]
+def null_space(rows: sp.csr_array, tolerance: float) -> Array:
+    """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
+    n = rows.shape[1]
+    found = [np.zeros((0, n))]
+    for modes in _together([rows]):
+        dense = np.vstack([rows[:, modes].toarray(), np.zeros((len(modes), len(modes)))])
         _, values, vectors = np.linalg.svd(dense, full_matrices=False)
-        none = values < tolerance * np.sqrt(len(group))
-        found = np.zeros((int(none.sum()), len(group)))
-        found[:, modes] = vectors[none]
-        return found
+        none = vectors[values < tolerance * np.sqrt(n)]
+        found.append(np.zeros((len(none), n)))
+        found[-1][:, modes] = none
+    return np.concatenate(found)
 
-    def held(part: list[int]) -> set[int]:
-        free, waiting = set(part), list(part)
-        while waiting:
-            k = waiting.pop()
-            alone = [b for b in touching[k] if free.isdisjoint({*at[b]} - {k})]
-            if k in free and alone and not len(kernel([k], alone)):
-                free.remove(k)
-                waiting += [j for b in touching[k] for j in at[b] if j in free]
-        return set(part) - free
 
-    whole = list(parts(set(range(len(touching)))))
-    large = [part for part in whole if len(part) > _TOGETHER]
-    small = [part for part in whole if len(part) <= _TOGETHER]
-    small += [rest for part in large for rest in parts(set(part) - held(part))]
-    found = [kernel(part, sorted({b for k in part for b in touching[k]})) for part in small]
-    return np.concatenate([np.zeros((0, len(group))), *found])
+def _together(parts: Sequence[sp.csr_array]) -> list[Indices]:
+    """Modes that hang together by rows (n, modes)."""
+    graph = sum(abs(rows).T @ abs(rows) for rows in parts)
+    count, part = connected_components(graph, directed=False)
+    return [np.flatnonzero(part == k) for k in range(count)]
 
 
 class RigidMotions:
@@ -311,7 +215,7 @@ class RigidMotions:
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
         free = self._free(active, frame)
-        return self.modes.names(self.modes.simplest(free).motions) if len(free) else []
+        return [self.modes.name(motion) for motion in self.modes.simplest(free).motions]
 
     def slides(self, contact: Contact, lost: float) -> bool:
         """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
@@ -337,13 +241,10 @@ class RigidMotions:
         A basis of k of them, each of a single piece or surface, and the motions (m, dim, k)
         relative to surfaces in which forces at the contact points do work.
         """
-        group = self.modes.group
-        alone = [
-            (modes[group[modes] == k], rows[:, group[modes] == k])
-            for modes, rows in self._hold(transposed=True)
-            for k in np.unique(group[modes])
-        ]
-        chosen = self.modes.simplest(null_space(alone, group, _ZERO_STIFFNESS))
+        hold, group = self._hold(transposed=True), self.modes.group
+        alone = [hold @ sp.diags_array((group == k).astype(float)) for k in np.unique(group)]
+        free = null_space(sp.vstack([hold[:0], *alone], "csr"), _ZERO_STIFFNESS)
+        chosen = self.modes.simplest(free)
         works = self._at_points(works=True) @ chosen.motions.T
         return chosen, works.reshape(*self._system.interface.position.shape, works.shape[1])
 
@@ -360,9 +261,8 @@ class RigidMotions:
         m, dim = frame.shape[:2]
         constraints = equations(active, np.ones(m))[1] @ frame
         turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
-        group = self.modes.group
-        rows = triangles(sp.csr_array(turned @ self._relative), group, self._system.comm)
-        return null_space(self._held + rows, group, _FREE_STIFFNESS)
+        rows = triangle(sp.csr_array(turned @ self._relative), self._system.comm)
+        return null_space(sp.vstack([self._held, rows], "csr"), _FREE_STIFFNESS)
 
     def _at_points(self, works: bool) -> sp.csr_array:
         """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
@@ -375,7 +275,7 @@ class RigidMotions:
         still = sp.csr_array((len(interface.pair) * dim, self.modes.of_pieces))
         return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
 
-    def _hold(self, transposed: bool) -> list[Block]:
+    def _hold(self, transposed: bool) -> sp.csr_array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
@@ -393,7 +293,7 @@ class RigidMotions:
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
         rows = sp.vstack([self._full[self._prescribed], local_rows(forces, 0) / largest])
         destroy(modes, moved, forces)
-        return triangles(sp.csr_array(rows), self.modes.group, system.comm)
+        return triangle(sp.csr_array(rows), system.comm)
 
     def _matrix(self, motions: sp.csr_array) -> PETSc.Mat:
         """Motions (rows of this process, modes) as those of all processes."""

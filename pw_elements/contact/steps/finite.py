@@ -29,7 +29,6 @@ from pw_elements.contact.iteration import (
     CellGuard,
     ContactSystem,
     DeformedKinematics,
-    DeformedPlace,
     FiniteEquilibrium,
     Increment,
     Policy,
@@ -149,17 +148,15 @@ class FiniteStepping:
         system.start(lambda: state.unknowns, moved)
         closed = interface.local([pair.status for pair in state.pairs]) != OPEN
         along = kinematics.stuck(moved, past.displacement, closed)
-        place: DeformedPlace = kinematics(moved, along, past.force)
+        place = kinematics(moved, along, past.force)
         first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
         told = reporter.iterated if reporter.wanted else None
-        policy = Policy.of(lambda *_: [], interface)
+        policy = Policy(lambda *_: [], interface)
         met = len(system.tangent.solver.orientations)
         now = newton(increment, first, place, policy, self._most, told)
         reporter.violation = increment.violation(now)
-        end = now.place
-        assert isinstance(end, DeformedPlace)
-        pressed = end.jumped & (now.contact.pressing > 0)
-        jumped = interface.gathered(interface.position[pressed | kinematics.passed(end)])
+        lost = kinematics.lost(now.place, now.contact.pressing > 0)
+        jumped = interface.gathered(interface.position[lost])
         if len(jumped):
             words = "jumped to another sheet of their surface, or slid round by a right angle"
             raise NotFound.at(f"contact nodes first at {{}} have {words}", jumped)

@@ -42,8 +42,8 @@ from pw_elements.contact.iteration import (
     ContactSystem,
     Increment,
     Iterate,
-    Kinematics,
     LinearEquilibrium,
+    Place,
     Policy,
     Reference,
     contact_state,
@@ -403,11 +403,13 @@ class Stepping:
         """The state at a target, in one piece; of a part, within a budget."""
         increment, place, policy = self._begun(state, target, guess)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
-        active = initial_active_set(place, state, guess, rigid.left_free, target.idle)
+        active = initial_active_set(
+            self.interface, place, state, guess, rigid.left_free, target.idle
+        )
         proved = cache(partial(no_equilibrium, increment, place, rigid))
 
         def doubt() -> None:
-            if proof := proved()[0]:
+            if proof := proved():
                 raise proof
 
         told = reporter.iterated if reporter.wanted else None
@@ -448,19 +450,19 @@ class Stepping:
         past, end = Reference.of(part.before, interface), Reference.of(state, interface)
         increment = Increment(system, equilibrium, goal.translations, goal.totals, past, stated)
         place = increment.kinematics(end.translations, end.displacement, end.force, every=True)
-        now = increment.solve(resumed(state, place), place)
+        now = increment.solve(resumed(interface, place, state), place)
         return Linearised(increment, now, self._K, self._reduction, -place.frame[:, 1:])
 
     def _begun(
         self, state: ContactState, target: Target, guess: ContactState | None = None
-    ) -> tuple[Increment, Kinematics, Callable[[], Policy]]:
+    ) -> tuple[Increment, Place, Callable[[], Policy]]:
         """The equations from a state to a target, where they start, and a policy's maker."""
         interface, prescribed = self.interface, target.translations
         system, rigid = self._bound(target.free)
         past = Reference.of(state, interface)
         equilibrium = LinearEquilibrium.of(system, self._K, target.load, target.stated)
         increment = Increment(system, equilibrium, prescribed, target.totals, past, target.stated)
-        policy = partial(Policy.of, rigid.left_free, interface)
+        policy = partial(Policy, rigid.left_free, interface)
         begin = np.where(target.idle[:, None] & (guess is None), 0.0, (guess or state).translations)
         translations = np.where(np.isnan(prescribed), begin, prescribed)
         system.start(lambda: state.unknowns, translations)
