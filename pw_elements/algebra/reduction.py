@@ -279,11 +279,7 @@ class Reduction:
         self._check_system(K, f)
         if self.inner is None:
             return self
-        rest = unbalanced(K, self.offset, f)
-        rest.scale(-1.0)
-        offset = self.offset.duplicate()
-        self.inner.multAdd(rest, self.offset, offset)
-        return replace(self, offset=offset)
+        return replace(self, offset=self.offset - self.inner * unbalanced(K, self.offset, f))
 
     @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 from basix import ElementFamily
 from dolfinx import fem
 from dolfinx.mesh import Mesh
@@ -64,14 +65,16 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:  # noqa:
     return np.array(each, dtype=float)
 
 
-def field(whose: str, values: Any, shape: tuple[int, ...], layout: str) -> Array:  # noqa: ANN401
-    """Values that a user's function gives at points; NaN and infinity pass."""
+def field(
+    whose: str, values: object, shape: tuple[int, ...], layout: str, kind: type = float
+) -> npt.NDArray[Any]:
+    """Numbers, or truths, that a user's function gives at points; NaN and infinity pass."""
     given = np.asarray(values)
-    if given.shape != shape or given.dtype.kind not in "iuf":
+    if given.shape != shape or given.dtype.kind not in ("b" if kind is bool else "iuf"):
         raise ValueError(
             f"{whose} gave {given.dtype} of the shape {given.shape} for {shape[0]} points: {layout}"
         )
-    return given.astype(float)
+    return given.astype(kind)
 
 
 def of_type(

@@ -255,7 +255,6 @@ class Body:
         material: Material,
         state: StressState | str,
         parts: MeshTags | None = None,
-        thickness: Scalar = 1.0,
     ) -> "Body":
         """Makes a body with the element that its material needs.
 
@@ -270,7 +269,6 @@ class Body:
             material: constants and density.
             state: as of `Body`.
             parts: tags of all cells, one for each material of a hybrid body, see `Spaces.hybrid`.
-            thickness: of a plane body.
 
         Raises:
             TypeError: for arguments of the wrong type.
@@ -287,7 +285,7 @@ class Body:
             spaces = Spaces.hybrid(mesh, parts)
             words = f"hybrid: nu = {largest:g}, displacements alone would lock"
             told(mesh.comm, logging.INFO, words)
-        return cls(spaces, material, state, thickness)  # type: ignore[arg-type]
+        return cls(spaces, material, state)  # type: ignore[arg-type]
 
     def strain(self, u: Expr) -> Expr:
         """Small strain tensor, Eq. (5); in axisymmetry 3 x 3 with the hoop strain u_r / r.

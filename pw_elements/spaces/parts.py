@@ -12,7 +12,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags, entities_to_geometry, exterior_facet_indices
 
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import answer, arguments, collective
+from pw_elements.checks import answer, arguments, collective, field
 from pw_elements.spaces.hybrid import SubSpace
 
 # of points as columns (3, n): True or False for each, (n,)
@@ -31,13 +31,8 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     n = x.shape[1]
     if n == 0:
         return np.zeros(0, dtype=bool)
-    given = np.asarray(answer(comm, whose, where, np.array(x, order="C")))
-    if given.shape != (n,) or given.dtype != bool:
-        raise ValueError(
-            f"{whose} gave {given.dtype} of the shape {given.shape} for {n} points: it takes "
-            "points as columns (3, n) and gives True or False for each, (n,)"
-        )
-    return np.ascontiguousarray(given)
+    layout = "it takes points as columns (3, n) and gives True or False for each, (n,)"
+    return field(whose, answer(comm, whose, where, np.array(x, order="C")), (n,), layout, bool)
 
 
 def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # noqa: ANN401

@@ -96,7 +96,7 @@ def calls(comm):
     return {
         "Body": (Body, {"spaces": w.spaces, "material": Material(1.0, 0.3), "state": "plane stress"}
                  | {"thickness": 1.0, "quadrature_degree": None}),
-        "Body.on": (Body.on, {**steel, "thickness": 2.0, "parts": None}),
+        "Body.on": (Body.on, {**steel, "parts": None}),
         "Body.stiffness": (w.body.stiffness, {}),
         "Body.mass": (w.body.mass, {}),
         "Body.surface_load": (w.body.surface_load, {"traction": (0.0, 1.0), "surface": ds}),
