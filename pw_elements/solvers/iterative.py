@@ -420,6 +420,10 @@ class Krylov:
             f"(some {memory_of_factors(dofs) / 1e9:.2g} GB in space), or raise ksp_max_it"
         )
 
+    def solve_changed(self, right: PETSc.Vec, rows: Indices) -> None:  # noqa: ARG002
+        """Nothing: there are no old factors."""
+        return
+
 
 class _Foreign:
     """Another's Krylov method, for a `PETSc.KSP` in Python."""

@@ -65,6 +65,9 @@ _EXAMINED = 1e-4
 _KNOWN = 1e-3
 # A true residual over the one asked for that shows round-off at work, as does one that stays
 _STALLED = 2.0
+# What old levels may cost in one solution, over the operations of making new ones, which are done
+# slower than those of products by about as much
+_LEVELS_WORTH = 3.0
 # Singular values of E (0: held, 1: free): no equation of forces, and held for the preconditioner
 _NO_FORCE = 1e-9
 _HELD = 0.5
@@ -402,6 +405,8 @@ class KrylovTangent:
         # operations: of making levels, what they have lost since, and a digit's at first
         self._set_up = self._wasted = 0.0
         self._pace: float | None = None
+        self._each = 1.0  # an iteration's then
+        self._most: int = self._ksp.getTolerances()[3]
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
         """Begins an increment at unknowns of this process."""
@@ -432,7 +437,7 @@ class KrylovTangent:
         for again in (False, True):
             if again:  # a smoother beyond its bounds changes signs, too
                 self._multigrid.bound()
-            self._ksp.setTolerances(rtol=_EXAMINED, atol=0.0)
+            self._ksp.setTolerances(rtol=_EXAMINED, atol=0.0, max_it=self._most)
             self._ksp.solve(arbitrary, image)
             values = self._ksp.computeEigenvalues()
             if not len(values):  # of another method than GMRES
@@ -446,49 +451,82 @@ class KrylovTangent:
         return self._enclosed
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
-        """As `Tangent` does; NotConverged if the iteration fails.
-
-        A constant pressure that acts on nothing is singular.
-        """
         law = replace(law, D=law.D[:, :, : law.E.shape[1]])  # the border has translations alone
         more = accuracy == "more" and self._final
         exact = _EXACT_TANGENT if self._renewed else _EXACT
         self._accuracy = self._accuracy * _MORE if more else exact
-        forcing = _FORCING
-        if self._sprung is not None:
-            share, stated = self._sprung.shares(law), self._points.own >= 0
-            right[self._points.own[stated]] *= share[stated]
-            E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
-            law = replace(law, E=E, C=C, D=D, c=share * law.c)
-            # gaps are read as forces of the nodes
-            forcing *= self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
+        law, forcing = self._in_forces(law, right)
         self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
+        fixed = self._make_ready(law)
+        if self._sprung is None:
+            self._land(known, x, fixed)
+        start, rest = x.copy(), known.duplicate()
+        left = self._left(known, rest)
+        if self._left_before:
+            forcing = min(forcing, 0.9 * (left / self._left_before) ** 2)
+        self._left_before = left
+        reduced = forcing * left if accuracy == "rough" else 0.0
+        found = self._reduced(known, rest, left, reduced, forcing)
+        if found is None:  # old levels are too wrong
+            self._wasted = np.inf
+            self.renew()
+            self._make_ready(law)
+            start.copy(x)
+            found = self._reduced(known, rest, self._left(known, rest), reduced, forcing)
+            assert found is not None, "these levels are new"
+        left, stalled = found
+        self._final = bool(left <= _EXACT * self._largest() or stalled)
+        collect_garbage(known)
+        return Solved(np.array(x.array_r), exact=stalled, final=self._final)
+
+    def _in_forces(self, law: LinearisedLaw, right: Array) -> tuple[LinearisedLaw, float]:
+        """The law, whose gaps are read as forces of springs if there are any; and the forcing."""
+        if self._sprung is None:
+            return law, _FORCING
+        share, stated = self._sprung.shares(law), self._points.own >= 0
+        right[self._points.own[stated]] *= share[stated]
+        E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
+        least = self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
+        return replace(law, E=E, C=C, D=D, c=share * law.c), _FORCING * least
+
+    def _make_ready(self, law: LinearisedLaw) -> Array:
+        """Makes the preconditioner for a law; projectors (m, dim, dim) onto what it fixes."""
         begun = self._operations()
-        held = self._hold(law)
+        fixed = self._hold(law)
         if self._saddle and self._saddle.free_pressure(self._operator):
             self._enclosed = True
             raise SingularSystem("the pressure is known up to a constant")
-        if self._sprung is None:
-            self._land(known, x, held)
         if self._ksp is not self._krylov.ksp:
             self._krylov.ksp.setUp()
         if self._border is not None:
             self._border.update([self._column(j, law.D) for j in range(self._points.translations)])
-        rest, step, start = known.duplicate(), known.duplicate(), x.copy()
-        left = first = self._left(known, rest)
-        if self._left_before:
-            forcing = min(forcing, 0.9 * (left / self._left_before) ** 2)
-        self._left_before, ready = left, self._operations()
-        reduced = forcing * left if accuracy == "rough" else 0.0
-        stalled, lost = False, 0.0
+        if self._pace is None:
+            self._set_up, self._wasted = self._operations() - begun, 0.0
+        return fixed
+
+    def _reduced(
+        self, known: PETSc.Vec, rest: PETSc.Vec, left: float, reduced: float, forcing: float
+    ) -> tuple[float, bool] | None:
+        """Residual of the solution, and whether round-off lets it be no smaller; `rest` is left.
+
+        None if levels are old and cost more than new ones. Raises NotConverged if these fail.
+        """
+        x, step, begun = self._solution, rest.duplicate(), self._operations()
+        pace = self._pace if self._renewed else None
+        first, stalled, lost, done = left, False, 0.0, 0
         while not stalled and not left <= (target := self._target(left, reduced, forcing)):
-            self._ksp.setTolerances(rtol=0.0, atol=target)
+            most = self._most
+            if pace is not None:
+                worth = _LEVELS_WORTH * self._set_up + pace * np.log10(first / target)
+                most = min(most, 1 + int(worth / self._each))
+            self._ksp.setTolerances(rtol=0.0, atol=target, max_it=most)
             if self._size and not self._krylov.foreign:  # its options have been looked at
                 self._ksp.solve(rest, step)
             else:
                 solve_by(self._ksp, rest, step, self._krylov.options)
+            done += self._ksp.getIterationNumber()
             x.axpy(1.0, step)
             before, left = left, self._left(known, rest)
             self._size = max(self._size, x.norm())
@@ -497,22 +535,16 @@ class KrylovTangent:
             stalled = not left < (
                 min(before, _STALLED * target) if left <= lost else _MORE * before
             )
-        force = self._largest()
+            if pace is not None and not left <= lost and (stalled or done >= most):
+                return None
         if stalled and not left <= lost:
-            if self._renewed and self._pace is not None:  # old levels may be far too wrong
-                self._wasted = np.inf
-                self.renew()
-                start.copy(x)
-                return self.solve(right, balance, law, accuracy)
-            raise self._krylov.not_converged(left / max(known.norm(), force))
-        digits, spent = np.log10(first / max(left, 1e-300)), self._operations() - ready
+            raise self._krylov.not_converged(left / max(known.norm(), self._largest()))
+        digits, spent = np.log10(first / max(left, 1e-300)), self._operations() - begun
         if self._pace is None:
-            self._set_up, self._wasted, self._pace = ready - begun, 0.0, spent / max(digits, 1)
+            self._pace, self._each = spent / max(digits, 1), spent / max(done, 1) or 1.0
         else:
             self._wasted = max(0.0, self._wasted + spent - self._pace * digits)
-        self._final = bool(left <= _EXACT * force or stalled)
-        collect_garbage(known)
-        return Solved(np.array(x.array_r), exact=stalled, final=self._final)
+        return left, stalled
 
     def release(self) -> None:
         if self._sprung is not None:
