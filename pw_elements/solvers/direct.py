@@ -233,8 +233,8 @@ class Factors:
 
     Where A differs from the factorised A_0 in rows S, these columns of the inverse, Z = A_0^-1 I_S,
     take the residual out of them: x + Z w with (A Z)_S w = (b - A x)_S. Adding A_0^-1 (b - A x)
-    leaves a residual in S alone. The columns are kept until they have cost as much as factors do,
-    or a quarter of their memory.
+    leaves a residual in S alone. The columns are kept until they have cost twice as much as factors
+    do, or half of their memory.
     """
 
     def __init__(
@@ -308,7 +308,7 @@ class Factors:
             operations, entries = factor.getMumpsRinfog(3), factor.getMumpsInfog(29)
             entries = entries if entries > 0 else -1e6 * entries  # in millions if it is negative
             n = self._matrix.getSize()[0]
-            self._most = min(operations / (4 * entries), entries / (4 * n))
+            self._most = min(operations / (2 * entries), entries / (2 * n))
             self._factorised = int(np.sign(factor.getMumpsRinfog(12)))
             self._orientations.append(self._factorised)
 
