@@ -72,12 +72,10 @@ def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
     moved = moved - (now.translations - past.translations)[interface.pair, :dim]
     along = moved - np.sum(moved * normal, axis=1)[:, None] * normal
 
-    slip = np.einsum("nab,na->nb", tangents, contact.slip)
-    slip = np.where((status == HELD)[:, None], along, slip) * (status != OPEN)[:, None]
-
     def vectors(values: Array) -> Array:
         return np.einsum("nab,na->nb", tangents, values)
 
+    slip = np.where((status == HELD)[:, None], along, vectors(contact.slip))
     return pair_states(
         interface,
         now.translations,
@@ -87,7 +85,7 @@ def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
         force_tangential=vectors(contact.force[:, 1:]),
         torque=now.place.levers.forces(now.force)[:, dim:].sum(axis=1),
         gap=contact.gap,
-        slip=slip,
+        slip=slip * (status != OPEN)[:, None],
         friction=interface.cone.coefficient(contact.force[:, 0]),
         status=status,
         displacement=now.displacement,
@@ -132,16 +130,13 @@ def _measured(increment: Increment, now: Iterate, before: Scale) -> tuple[Scale,
     scale = before
     if force > increment.round_off(now):
         scale = Scale(max(force, before.force), max(length, before.length))
-    return scale, _residuals(increment, now, scale.force, max(length, scale.length))
+    extent = _largest(increment, np.abs(increment.interface.position))
+    length = max(length, scale.length)
+    length = length if length > ROUND_OFF * extent else extent
+    force = scale.force or _largest(increment, increment.system.scale) * length
+    found = increment.residuals(now, force, length)
+    return scale, Residuals(**{name: _largest(increment, values) for name, values in found.items()})
 
 
 def _largest(increment: Increment, values: Array) -> float:
     return float(increment.system.comm.allreduce(np.max(values, initial=0.0), MPI.MAX))
-
-
-def _residuals(increment: Increment, now: Iterate, force: float, length: float) -> Residuals:
-    extent = _largest(increment, np.abs(increment.interface.position))
-    length = length if length > ROUND_OFF * extent else extent
-    force = force or _largest(increment, increment.system.scale) * length
-    found = increment.residuals(now, force, length)
-    return Residuals(**{name: _largest(increment, values) for name, values in found.items()})

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from dolfinx.mesh import MeshTags
@@ -49,35 +50,30 @@ class Motion:
                 raise ValueError(f"{name} {given!r} of a motion: it has to be a vector")
         if self.force is not None and len(self.force) != len(self.translation):
             raise ValueError("translation and force of a motion differ in length")
-        pairs = zip(self._motions, self._forces, strict=True)
-        for component, (moved, pushed) in enumerate(pairs):
-            turns = component == len(self.translation)
-            names = ("rotation", "torque") if turns else ("translation", "force")
-            who = "a motion" if turns else f"component {component} of a motion"
-            number(f"{who}'s {names[1]}", pushed)
+        for k, (moved, pushed) in enumerate(zip(*self._parts, strict=True)):
+            who, way, push = f"component {k} of a motion", "translation", "force"
+            if k == len(self.translation):
+                who, way, push = "a motion", "rotation", "torque"
+            number(f"{who}'s {push}", pushed)
             if moved is not None:
-                number(f"{who}'s {names[0]}", moved)
+                number(f"{who}'s {way}", moved)
             if moved is not None and pushed:
                 raise ValueError(
-                    f"{who} has a {names[0]} and a {names[1]}: one of them follows from the other"
+                    f"{who} has a {way} and a {push}: one of them follows from the other"
                 )
 
     @property
-    def _motions(self) -> list[float | None]:
-        return [*self.translation, self.rotation]
-
-    @property
-    def _forces(self) -> list[float]:
-        force = np.zeros(len(self.translation)) if self.force is None else self.force
-        return [*force, self.torque]
+    def _parts(self) -> tuple[list[float | None], list[float]]:
+        force = [0.0] * len(self.translation) if self.force is None else self.force
+        return [*self.translation, self.rotation], [*force, self.torque]
 
     def prescribed(self) -> Array:
         """Translations and angle (dim + 1,), NaN where they are free."""
-        return np.array([np.nan if u is None else u for u in self._motions], dtype=float)
+        return np.array([np.nan if u is None else u for u in self._parts[0]], dtype=float)
 
     def forces(self) -> Array:
         """Total forces and torque (dim + 1,), zero where none is given."""
-        return np.array(self._forces, dtype=float)
+        return np.array(self._parts[1], dtype=float)
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ class MatchingNodes:
     offset: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        _check_nodes(self.nodes, "MatchingNodes(nodes, shape)")
+        _check_part("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
             raise TypeError(
                 f"the shape of matching nodes is {described(self.shape)}: it has to be a surface, "
@@ -154,7 +150,7 @@ class DeformableSurface:
     coincident: bool = False
 
     def __post_init__(self) -> None:
-        _check_part("the facets", self.where, "DeformableSurface(where)", "tags.find(value)")
+        _check_part("facets", self.where, "DeformableSurface(where)")
         if self.revolved is not None:
             flag("revolved", self.revolved)
         flag("coincident", self.coincident)
@@ -199,7 +195,7 @@ class ContactPair:
     axis: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        _check_nodes(self.nodes, "ContactPair(nodes, surface)")
+        _check_part("nodes", self.nodes, "ContactPair(nodes, surface)")
         bodies = (MatchingNodes, DeformableSurface)
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a body has no pivot: what turns it are its supports")
@@ -256,20 +252,15 @@ def _is_surface(thing: object) -> bool:
     return both and not isinstance(thing, type)
 
 
-def _check_nodes(nodes: object, call: str) -> None:
-    of_nodes = (
-        "those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, tags.find(value))"
-    )
-    _check_part("the nodes", nodes, call, of_nodes)
-
-
-def _check_part(what: str, part: object, call: str, of_tags: str) -> None:
-    """Raises TypeError for what names no nodes or facets; `of_tags` are those of tags."""
-    name = what.removeprefix("the ")
+def _check_part(name: Literal["nodes", "facets"], part: object, call: str) -> None:
+    """Raises TypeError for what names no nodes or facets."""
     if isinstance(part, MatchingNodes | DeformableSurface) or _is_surface(part):
         raise TypeError(f"a surface is given in place of {name}: {call} has them first")
     if isinstance(part, MeshTags):
-        raise TypeError(f"tags are given in place of {name}: use {of_tags}")
+        use = "tags.find(value)"
+        if name == "nodes":
+            use = f"those of the tagged facets, fem.locate_dofs_topological(space, tags.dim, {use})"
+        raise TypeError(f"tags are given in place of {name}: use {use}")
     listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
     if isinstance(part, type) or not (callable(part) or listed):
-        raise TypeError(f"{what} are {described(part)}: give a marker, numbers or a mask")
+        raise TypeError(f"the {name} are {described(part)}: give a marker, numbers or a mask")

@@ -238,43 +238,30 @@ def rescue(
         raise proof from None
     if isinstance(failure, NotConverged):
         raise failure
-    found = None
     if condensed is not None and not isinstance(failure, NotUnique):
         try:
             found = without_active_sets(increment, condensed, place, policy, most, budget)
         except NotUnique as unique:
-            failure = unique
-    if found is None:
-        raise refusal(failure, increment, before, spent()) from None
-    return found
-
-
-def refusal(
-    failure: ContactFailed,
-    increment: Increment,
-    before: ContactState,
-    spent: tuple[int, SolverReport],
-) -> ContactFailed:
-    """`NotUnique` if that is what the tangent showed, else `NotFound`; both with a state."""
+            failure, found = unique, None
+        if found is not None:
+            return found
     near, state = "", None
     if increment.nearest is not None:
         now, violation = increment.nearest
         size = Smallness(np.nan, np.nan, np.nan)  # of no solution
-        iterations, report = spent
+        iterations, report = spent()
         state = contact_state(increment, now, iterations, before, report, size, converged=False)
         share = f"{violation * TOLERANCE:.1g}"
         near = f" The state that came nearest violates the law by {share} of its largest force."
     if not isinstance(failure, NotUnique):
-        enclosed = ""
-        if increment.system.tangent.encloses():
-            enclosed = f" {_ENCLOSED}."
+        enclosed = f" {_ENCLOSED}." if increment.system.tangent.encloses() else ""
         failure = NotFound(
             f"{failure}. That is no proof that there is no solution.{enclosed}{near} Smaller "
             "increments, pressing before pushing, or a start from states of a smaller friction or "
             "a coarser mesh may find one"
         )
     failure.state = state
-    return failure
+    raise failure from None
 
 
 def _proved(
