@@ -23,7 +23,7 @@ in space, 0.2 in the plane.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linprog
@@ -97,14 +97,9 @@ class Points:
 
     def within(self, motions: Indices) -> "Points":
         """The points that some of the motions move, and their velocities in these."""
-        moved = self._moved()[:, motions].any(axis=1)
-        return Points(
-            self.pair[moved],
-            self.steepest[moved],
-            self.turning[moved],
-            self.normal[np.ix_(moved, motions)],
-            self.tangential[moved][..., motions],
-        )
+        some = self.where(np.any(self._moved()[:, motions], axis=1))
+        normal, tangential = some.normal[:, motions], some.tangential[..., motions]
+        return replace(some, normal=normal, tangential=tangential)
 
     def rows(self, along: Array) -> Array:
         """v_n - mu v_t·d over the length of (1, mu), (m, k), for unit vectors d (m, dim)."""
@@ -125,9 +120,15 @@ class Points:
 
 
 def proof(points: Points, power: Array, size: Array) -> tuple[Array, Array] | None:
+    """A motion in which loads do work that no contact force takes away, by arithmetic.
+
+    With it are the least forces to be added for a balance. `size` (k,) are the magnitudes of which
+    the `power` is made.
+    """
     for price in (_PRICE, 0.0):  # it hides work next to the limit, and makes HiGHS give up at times
         velocity, least = escape(points, power, price)
-        if proves(points, velocity, power, size):
+        braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
+        if power @ velocity > max(_ZERO_WORK, _HUGE * braked) * (size @ np.abs(velocity)):
             return velocity, least
     return None
 
@@ -161,13 +162,6 @@ def escape(points: Points, power: Array, price: float = _PRICE) -> tuple[Array, 
         rows.append(beyond.where(size[:, 0] > 0).rows((sliding / size)[size[:, 0] > 0]))
     least = best.upper.marginals
     return velocity, scale * (least[:k] - least[k:])
-
-
-def proves(points: Points, velocity: Array, power: Array, size: Array) -> bool:
-    """Whether loads do work in motions (k,) that no contact force takes away, by arithmetic."""
-    work, parts = power @ velocity, size @ np.abs(velocity)
-    braked = max(0.0, -points.clearance(velocity).min(initial=0.0))
-    return bool(work > _ZERO_WORK * parts and work > _HUGE * braked * parts)
 
 
 def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
