@@ -38,11 +38,15 @@ def neo_hookean(F):
     return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
 
 
-def at_large_strains(spaces, stress=neo_hookean, degree=4):
-    """Displacements, and the residual of a body without loads."""
-    u, v = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
+def at_large_strains(spaces, stress=neo_hookean, degree=4, give=0.0):
+    """Unknowns, and the residual of a body without loads; how much a hybrid one's volume gives."""
+    w, weights, hybrid = fem.Function(spaces.trial), ufl.TestFunction(spaces.test), spaces.is_hybrid
+    (u, p), (v, q) = (ufl.split(f) if hybrid else (f, 0.0) for f in (w, weights))
     F = ufl.Identity(len(u)) + ufl.grad(u)
-    return u, ufl.inner(stress(F), ufl.grad(v)) * ufl.dx(metadata={"quadrature_degree": degree})
+    J, inverse = ufl.det(F), ufl.inv(F).T
+    density = ufl.inner(F - (1 + p * J) * inverse if hybrid else stress(F), ufl.grad(v))
+    density -= q * (J - 1 + give * p) if hybrid else 0
+    return w, density * ufl.dx(metadata={"quadrature_degree": degree})
 
 
 class Elastic:

@@ -4,7 +4,6 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
-import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
 
@@ -21,7 +20,7 @@ from pw_elements.contact import (
 )
 from pw_elements.meshes import triangles
 from study.elements import taylor_hood
-from tests.contact.cases import PW, Elastic, at
+from tests.contact.cases import PW, Elastic, at, at_large_strains
 
 COMM, HYBRID, TAYLOR_HOOD = MPI.COMM_SELF, Spaces.hybrid, taylor_hood
 
@@ -102,14 +101,7 @@ def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
         if finite:
             if conditions is None:
                 conditions = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
-            w = fem.Function(U)
-            u, p = ufl.split(w)
-            v, q = ufl.split(ufl.TestFunction(case.body.spaces.test))
-            F = ufl.Identity(2) + ufl.grad(u)
-            inverse, J = ufl.inv(F).T, ufl.det(F)
-            stress = (F - inverse) - p * J * inverse
-            dx = ufl.dx(metadata={"quadrature_degree": 4})
-            residual = ufl.inner(stress, ufl.grad(v)) * dx - q * (J - 1) * dx
+            w, residual = at_large_strains(case.body.spaces)
             pair = ContactPair(pair.nodes, Sphere((0.0, 3.0), 1.0), 0.3)
             problem = ContactProblem.of_residual(residual, w, conditions, pair)
             states.append(problem.step(problem.undeformed, motions=Motion((0, -0.1))))

@@ -240,13 +240,7 @@ def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
     else:
         mesh = create_box(comm, [low, high], n, CellType.tetrahedron)
     spaces = (Spaces.hybrid if hybrid else Spaces.petrov_galerkin)(mesh)
-    w, tests = fem.Function(spaces.trial), ufl.TestFunction(spaces.test)
-    (u, p), (v, q) = (ufl.split(f) if hybrid else (f, None) for f in (w, tests))
-    F = ufl.Identity(dim) + ufl.grad(u)
-    J, inverse = ufl.det(F), ufl.inv(F).T
-    stress = F - (1 + p * J) * inverse if hybrid else neo_hookean(F)
-    density = ufl.inner(stress, ufl.grad(v)) - (q * (J - 1 + p / 1e4) if hybrid else 0)
-    residual = density * ufl.dx(metadata={"quadrature_degree": 3})
+    w, residual = at_large_strains(spaces, degree=3, give=1e-4)
     base = [prescribe(spaces.trial, k, lambda x: np.isclose(x[dim - 1], -1.0)) for k in range(dim)]
     ball = Sphere((*[0.0] * (dim - 1), 1.0), 1.0)
     pair = ContactPair(lambda x: np.isclose(x[dim - 1], 0.0), ball, friction=0.3)
