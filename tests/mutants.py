@@ -1,5 +1,7 @@
 """Forty mutants of the library, drawn by a seed: which of them does the suite catch?
 
+Those whose expressions have gone since are left out.
+
     ./run pip install pytest-cov
     ./run python3 -m tests.mutants draw           # writes tests/mutants.json
     ./run python3 -m tests.mutants cover          # which test enters which line: the suite, once

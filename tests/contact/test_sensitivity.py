@@ -266,23 +266,21 @@ def test_what_has_no_derivatives_is_refused_in_words():
     case = Rubber(0, steps=2)
     problem, states = case.solve()
     known = states, case.outputs, [case.shear], case.loads
-    with pytest.raises(ValueError, match="state 2 is not the end of a step from the one before"):
-        problem.sensitivity(states, case.outputs, [case.shear], [case.loads[0]] * 2)
-    with pytest.raises(ValueError, match="give the states at the start and at the end"):
-        problem.sensitivity(states[:1], *known[1:])
-    for parameter, words in (
+    parameters = [
         (case.load, "needs rates"),
         ((case.load, np.ones(3)), r"\(3, 2\) finite numbers"),
         (("friction", 1), "number 1 of 1 contact pairs"),
         (("radius", 0), "give a constant"),
+    ]
+    for arguments, words in (
+        ((*known[:3], [case.loads[0]] * 2), "state 2 is not the end of a step from the one before"),
+        ((states[:1], *known[1:]), "give the states at the start and at the end"),
+        *(((*known[:2], [one], case.loads), words) for one, words in parameters),
+        *(((states, [one], *known[2:]), "give a func") for one in (("pressure", 0, 0), "force")),
+        ((*known, np.ones(2)), "weights of the shape"),
     ):
         with pytest.raises(ValueError, match=words):
-            problem.sensitivity(states, case.outputs, [parameter], case.loads)
-    for output in (("pressure", 0, 0), "force"):
-        with pytest.raises(ValueError, match="give a functional"):
-            problem.sensitivity(states, [output], *known[2:])
-    with pytest.raises(ValueError, match="weights of the shape"):
-        problem.sensitivity(*known, np.ones(2))
+            problem.sensitivity(*arguments)
     rubber, _ = hardened()
     undeformed = rubber.problem.undeformed
     with pytest.raises(ValueError, match="has a history"):

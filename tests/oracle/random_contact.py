@@ -117,14 +117,12 @@ class Problem:
     """All that is stated, and `solve`."""
 
     sketch: Sketch
-    body: Body
     K: PETSc.Mat
     space: fem.FunctionSpace
     loads: list[PETSc.Vec]
     conditions: list[fem.DirichletBC]
     reduction: Reduction
     pairs: list[ContactPair]
-    turned: Array
 
     def solve(self, **options) -> list[ContactState]:
         return solve_contact(self.K, self.loads, self.reduction, self.pairs, self.space, **options)
@@ -446,9 +444,7 @@ class _Maker:
         pairs = pairs[::-1] if backwards else pairs
         supports = Reduction.dirichlet(self.space, conditions)
         loads = self._loads(K)
-        return Problem(
-            plan, self.body, K, self.space, loads, conditions, supports, pairs, self.turn
-        )
+        return Problem(plan, K, self.space, loads, conditions, supports, pairs)
 
     # -- the body ----------------------------------------------------------------------------
 
