@@ -107,7 +107,9 @@ def residuals(
         a = step.displacement
         r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
         force = max(force, _largest(comm, np.linalg.norm(r, axis=1)))
-        length = max(length, *(_largest(comm, _sizes(u)) for u in (a, step.translations)))
+        length = max(
+            length, *(_largest(comm, np.linalg.norm(u, axis=1)) for u in (a, step.translations))
+        )
         lost_length = 64 * _EPS * (extent + length)
         nothing = 10 * stiffness * lost_length
         scale = _Scale(
@@ -263,10 +265,6 @@ def _contact_nodes(
     x = space.tabulate_dof_coordinates()[nodes]
     mu = pair.friction(x.T) if callable(pair.friction) else pair.friction
     return nodes, np.broadcast_to(np.asarray(mu, dtype=float), len(nodes)).copy()
-
-
-def _sizes(vectors: Array) -> Array:
-    return np.linalg.norm(vectors, axis=1)
 
 
 def _largest(comm: MPI.Comm, values: Array) -> float:

@@ -55,9 +55,7 @@ def doubled():
     return Reduction(twice, twice, BLOCK.free.offset)
 
 
-def overturning():
-    high = BLOCK.load((1800.0, 0.0), lambda x: np.isclose(x[0], 4.0) & (x[1] > 0.9))
-    return BLOCK.pressure + high
+OVERTURNING = BLOCK.pressure + BLOCK.load((1800.0, 0.0), lambda x: at(0, 4.0)(x) & (x[1] > 0.9))
 
 
 class Gap:
@@ -121,7 +119,7 @@ def test_what_states_no_problem_is_named(attempt, message):
     ("attempt", "kind", "message"),
     [
         (
-            lambda: solved(floor(10.0), overturning()),
+            lambda: solved(floor(10.0), OVERTURNING),
             NoEquilibrium,
             r"rotation about \(4, 0\) of the body, by which the body lifts off pair 0",
         ),

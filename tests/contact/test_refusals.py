@@ -91,13 +91,9 @@ def refusal(stated, pairs, load, match=None, kind=NoEquilibrium):
         stated.solve(pairs, load)
     assert type(caught.value) is kind
     if kind is NoEquilibrium:
-        assert_proof(stated, 0, caught.value)
+        found = flaws(stated, 0, caught.value)
+        assert sound(found), found
     return caught.value
-
-
-def assert_proof(stated, increment, error):
-    found = flaws(stated, increment, error)
-    assert sound(found), found
 
 
 # -- by hand ---------------------------------------------------------------------------------

@@ -238,15 +238,9 @@ def step_from(**values):
     return problem().step(replace(start, pairs=(replace(pair, **wrong),)), LOAD)
 
 
-def solved_impact(duration, law):
-    unit, still = diagonal(ones()), K.createVecRight()
-    pair = ContactPair(FOOT, FLOOR, law)
-    return solve_impact(symmetric_part(K), unit, BLOCK.free, pair, U, duration, still, LOAD)
-
-
-def impact(duration=1.0, **stated):
-    unit, pair = diagonal(ones()), BLOCK.pair(0.3)
-    return solve_impact(symmetric_part(K), unit, BLOCK.free, pair, U, duration, ones(), **stated)
+def impact(duration=1.0, velocity=None, pair=None, **stated):
+    body = symmetric_part(K), diagonal(ones()), BLOCK.free, pair or BLOCK.pair(0.3), U
+    return solve_impact(*body, duration, velocity or ones(), **stated)
 
 
 def held():
@@ -323,7 +317,7 @@ USERS = {
     "law, of a node": lambda: contact(floor(Law("at"))),
     "law, at once": lambda: contact(floor(Law())),
     "law, later": lambda: contact(floor(Law(last=30))),
-    "law, in an impact": lambda: solved_impact(0.1, Law(last=28)),
+    "law, in an impact": lambda: impact(0.1, 0 * ones(), floor(Law(last=28)), load=LOAD),
     "gap": lambda: contact(floor(surface=Gap(fails="gap"))),
     "normal": lambda: contact(floor(surface=Gap(fails="normal"))),
     "closest points": lambda: slid(Unreached((0, 0), (0, 1))),

@@ -43,14 +43,6 @@ def transfer(dim):
     return T
 
 
-def interval_weights():
-    start, end, middle = points(1)
-    return [
-        ([start, middle], [1 - 2 * X, ZERO, 2 * X]),
-        ([middle, end], [ZERO, 2 * X - 1, 2 - 2 * X]),
-    ]
-
-
 def triangle_weights():
     """The corners of each sub-triangle, and the functions there by Eqs (15) to (20)."""
     printed = {
@@ -164,7 +156,12 @@ def test_the_stiffness_of_any_triangle_and_of_any_constant_law():
 
 
 def test_the_stiffness_of_an_interval():
-    assert vanishes(interval_weights(), (X,), *derivatives((X,), X, X))
+    start, end, middle = points(1)
+    weights = [
+        ([start, middle], [1 - 2 * X, ZERO, 2 * X]),
+        ([middle, end], [ZERO, 2 * X - 1, 2 - 2 * X]),
+    ]
+    assert vanishes(weights, (X,), *derivatives((X,), X, X))
 
 
 def test_loads():

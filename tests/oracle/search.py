@@ -156,7 +156,7 @@ class _Conditions:
         self.faced = np.flatnonzero(increment.faced)
         self._increment, faced = increment, self.faced
         slides = np.any(increment.shear != 0, axis=1)
-        self._mu = mu = increment.mu[faced]
+        mu = increment.mu[faced]
         self._rough = slides[faced] & (mu > 0)
         # what is zero in any case: forces where nothing faces a node, smooth shear, balances
         self._away = ~increment.faced

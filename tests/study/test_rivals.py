@@ -1,5 +1,6 @@
 """Section Q: methods against each other, each confirmed by what it does not compute itself."""
 
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 
@@ -40,7 +41,8 @@ def test_cases_are_at_least_twelve_methods_on_three_meshes():
 
 @pytest.mark.parametrize("method", q_compare.METHODS)
 def test_pressures_add_up_to_hertz_force(method):
-    _, pressure = q_compare.sampled(_on_its_mesh(method), answer(method).pressure)
+    mesh = answer(method).u.function_space.mesh
+    _, pressure = q_compare.sampled(replace(problem(), mesh=mesh), answer(method).pressure)
     force = pressure.mean() * problem().zone
     assert force == pytest.approx(problem().known.force / 2, rel=0.03)
 
@@ -99,7 +101,3 @@ def test_what_does_not_converge_is_refused(monkeypatch):
     monkeypatch.setattr("study.rivals.problem.MOST", 1)
     with pytest.raises(NoSolution):
         import_module("study.rivals.penalty").solve(problem(), 10.0)
-
-
-def _on_its_mesh(method):
-    return q_compare.replace(problem(), mesh=answer(method).u.function_space.mesh)
