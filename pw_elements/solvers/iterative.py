@@ -213,7 +213,7 @@ def _mass(
     integrals of the vertices' functions. They have the thickness of plane bodies, and the radius.
     """
     mesh = displacements.mesh
-    linear, P = linear_interpolation(displacements)
+    linear, _, P = linear_interpolation(displacements)
     u, v = ufl.TrialFunction(linear), ufl.TestFunction(linear)
     unit = assemble_matrix(fem.form(2 * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx))
     unit.assemble()

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem, la
 
-from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import sizes_of
 from pw_elements.solvers.matrices import (
     Masked,
@@ -35,38 +35,22 @@ _AGGREGATED = 0.5
 _TURNED = 0.3
 
 
-def linear_space(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices]:
-    """Linear functions on a space's mesh, and the local node of the space at each owned vertex."""
-    mesh = space.mesh
-    shape = space.ufl_element().reference_value_shape
-    linear = fem.functionspace(mesh, ("Lagrange", 1, tuple(shape)))
+def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
+    """Linear functions on a space's mesh, and the matrix of their values at its nodes.
+
+    Between them the local node at each owned vertex. DOLFINx's matrix has a cell's zeros, too.
+    """
+    mesh, cells, block = space.mesh, space.dofmap.list, space.dofmap.index_map_bs
+    shape = tuple(space.ufl_element().reference_value_shape)
+    linear = fem.functionspace(mesh, ("Lagrange", 1, shape))
+    index_map = linear.dofmap.index_map
+    node = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
     corner = [dofs[0] for dofs in space.element.basix_element.entity_dofs[0]]
-    owned = linear.dofmap.index_map.size_local
-    node = np.empty(owned + linear.dofmap.index_map.num_ghosts, dtype=np.int64)
-    node[linear.dofmap.list] = space.dofmap.list[:, corner]
-    return linear, node[:owned]
-
-
-def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, PETSc.Mat]:
-    """Linear functions on a space's mesh, and the matrix of their values at its nodes."""
-    linear, _ = linear_space(space)
-    free = (np.ones(sizes_of(each)[0], dtype=bool) for each in (space, linear))
-    return linear, interpolation_matrix(linear, space, *free)
-
-
-def interpolation_matrix(
-    linear: fem.FunctionSpace,
-    space: fem.FunctionSpace,
-    free: Mask,
-    at_vertices: Mask,
-) -> PETSc.Mat:
-    """Values at free nodes from those at free vertices; DOLFINx's has a cell's zeros, too."""
+    node[linear.dofmap.list] = cells[:, corner]
     element, corners = space.element.basix_element, linear.element.basix_element
     values = corners.tabulate(0, np.asarray(element.points))[0, :, :, 0]
     weights: Array = np.round(np.asarray(element.interpolation_matrix) @ values, 12)
-    cells, block = space.dofmap.list, space.dofmap.index_map_bs
     owned = space.dofmap.index_map.size_local
-    index_map = linear.dofmap.index_map
     entry = np.empty(owned + space.dofmap.index_map.num_ghosts, dtype=np.int64)
     entry[cells] = np.arange(cells.size).reshape(cells.shape)
     cell, place = np.divmod(entry[:owned], cells.shape[1])
@@ -76,20 +60,16 @@ def interpolation_matrix(
     order = np.argsort(columns, axis=1)
     columns = np.take_along_axis(columns, order, axis=1)
     weight = np.take_along_axis(weights[place], order, axis=1)
-    shape = (owned, block, columns.shape[1])
-    some = np.broadcast_to((weight != 0)[:, None], shape)
+    every = (owned, block, columns.shape[1])
+    some = np.broadcast_to((weight != 0)[:, None], every)
     components = np.arange(block, dtype=PETSc.IntType)[:, None]
     indices = (columns[:, None] * block + components)[some]
-    data = np.broadcast_to(weight[:, None], shape)[some]
+    data = np.broadcast_to(weight[:, None], every)[some]
     indptr = np.zeros(owned * block + 1, dtype=PETSc.IntType)
     np.cumsum(some.sum(axis=2).ravel(), out=indptr[1:])
     sizes = sizes_of(space), sizes_of(linear)
-    P = PETSc.Mat().createAIJ(sizes, csr=(indptr, indices, data), comm=space.mesh.comm)
-    coarse, fine = P.createVecs()
-    fine.setArray(free.astype(float))
-    coarse.setArray(at_vertices.astype(float))
-    P.diagonalScale(fine, coarse)
-    return P
+    P = PETSc.Mat().createAIJ(sizes, csr=(indptr, indices, data), comm=mesh.comm)
+    return linear, node[: index_map.size_local], P
 
 
 def near_null_space(linear: fem.FunctionSpace) -> PETSc.NullSpace | None:
@@ -115,10 +95,13 @@ class LinearLevel:
         space = supports.space
         self._K, self._fine, self._space = K, fine, space
         self._block = space.dofmap.index_map_bs
-        linear, self._vertex_node = linear_space(space)
+        linear, self._vertex_node, self._P = linear_interpolation(space)
         free = supports.free.reshape(-1, self._block)[self._vertex_node].ravel()
         self._held = Projection(free, self._block)
-        self._P = interpolation_matrix(linear, space, supports.free, free)
+        at_vertices, at_nodes = self._P.createVecs()
+        for vector, mask in ((at_vertices, free), (at_nodes, supports.free)):
+            vector.setArray(mask.astype(float))
+        self._P.diagonalScale(at_nodes, at_vertices)
         self._near_null = near_null_space(linear)
         self._moved = _Interpolation(self._P, fine, self._held)
         self.interpolation = python_matrix(self._P.getSizes(), self._moved, K.comm)
@@ -142,15 +125,10 @@ class LinearLevel:
         at = order[np.searchsorted(nodes, self._vertex_node[vertex], sorter=order)]
         self._held.hold(vertex, held[at], weight[at])
 
-    @property
-    def keeps_pattern(self) -> bool:
-        """Whether `matrix` has the same entries again, whatever is held."""
-        return self.springs is None
-
     def matrix(self) -> PETSc.Mat:
         """The matrix under what is held now, always the same object."""
         near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
-        again = self._matrix is not None and self.keeps_pattern
+        again = self._matrix is not None and self.springs is None  # which change the pattern
         if self._matrix is None:
             self._matrix = galerkin_product(self._K, self._P)
             self._exchanged = galerkin_product(near.K, near.P) if near else None
@@ -394,7 +372,7 @@ class Multigrid:
             self._linear.springs = springs
             if springs is None:
                 self._linear.hold(nodes, held, weight)
-            anew = first or counts[2] > _AGGREGATED * counts[0] or not self._linear.keeps_pattern
+            anew = first or counts[2] > _AGGREGATED * counts[0] or springs is not None
             if anew:
                 self._aggregated = held
             self._forget(hierarchy=anew)

@@ -133,10 +133,7 @@ class Unassembled:
         self._prescribed: Indices = np.flatnonzero(~free)
         self._stated = points.own >= 0
         self._comm: MPI.Comm = K.comm.tompi4py()
-        some = self._comm.allreduce(len(self._prescribed), MPI.SUM) > 0
-        bordered = points.translations > 0
-        self._motion = K.createVecRight() if some or bordered else None
-        self._image = K.createVecLeft() if bordered else None
+        self._motion, self._image = K.createVecs()
         self._moved = points.motion.createVecLeft()
         self._carried = None if points.spread is None else K.createVecLeft()
         self.force: Array = np.zeros(points.own.shape)
@@ -152,7 +149,7 @@ class Unassembled:
         points, n = self._points, self._K.getLocalSize()[1]
         given, motion = x.array_r, self._unsupported(x)
         law = self._of_motion(x, motion)
-        image = y if self._image is None else self._image
+        image = self._image
         self._K.mult(motion, image)
         self.force = force = points.read(image.array_r)
         if points.spread is not None:
@@ -160,23 +157,19 @@ class Unassembled:
             points.spread.multTranspose(self._moved, self._carried)
             image.axpy(1.0, self._carried)
         law += np.einsum("nab,nb->na", self._E, force)
-        totals = np.zeros(0)
+        totals = np.zeros(points.translations)
         if points.translations:
-            totals = np.zeros(points.translations)
             some = points.moved >= 0
             np.add.at(totals, points.moved[some], force[some])
             self._comm.Allreduce(MPI.IN_PLACE, totals, MPI.SUM)
         result = y.array
-        if image is not y:
-            result[:n] = image.array_r
-            result[n:] = totals[: len(given) - n]
+        result[:n] = image.array_r
+        result[n:] = totals[: len(given) - n]
         result[self._prescribed] = given[self._prescribed]
         result[points.own[self._stated]] = law[self._stated]
 
     def _unsupported(self, x: PETSc.Vec) -> PETSc.Vec:
         """The motion a of x, zero where it is prescribed."""
-        if self._motion is None:
-            return x
         self._motion.array[:] = x.array_r[: self._K.getLocalSize()[1]]
         self._motion.array[self._prescribed] = 0.0
         return self._motion

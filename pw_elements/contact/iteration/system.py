@@ -280,9 +280,6 @@ class ContactSystem:
         self._magnitudes.assemble()
         (first, last), stated = self.stiffness.getOwnershipRange(), interface.equation >= 0
         self._own = np.where(stated, interface.equation - first, -1)
-        outside = stated & ((self._own < 0) | (self._own >= last - first))
-        if self.comm.allreduce(int(outside.any()), MPI.MAX):
-            raise ValueError("the reduction moves a contact node to another process")
         self.hand_on(interface.force)
         self.tangent: ContactTangent
         self._motion = interface.motion
