@@ -60,6 +60,14 @@ _NEARLY = 0.9
 # Gap of sides that coincide, over the slave's mean sub-facet: that of an octant of a sphere is 0.01
 # with two quadratic facets a side
 _COINCIDE = 0.05
+# Gaps of meshes over an edge, over an interference over the body's diagonal, that are much: they
+# change pressures by a tenth
+_NOISE = 0.03
+_OF_MESHES = (
+    "contact pair %d: gaps that meshes leave within facets are much of its interference, and "
+    "pressures are off by a tenth or more: use finer meshes, or DeformableSurface(..., "
+    "coincident=True) and the depth as interference"
+)
 # Mean edge of the slave over the master's, both where they face each other, that is much
 _COARSE = 3.0
 
@@ -323,7 +331,6 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
         body.outward[node],
         own,
         np.full_like(own, RIGID) if opposite is None else opposite,
-        np.zeros(len(node)),
     )
 
 
@@ -512,19 +519,17 @@ def mortar_points(
     into = _in_symmetry_planes(into, body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
-    noise = np.zeros(m)
+    edge = overlap.mean_edge(overlap.size, comm)
     if depth is not None:
-        edge = overlap.mean_edge(overlap.size, comm)
         body.refuse(
             node[faced & (np.abs(gap) > _COINCIDE * edge)],
             "lie away from the opposite side, farther than meshes of one surface do (coincident)",
         )
         gap = np.where(faced, -depth, np.inf)
     elif pair.interference:
-        across = np.einsum("qi,qk->ikq", overlap.apart, overlap.apart)
-        square = np.array([[overlap.per_point(x, m) for x in row] for row in across])
-        square = np.einsum("mi,ikm,mk->m", into, square, into) * scale.diagonal()
-        noise = np.sqrt(np.where(faced, square - gap**2, 0.0).clip(0))
+        along = np.einsum("qki,qi->qk", into[overlap.point], overlap.apart)
+        squares = overlap.per_point(along**2, m) * scale.diagonal()
+        _tell_of_noise(number, squares, gap, body, edge)
     axes = sp.eye_array(dim)
     at = other.positions_of_nodes()
     points = Points(
@@ -537,10 +542,22 @@ def mortar_points(
         body.outward[node],
         own,
         np.full_like(own, DEFORMABLE),
-        noise,
         other.nodes[by_position(at)],
     )
     return points, InitialGap(body.x[node], gap, into)
+
+
+def _tell_of_noise(number: int, squares: Array, gap: Array, body: BodyNodes, edge: float) -> None:
+    """Logs it where gaps that meshes leave within facets are much of an interference.
+
+    `squares` (m,) are the mean squares of distances, of which the mean `gap` (m,) is a part.
+    """
+    comm, pressed = body.space.mesh.comm, gap < 0
+    left = (squares - gap**2)[pressed].clip(0)
+    sums = np.array([np.sum(left), np.sum(gap[pressed]), len(left)])
+    total, depth, count = comm.allreduce(sums, MPI.SUM)
+    if np.sqrt(total * count) * body.diagonal > -_NOISE * edge * depth:
+        told(comm, logging.WARNING, _OF_MESHES % number, ".contact")
 
 
 def _prescribed(node: Indices, body: BodyNodes) -> Mask:

@@ -119,8 +119,9 @@ class Overlap:
         return float(total[0] / total[1])
 
     def per_point(self, values: Array, m: int) -> Array:
-        """Integrals (m,) of weights times values (q,)."""
-        part = (self.weight * (self.measure * values)[:, None])[self.point >= 0]
+        """Integrals (m,) of weights times values (q,), or (q, k) for each of the corners."""
+        values = values.reshape(len(values), -1)
+        part = (self.weight * (self.measure[:, None] * values))[self.point >= 0]
         return np.asarray(np.bincount(self.point[self.point >= 0], part, minlength=m), dtype=float)
 
     def integrals(

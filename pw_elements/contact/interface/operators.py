@@ -71,7 +71,6 @@ class Points:
     node: Indices  # (m,), global number of the node that the point is, or whose force it has
     # (m,), global number of the node that it faces, or `RIGID` or `DEFORMABLE`
     faced: Indices
-    noise: Array  # (m,), spread of a gap within the facets around that is to be pressed out
     # (k,), global numbers of a deformable surface's nodes, of all processes, `by_position`
     opposite: Indices = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
@@ -111,7 +110,6 @@ class Interface:
         self.node = np.concatenate([part.node for part in points])
         self.faced = np.concatenate([part.faced for part in points])
         self.opposite = [part.opposite for part in points]
-        self.noise = np.concatenate([part.noise for part in points])
         self._outward = np.concatenate([part.outward for part in points])
         self._beside = np.concatenate([part.beside for part in points])
         self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))

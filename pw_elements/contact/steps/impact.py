@@ -44,7 +44,7 @@ from pw_elements.contact.interface import Interface, free_columns, nodal_interfa
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
 from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
-from pw_elements.contact.steps.smallness import SmallnessCheck
+from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
 from pw_elements.progress import doing
 from pw_elements.solvers import is_blocked
 from pw_elements.spaces import Assembled
@@ -240,7 +240,7 @@ def solve_impact(
         displacement: (n,), at the start; by default the supports' own.
         step: of time; by default 0.9 of the critical one.
         frames: how many `ContactState`s to keep, evenly spaced up to the last, for `write`. Where
-            one, or the last state, leaves the range of small displacements, that is logged.
+            strains or rotations of one, or of the last state, are not small, that is logged.
         max_steps: the most that may be made.
 
     Raises:
@@ -284,8 +284,8 @@ def solve_impact(
     if displacement is not None:
         u.setArray(np.where(free, displacement.array_r, reduction.offset.array_r))
     march = _March(K, _masses(M, space), free, interface, moves, load, step, u, v)
-    watch, smallness = SmallnessCheck(interface, space), Smallness()
-    march.reach = watch.finest
+    gradients, smallness = Gradients(space), Smallness()
+    march.reach = SmallnessCheck(interface, space).finest
     kept = np.unique(np.linspace(0, steps, frames + 1).round().astype(int))[1:].tolist()
     states = []
     with doing(comm, f"{steps} steps of time"):
@@ -294,7 +294,8 @@ def solve_impact(
             if n in kept or n == steps:
                 moved = u.copy() if sibling is None else sibling.displacement(u)
                 state = march.frame(moved, contact)
-                smallness = watch.of_motion(state, n, smallness)
+                before, smallness = smallness, Smallness(*gradients.largest(moved))
+                log_large(smallness, before, f"step {n}", comm)
                 states += [replace(state, smallness=smallness)] * (n in kept)
     forces, places = np.array(march.forces), np.array(march.places)
     return ImpactHistory(
