@@ -27,7 +27,7 @@ from pw_elements.contact import (
     write,
 )
 from pw_elements.contact.interface import gathered_trace
-from pw_elements.spaces import Assembled, SubSpace
+from pw_elements.spaces import SubSpace
 from tests.contact.cases import Elastic, at
 from tests.contact.test_friction import assert_law
 from tests.contact.two_bodies import PLANE, PRESSURE, Stack, joined, two_sides
@@ -379,19 +379,6 @@ def test_a_body_between_two_others_has_the_pressures_of_both_pairs():
     for nodes in faces:
         assert values(fields.pressure, nodes) == pytest.approx(PRESSURE, rel=1e-8)
         assert set(values(fields.status, nodes)) <= {STICK, HELD}
-
-
-def test_areas_that_are_not_revolved_are_named():
-    stack = Stack((4, 7), state="axisymmetric")
-    pair = stack.pair()
-    flat = replace(pair, surface=replace(pair.surface, revolved=False))
-    Assembled().mark(stack.K)  # as if made by hand
-    (state,) = stack.contact(flat, stack.moved_top([0.0, -0.01]))
-    ContactFields.of(state, stack.space)
-    with pytest.raises(ValueError, match="to be revolved=True in axisymmetry"):
-        ContactFields.of(state, stack.body)
-    with pytest.raises(TypeError, match="revolved"):
-        DeformableSurface(stack.sides["lower"], "axis")
 
 
 @pytest.mark.parametrize("element", ["petrov_galerkin", "hybrid"])

@@ -7,7 +7,7 @@ write("punch.bp", states, body)
 import secrets
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,11 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, io
 
-from pw_elements.arrays import Array, Indices, Local
+from pw_elements.arrays import Indices, Local
 from pw_elements.checks import arguments, collective, same_everywhere, sizes_of, vector
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.mortar_sides import (
     Opposite,
-    OppositeResults,
     mortar_sides,
     over_areas,
 )
@@ -59,7 +58,8 @@ class ContactFields:
 
     Nodes of a deformable surface have pressures and tractions of their own forces, over the areas
     that face the pair (see `mortar_sides`). The law is not stated there: gap and slip are means of
-    those of the pair's nodes that they face, and the status is the prevailing one. On both sides,
+    those of the pair's nodes that they face, and the status is the prevailing one; nodes that face
+    two pairs have the forces of both and the rest of the one that they face most. On both sides,
     pressures and tractions are NaN at loaded nodes of whose area less than a tenth faces the other
     side: the forces are right there, but not their quotients by such an area. At large sliding
     the areas are those of the pair's own nodes, which hand them on as they do their forces.
@@ -83,7 +83,8 @@ class ContactFields:
         status: scalar, OPEN (0), STICK (1), SLIP (2) or HELD (3); OPEN off the surface.
         pressure: scalar, compression positive: the normal nodal force over the integral of the
             node's own test function (measure 2); NaN where a node has no weight.
-        tributary_pressure: scalar, the same over the node's tributary area (measure 3).
+        tributary_pressure: scalar, the same over the node's tributary area (measure 3); `pressure`
+            at nodes of a deformable surface, whose weights are linear.
         traction: vector, the tangential force of the surface on the body over the area that
             `pressure` has.
         surfaces: of each pair, areas being of what faces a deformable one; none without the body.
@@ -130,26 +131,28 @@ class ContactFields:
         space = _trial(body)
         check_state(state, space)
         scalars = scalar_space(space)
-        displacement, force, slip, traction = (
-            fem.Function(space, name=name)
-            for name in ("displacement", "contact_force", "slip", "traction")
-        )
-        gap, status, pressure, tributary = (
-            fem.Function(scalars, name=name)
-            for name in ("gap", "status", "pressure", "tributary_pressure")
-        )
-        always = displacement, force, gap, slip, status
         known, whole = (body, body.spaces.trial) if isinstance(body, Body) else (None, body)
-        own = (fem.Function(scalars, name="body_pressure"), whole) if is_hybrid(whole) else ()
-        deformed = state.smallness is None
-        both = [mortar_sides(k, state, known, space) for k in range(len(state.pairs))]
-        surfaces = tuple(surface for surface, _ in both if surface is not None)
-        opposite = tuple(other for _, other in both)
-        fields = cls(*always, None, None, None, surfaces, opposite, *own)
-        if known is not None:
-            true = fem.Function(scalars, name="true_pressure") if deformed else None
-            areal = {"pressure": pressure, "tributary_pressure": tributary, "traction": traction}
-            fields = replace(fields, **areal, true_pressure=true, body=known)
+
+        def function(name: str, of: fem.FunctionSpace, wanted: bool = True) -> fem.Function | None:
+            return fem.Function(of, name=name) if wanted else None
+
+        sides = [mortar_sides(k, state, known, space) for k in range(len(state.pairs))]
+        fields = cls(
+            fem.Function(space, name="displacement"),
+            fem.Function(space, name="contact_force"),
+            fem.Function(scalars, name="gap"),
+            fem.Function(space, name="slip"),
+            fem.Function(scalars, name="status"),
+            function("pressure", scalars, known is not None),
+            function("tributary_pressure", scalars, known is not None),
+            function("traction", space, known is not None),
+            tuple(surface for surface, _ in sides if surface is not None),
+            tuple(opposite for _, opposite in sides),
+            function("body_pressure", scalars, is_hybrid(whole)),
+            whole if is_hybrid(whole) else None,
+            function("true_pressure", scalars, known is not None and state.smallness is None),
+            known,
+        )
         fields.fill(state)
         return fields
 
@@ -167,10 +170,8 @@ class ContactFields:
         check_state(state, space)
         pairs = state.pairs
         known, given = ([part.node.tolist() for part in parts] for parts in (self.surfaces, pairs))
-        alike = len(pairs) == len(self.opposite) and (not known or known == given)
-        for other, pair in zip(self.opposite, pairs, strict=False):
-            alike &= other is None or other.is_of(pair)
-        if not alike:
+        faced = [[] if side is None else side.node.tolist() for side in self.opposite]
+        if known not in ([], given) or faced != [pair.opposite.tolist() for pair in pairs]:
             raise ValueError("the state has other contact nodes than the fields")
         if state.smallness is None:  # who faces whom has changed
             both = [mortar_sides(k, state, self.body, space) for k in range(len(pairs))]
@@ -189,68 +190,54 @@ class ContactFields:
         quotients = [over_areas(s, p) for s, p in each]
         for k, out in enumerate((self.pressure, self.tributary_pressure, self.traction)):
             _spread(out, pairs, [values[k] for values in quotients])
-        true = self._fill_true(pairs, [nominal for nominal, _, _ in quotients])
-        self._fill_opposite(pairs, true)
+        deformed = self._deformed(pairs)
+        true = [
+            np.where(np.isnan(nominal), nominal, surface.pressure(pair.force_normal))
+            for (nominal, _, _), surface, pair in zip(quotients, deformed, pairs, strict=False)
+        ]
+        _spread(self.true_pressure, pairs, true)
+        self._fill_opposite(pairs, deformed)
         if self.body_pressure is not None and self.hybrid is not None:
             self.body_pressure.interpolate(split(self.hybrid, state.unknowns)[1])
 
-    def _fill_true(
-        self, pairs: Sequence[PairState], nominal: Sequence[Array]
-    ) -> Sequence[Opposite | None]:
-        """True pressures of the pairs' own nodes, over whole areas; what hands on such areas."""
+    def _deformed(self, pairs: Sequence[PairState]) -> list[SurfaceNodes]:
+        """The pairs' own surfaces with areas as they are deformed, if true pressures are wanted."""
         if self.true_pressure is None or self.body is None:
-            return self.opposite
+            return []
         space, u = self.displacement.function_space, self.displacement
         stretch = SurfaceNodes.stretch(u)
         if self.body.state is StressState.AXISYMMETRIC:
             stretch *= 1 + u[0] / ufl.SpatialCoordinate(space.mesh)[0]
-        each = [
-            SurfaceNodes.of(self.body, facets_between(space, pair.node), stretch) for pair in pairs
-        ]
-        known = [
-            np.where(np.isnan(values), values, surface.pressure(pair.force_normal))
-            for values, surface, pair in zip(nominal, each, pairs, strict=True)
-        ]
-        _spread(self.true_pressure, pairs, known)
-        return [
-            other and replace(other, area=other.vectors(pair, surface.own_area))
-            for other, pair, surface in zip(self.opposite, pairs, each, strict=True)
-        ]
+        facets = [facets_between(space, pair.node) for pair in pairs]
+        return [SurfaceNodes.of(self.body, where, stretch) for where in facets]
 
-    def _seen(
-        self, pairs: Sequence[PairState], opposite: Sequence[Opposite | None]
-    ) -> OppositeResults | None:
-        """Results at all nodes that face pairs, where any do."""
-        space, n = self.displacement.function_space, len(self.gap.x.array)
-        each = [
-            other.results(pair).on(_here(space, pair.opposite), n)
-            for other, pair in zip(opposite, pairs, strict=True)
-            if other is not None
-        ]
-        return sum(each[1:], each[0]) if each else None
-
-    def _fill_opposite(self, pairs: Sequence[PairState], true: Sequence[Opposite | None]) -> None:
-        """Scalars, slips and tractions at nodes that face pairs and are in none."""
+    def _fill_opposite(self, pairs: Sequence[PairState], deformed: Sequence[SurfaceNodes]) -> None:
+        """Results at nodes that face pairs and are in none: of the pair that they face most."""
         space = self.displacement.function_space
-        seen, truly = self._seen(pairs, self.opposite), self._seen(pairs, true)
-        if seen is None or truly is None:
-            return
-        at = seen.faced
+        most = np.zeros(len(self.gap.x.array))
         for pair in pairs:
             here = _here(space, np.concatenate([pair.node, pair.faced]))
-            at[here[here >= 0]] = False
-        for out, values in (
-            (self.gap, seen.mean(seen.gap)),
-            (self.status, seen.status),
-            (self.slip, -seen.mean(seen.slip)),
-            (self.pressure, seen.pressure),
-            (self.tributary_pressure, seen.tributary_pressure),
-            (self.traction, seen.traction),
-            (self.true_pressure, truly.pressure),
-        ):
-            if out is not None:
-                block = out.function_space.dofmap.index_map_bs
-                out.x.array.reshape(-1, block)[at] = values[at].reshape(-1, block)
+            most[here[here >= 0]] = np.inf
+        for k, (other, pair) in enumerate(zip(self.opposite, pairs, strict=True)):
+            if other is None:
+                continue
+            seen, here = other.results(pair), _here(space, pair.opposite)
+            mine = (here >= 0) & (other.facing > most[here])
+            at = here[mine]
+            most[at] = other.facing[mine]
+            true = other.results(pair, deformed[k].own_area).pressure if deformed else None
+            for out, values in (
+                (self.gap, seen.gap),
+                (self.status, seen.status),
+                (self.slip, -seen.slip),
+                (self.pressure, seen.pressure),
+                (self.tributary_pressure, seen.pressure),
+                (self.traction, seen.traction),
+                (self.true_pressure, true),
+            ):
+                if out is not None and values is not None:
+                    block = out.function_space.dofmap.index_map_bs
+                    out.x.array.reshape(-1, block)[at] = values[mine].reshape(-1, block)
 
     @same_everywhere
     def indicator(self) -> fem.Function:

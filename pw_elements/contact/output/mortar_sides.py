@@ -20,14 +20,14 @@ slip and friction are means of those of the pairs' nodes, weighted with integral
 of both weights, and the status is that of which a node faces most.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem
 
-from pw_elements.arrays import Array, Indices, Local, Mask
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
 from pw_elements.contact.interface import (
     Overlap,
@@ -47,64 +47,18 @@ TRUSTED = 0.1
 STATUSES = 4
 
 
-# Largest difference of forces that are handed on, over the largest of them
-_HANDED = 1e-6
-# Part of an own node's area that faces the other side below which round-off of what it hands on,
-# some 1e-16 over the part's square, is no longer small
-_BARELY = 1e-4
-
-
 @dataclass(frozen=True)
 class OppositeResults:
-    """Results at nodes (n) of opposite sides, summed over the pairs that they face."""
+    """Results at the nodes (k) of an opposite side; pressures are NaN without a body."""
 
-    facing: Array  # (n,), integrals of the nodes' weights over what they face
-    gap: Array  # (n,), means times `facing`
-    slip: Array  # (n, dim), likewise, of the nodes on the pair's own side
-    friction: Array  # (n,), likewise
-    statuses: Array  # (n, 4), what of `facing` is open, sticks, slips and is held
-    pressed: Array  # (n,), normal forces, compression positive
-    pulled: Array  # (n, dim), tangential ones, on the nodes
-    area: Array  # (n,), that make pressures of forces; zero without a body
-    tributary: Array  # (n,), the same from tributary areas
-    share: Array  # (n,), part of the nodes' areas that faces a pair
-
-    def on(self, rows: Local, n: int) -> "OppositeResults":
-        """Spreads the results over n nodes, at rows of theirs; negative rows are left out."""
-        values = []
-        for part in fields(self):
-            own = getattr(self, part.name)
-            values.append(np.zeros((n, *own.shape[1:])))
-            values[-1][rows[rows >= 0]] = own[rows >= 0]
-        return OppositeResults(*values)
-
-    def __add__(self, other: "OppositeResults") -> "OppositeResults":
-        both = zip(vars(self).values(), vars(other).values(), strict=True)
-        return OppositeResults(*(one + another for one, another in both))
-
-    @property
-    def faced(self) -> Mask:
-        """Which nodes face a pair."""
-        return self.facing > 0
-
-    def mean(self, values: Array) -> Array:
-        """`gap`, `slip` or `friction` over `facing`; zero where nothing is faced."""
-        return (values.T / np.where(self.faced, self.facing, 1.0)).T
-
-    @property
-    def status(self) -> npt.NDArray[np.int8]:
-        """Status (n,) of the greatest part of what each node faces."""
-        return self.statuses.argmax(axis=1).astype(np.int8)
-
-    @property
-    def pressure(self) -> Array:
-        """Pressure (n,) by measure 2; NaN where too little of a node's area faces a closed pair."""
-        return self._over(self.pressed, self.area)
-
-    @property
-    def tributary_pressure(self) -> Array:
-        """Pressure (n,) by measure 3; NaN where that by measure 2 is."""
-        return self._over(self.pressed, self.tributary)
+    normal: Array  # (k, dim), out of the pair's body; zero where nothing faces it
+    gap: Array  # (k,)
+    slip: Array  # (k, dim), of the nodes on the pair's own side
+    friction: Array  # (k,)
+    status: npt.NDArray[np.int8]  # (k,)
+    pressed: Array  # (k,), normal forces, compression positive
+    pressure: Array  # (k,), NaN where too little of a node's area faces a closed pair
+    traction: Array  # (k, dim), tangential; NaN where the pressure is
 
     @property
     def draw(self) -> float:
@@ -112,74 +66,40 @@ class OppositeResults:
         pressed = self.pressed.max(initial=0.0)
         return float(max(0.0, -self.pressed.min(initial=0.0)) / pressed) if pressed > 0 else 0.0
 
-    @property
-    def traction(self) -> Array:
-        """Tangential traction (n, dim); NaN where the pressure is."""
-        return self._over(self.pulled, self.area)
-
-    def _over(self, force: Array, area: Array) -> Array:
-        closed = np.delete(self.statuses, OPEN, axis=1).any(axis=1)
-        over = np.where(closed, np.where(self.share < TRUSTED, np.nan, area), np.inf)
-        return np.asarray((force.T / over).T)
-
 
 @dataclass(frozen=True)
 class Opposite:
     """The deformable surface of a pair, whose m nodes it faces; k nodes, on every process."""
 
-    own: Indices  # (m,), global numbers of the pair's nodes
-    node: Indices  # (k,), of its own
-    means: sp.csr_array  # (k, m), integrals of products of both sides' weights
-    handed: sp.csr_array | None  # (k, m), parts of the pair's forces as above; None without a body
+    node: Indices  # (k,), global numbers
+    facing: Array  # (k,), integrals of the nodes' weights over what they face
+    means: sp.csr_array  # (k, m), means over the pair's nodes; zero where nothing is faced
+    handed: sp.csr_array  # (k, m), parts of the pair's forces as above
     covered: Array  # (m,), part of the pair's nodes' areas that faces it
-    barely: Mask  # (k,), those with forces of a node that barely faces them
-    area: Array  # (k, dim), vectors as above, out of the pair's body; zero without a body
-    tributary: Array  # (k, dim), the same from tributary areas
-    share: Array  # (k,), part of the nodes' areas that faces the pair
+    share: Array  # (k,), part of the nodes' areas that faces the pair; zero without a body
+    own_area: Array  # (m,), of the pair's nodes
     surface: SurfaceNodes | None  # None without a body
 
-    def is_of(self, pair: PairState) -> bool:
-        """Whether a pair has the same nodes."""
-        return np.array_equal(self.own, pair.node) and np.array_equal(self.node, pair.opposite)
-
-    def results(self, pair: PairState) -> OppositeResults:
-        """Results at the nodes; a ValueError where the body's measure hands on other forces."""
-        if self.handed is not None:
-            off = np.abs(pair.opposite_force + self.handed @ pair.force_vector)[~self.barely]
-            if off.max(initial=0.0) > _HANDED * np.abs(pair.opposite_force).max(initial=0.0):
-                raise ValueError(
-                    "a pair's forces on a deformable surface are not of the body's measure: "
-                    "DeformableSurface is to be revolved=True in axisymmetry, and only there"
-                )
-        facing = np.asarray(self.means.sum(axis=1))
-        length = np.linalg.norm(self.area, axis=1)
-        normal = self.normal
+    def results(self, pair: PairState, own_area: Array | None = None) -> OppositeResults:
+        """Results at the nodes; of true pressures with areas (m,) of the deformed pair."""
+        area = self.own_area if own_area is None else own_area
+        vectors = -np.asarray(self.handed @ ((area * self.covered)[:, None] * pair.normal))
+        length = np.linalg.norm(vectors, axis=1)
+        normal = (vectors.T / np.where(length > 0, length, 1.0)).T
         pressed = np.sum(pair.opposite_force * normal, axis=1)
-        gap = np.where(np.isfinite(pair.gap), pair.gap, 0.0)
+        statuses = self.means @ np.eye(STATUSES)[pair.status]
+        closed = np.delete(statuses, OPEN, axis=1).any(axis=1)
+        over = np.where(closed, np.where(self.share < TRUSTED, np.nan, length), np.inf)
         return OppositeResults(
-            facing,
-            self.means @ gap,
+            normal,
+            self.means @ np.where(np.isfinite(pair.gap), pair.gap, 0.0),
             self.means @ pair.slip,
             self.means @ pair.friction,
-            self.means @ np.eye(STATUSES)[pair.status],
+            statuses.argmax(axis=1).astype(np.int8),
             pressed,
-            pair.opposite_force - pressed[:, None] * normal,
-            length,
-            np.linalg.norm(self.tributary, axis=1),
-            self.share,
+            pressed / over,
+            ((pair.opposite_force - pressed[:, None] * normal).T / over).T,
         )
-
-    def vectors(self, pair: PairState, area: Array) -> Array:
-        """Area vectors (k, dim) of whole areas (m,) of the pair's nodes; zero without a body."""
-        if self.handed is None:
-            return np.zeros_like(self.area)
-        return -np.asarray(self.handed @ ((area * self.covered)[:, None] * pair.normal))
-
-    @property
-    def normal(self) -> Array:
-        """Unit normals (k, dim) out of the pair's body; zero where nothing faces it."""
-        length = np.linalg.norm(self.area, axis=1, keepdims=True)
-        return np.asarray(self.area / np.where(length > 0, length, 1.0))
 
 
 def mortar_sides(
@@ -213,30 +133,25 @@ def mortar_sides(
         covered, handed = met.areas[slaves], met.parts[slaves][:, masters].T
         means = -met.rows[slaves][:, mortar.slaves + masters].T @ sp.diags_array(covered)
         one, other = one.moved(x[: mortar.slaves]), other.moved(x[mortar.slaves :])
+    facing = np.asarray(means.sum(axis=1))
+    means = sp.diags_array(1 / np.where(facing > 0, facing, 1.0)) @ means
     if own is None or body is None:
-        none = np.zeros_like(pair.opposite_force)
-        return None, Opposite(
-            *nodes, means, None, covered, none[:, 0] > 0, none, none, none[:, 0], None
-        )
+        none = np.zeros(len(pair.opposite))
+        return None, Opposite(nodes[1], facing, means, handed, covered, none, 0 * covered, None)
     whole, opposite_whole = (
         whole_areas(trace, revolved)[np.searchsorted(trace.nodes, side)]
         for trace, side in zip((one, other), nodes, strict=True)
     )
-    share = covered / whole
-    barely = np.asarray(abs(handed) @ (share < _BARELY) > 0)
-    part = (handed @ covered) / opposite_whole
     opposite = SurfaceNodes.of(body, facets_between(space, pair.opposite))
     if not np.array_equal(opposite.node, pair.opposite):
         raise ValueError(f"contact pair {number} faces a surface that has two nodes at one place")
-    own_areas = own.own_area, own.tributary_area
+    share, part = covered / whole, (handed @ covered) / opposite_whole
+    seen = Opposite(nodes[1], facing, means, handed, share, part, own.own_area, opposite)
     if not deformed:
         counts = np.where(covered > 0, np.where(share < TRUSTED, np.nan, share), 1.0)
-        counted = [area * counts for area in own_areas]
-        own = replace(own, own_area=counted[0], tributary_area=counted[1])
-    none = np.zeros_like(pair.opposite_force)
-    seen = Opposite(*nodes, means, handed, share, barely, none, none, part, opposite)
-    area, tributary = (seen.vectors(pair, area) for area in own_areas)
-    return own, replace(seen, area=area, tributary=tributary)
+        areas = own.own_area * counts, own.tributary_area * counts
+        own = replace(own, own_area=areas[0], tributary_area=areas[1])
+    return own, seen
 
 
 def _fixed(
@@ -245,25 +160,18 @@ def _fixed(
     """Integrals (k, m) of the opposite's weights times the pair's, undeformed, and their duals."""
     first, last = space.dofmap.index_map.local_range
     mine = np.flatnonzero((pair.node >= first) & (pair.node < last))
-    overlap = Overlap.of(one, other, pair.node[mine], revolved=False)
-    means = _integrals(space, pair, overlap, mine, overlap.weight)
-    if revolved:
-        overlap = Overlap.of(one, other, pair.node[mine], revolved)
-    return means, _integrals(space, pair, overlap, mine, overlap.dual)
-
-
-def _integrals(
-    space: fem.FunctionSpace, pair: PairState, overlap: Overlap, mine: Indices, tested: Array
-) -> sp.csr_array:
-    """Integrals (k, m) of the opposite's weights times functions of the nodes `mine`."""
-    node, opposite = pair.node, pair.opposite
+    overlap, k = Overlap.of(one, other, pair.node[mine], revolved), len(pair.opposite)
     at, w = overlap.functions[2]
-    order = np.argsort(opposite)
-    at = order[np.searchsorted(opposite, at, sorter=order)]
-    found = overlap.integrals(tested, at, w, (len(mine), len(opposite))).tocoo()
-    every = zip(*space.mesh.comm.allgather((found.col, mine[found.row], found.data)), strict=True)
-    row, column, value = (np.concatenate(parts) for parts in every)
-    return sp.csr_array((value, (row, column)), shape=(len(opposite), len(node)))
+    order = np.argsort(pair.opposite)
+    at = order[np.searchsorted(pair.opposite, at, sorter=order)]
+
+    def gathered(tested: Array) -> sp.csr_array:
+        found = overlap.integrals(tested, at, w, (len(mine), k)).tocoo()
+        every = space.mesh.comm.allgather((found.col, mine[found.row], found.data))
+        row, column, value = (np.concatenate(parts) for parts in zip(*every, strict=True))
+        return sp.csr_array((value, (row, column)), shape=(k, len(pair.node)))
+
+    return gathered(overlap.weight), gathered(overlap.dual)
 
 
 def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace) -> SurfaceNodes:

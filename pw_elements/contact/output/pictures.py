@@ -123,8 +123,8 @@ class _Side:
         if other is None or other.surface is None:
             raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
         seen = other.results(pair)
-        friction = seen.mean(seen.friction)
-        return cls(other.surface, other.normal, friction, seen.status, seen.pressure, seen.traction)
+        found = seen.normal, seen.friction, seen.status, seen.pressure, seen.traction
+        return cls(other.surface, *found)
 
 
 def _line(axes: Axes, side: _Side, along: int | None, name: str) -> None:
