@@ -17,14 +17,13 @@ import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh
+from dolfinx.mesh import Mesh, exterior_facet_indices
 from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
-from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.arrays import Array, Indices
 from pw_elements.checks import arguments, collective, number, same_everywhere, vector
 from pw_elements.elasticity import facets_in_cells
-from pw_elements.spaces import exterior_facets
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,15 +184,12 @@ def _faces(
         places = np.arange(moved.shape[1])[None]
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
-        own, _, places = facets_in_cells(nodes, exterior_facets(mesh, _anywhere))
+        mesh.topology.create_connectivity(2, 3)
+        own, _, places = facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
         cells = own[:, None]
     behind = moved.mean(axis=1)[cells[:, 0]]
     each = mesh.comm.allgather((moved[cells, places], field[cells, places], behind))
     return _Faces(*(np.concatenate(parts) for parts in zip(*each, strict=True)))
-
-
-def _anywhere(x: Array) -> Mask:
-    return np.ones(x.shape[1], dtype=bool)
 
 
 def _in_cells(mesh: Mesh, expression: Expr, shape: tuple[int, ...]) -> Array:

@@ -28,16 +28,16 @@ def _closed_figures():
 @pytest.fixture(autouse=True)
 def _few_candidates(monkeypatch):
     """The mortar's search asks about few pairs on each of the suite's meshes."""
-    if (geometry := sys.modules.get("pw_elements.contact.interface.geometry")) is None:
+    if (mortar := sys.modules.get("pw_elements.contact.interface.mortar")) is None:
         return
-    candidates = geometry._candidates
+    candidates = mortar._candidates
 
     def counted(slave, master, along):
         found = candidates(slave, master, along)
         assert len(found[0]) <= CANDIDATES * max(len(slave), len(master))
         return found
 
-    monkeypatch.setattr(geometry, "_candidates", counted)
+    monkeypatch.setattr(mortar, "_candidates", counted)
 
 
 def pytest_addoption(parser):

@@ -228,7 +228,7 @@ ON, BELOW = STACK.nodes("upper"), STACK.sides["lower"]
             ValueError,
             "belong to no facet that is all in their pair",
         ),
-        (at(1, 2.0), BELOW, ValueError, "which looks the same way"),
+        (at(1, 2.0), BELOW, ValueError, "on the far side of its body"),
         (ON, lambda x: x[1] > 3, ValueError, "has no opposite facets"),
         (ON, lambda x: np.isclose(x[0], 0.0) & (x[1] < 1), ValueError, "do not overlap"),
         (ON, Plane((0, 0), (0, 1)), TypeError, "a surface is given in place of facets"),

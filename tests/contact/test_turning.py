@@ -257,7 +257,10 @@ def test_wrong_pivots_are_refused():
         (lambda: ContactPair(above, surface, pivot=(0, 0, 1)), "axis"),
         (lambda: ContactPair(above, surface, pivot=PIVOT, axis=(0, 0, 1)), "in space"),
         (lambda: step(rubber.problem.undeformed, motions=PRESSED), "give it a pivot"),
-        (lambda: rubber.touching(pivot=(0, 0, 1), axis=(0, 0, 1)), "not 2-D"),
+        (
+            lambda: rubber.touching(pivot=(0, 0, 1), axis=(0, 0, 1)),
+            "its pivot has 3 components in 2-D",
+        ),
         (lambda: block.problem(replace(block.pair(0.3), pivot=(0.0, -1.0))), "of_residual"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -6,14 +6,14 @@ from pw_elements.contact.interface.build import (
     midpoints_around,
     nodal_interface,
 )
-from pw_elements.contact.interface.geometry import (
-    SIMPLICES,
+from pw_elements.contact.interface.mortar import (
+    Overlap,
     Trace,
     flat_facets,
     gathered_trace,
     sizes,
+    whole_areas,
 )
-from pw_elements.contact.interface.mortar import Overlap, whole_areas
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
     RIGID,

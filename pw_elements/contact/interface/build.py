@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -18,8 +19,7 @@ from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, Local, Mask
 from pw_elements.checks import answer, collective, field, is_number, listed
-from pw_elements.contact.interface.geometry import Trace, gathered_trace
-from pw_elements.contact.interface.mortar import Overlap
+from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
 from pw_elements.contact.interface.operators import (
     DEFORMABLE,
     RIGID,
@@ -72,37 +72,32 @@ _OF_MESHES = (
 _COARSE = 3.0
 
 
-@dataclass(frozen=True)
 class BodyNodes:
-    """Where the nodes of a body are, and which unknowns and equations they have."""
+    """Where the nodes of a body are, and which unknowns and equations they have.
 
-    given: fem.FunctionSpace  # of all unknowns
-    field: SubSpace  # the displacements among them
-    x: Array  # (nodes, dim), ghosts too
-    column: Indices  # (owned nodes, dim), as of `free_columns`
-    outward: Array  # (owned nodes, dim), integrated with the shape functions
-    beside: Array  # (nodes, dim), mean midpoint of the cells around
-    diagonal: float  # length of the bounding box's
+    Attributes:
+        given: space of all unknowns.
+        field: the displacements among them.
+        x: (nodes, dim), ghosts too.
+        column: (owned nodes, dim), as of `free_columns`.
+        outward: (owned nodes, dim), normals integrated with the shape functions.
+        beside: (nodes, dim), mean midpoint of the cells around.
+        diagonal: length of the bounding box's.
+    """
 
-    @classmethod
-    def of(cls, space: fem.FunctionSpace, reduction: Reduction) -> "BodyNodes":
-        """Looks them up in a space with displacements under a reduction."""
-        given, field = space, SubSpace.displacements(space)
-        space, dim = field.space, space.mesh.geometry.dim
-        return cls(
-            given,
-            field,
-            space.tabulate_dof_coordinates()[:, :dim],
-            free_columns(reduction.right)[field.owned],
-            _outward(space).reshape(-1, dim),
-            midpoints_around(space),
-            float(np.linalg.norm(extents(space.mesh.comm, space.mesh.geometry.x))),
-        )
-
-    @property
-    def space(self) -> fem.FunctionSpace:
-        """The space of the displacements alone."""
-        return self.field.space
+    def __init__(self, given: fem.FunctionSpace, reduction: Reduction) -> None:
+        self.given, self.field = given, SubSpace.displacements(given)
+        self.space = self.field.space
+        mesh = self.space.mesh
+        dim = mesh.geometry.dim
+        self.x: Array = self.space.tabulate_dof_coordinates()[:, :dim]
+        self.column: Indices = free_columns(reduction.right)[self.field.owned]
+        v = ufl.TestFunction(self.space)
+        normal = assemble_vector(ufl.inner(ufl.FacetNormal(mesh), v) * ufl.ds)
+        # a view would keep the vector on the one process whose error holds these nodes
+        self.outward = np.array(normal.array_r).reshape(-1, dim)
+        self.beside = midpoints_around(self.space)
+        self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
 
     def owned(self, whose: str, nodes: Part) -> Local:
         """Local numbers of the nodes that this process owns; refuses what names no nodes."""
@@ -141,45 +136,42 @@ def nodal_interface(
     largest = space.mesh.comm.allreduce(np.abs(space.mesh.geometry.x).max(initial=0.0), MPI.MAX)
     shapes = [with_step(shape, largest) for shape in shapes]
     for k, (shape, pair) in enumerate(zip(shapes, pairs, strict=True)):
-        _check_dimension(k, shape, dim)
-        if pair.pivot is not None and (not deformed or len(pair.pivot) != dim):
+        vectors = {f"the {name} of its surface": getattr(shape, name, None) for name in _VECTORS}
+        for name, vector in {**vectors, "its pivot": pair.pivot}.items():
+            if vector is not None and (size := np.size(vector)) != dim:
+                raise ValueError(f"contact pair {k}: {name} has {size} components in {dim}-D")
+        if pair.pivot is not None and not deformed:
             raise ValueError(
-                f"contact pair {k} has a pivot, "
-                + (
-                    f"which is not {dim}-D"
-                    if deformed
-                    else "but surfaces turn at large sliding "
-                    "only: state a residual, ContactProblem.of_residual"
-                )
+                f"contact pair {k} has a pivot, but surfaces turn at large sliding only: state a "
+                "residual, ContactProblem.of_residual"
             )
-    body = BodyNodes.of(space, reduction)
+    body = BodyNodes(space, reduction)
     names = [f"contact pair {k}" for k in range(len(pairs))]
     found = [body.owned(name, pair.nodes) for name, pair in zip(names, pairs, strict=True)]
     for name, node in zip(names, found, strict=True):
         _tell_of_lone(name, node, body)
-    with collective(space.mesh.comm):
-        comm, cones = space.mesh.comm, []
+    cones, comm = [], space.mesh.comm
+    with collective(comm):
         for name, pair, node in zip(names, pairs, found, strict=True):
             at = _at_nodes(comm, f"the friction of {name}", pair.law.at, body.x[node])
             cones.append(Cone([pair.law], [at]))
     points, faced = [], []
     mortars: dict[int, SlidingMortar] = {}
     for k, (pair, node, cone) in enumerate(zip(pairs, found, cones, strict=True)):
-        opposite = None
         if isinstance(pair.surface, DeformableSurface):
             revolved = _revolved(k, pair.surface, known or Assembled(), dim)
             if deformed:
                 of_pair, shapes[k], mortars[k] = sliding_points(k, pair, node, cone, body, revolved)
-                points.append(of_pair)
-                continue
-            depth = _depth(space.mesh.comm, k, pair, body.x[node])
-            of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
-            points.append(of_pair)
-            continue
-        if isinstance(pair.surface, MatchingNodes):
+            else:
+                depth = _depth(comm, k, pair, body.x[node])
+                of_pair, shapes[k] = mortar_points(k, pair, node, cone, body, revolved, depth)
+        elif isinstance(pair.surface, MatchingNodes):
             faced.append(body.owned(f"contact pair {k}, opposite side", pair.surface.nodes))
             opposite = opposite_nodes(k, pair.surface, node, faced[-1], cone.rough, body)
-        points.append(_points(body, node, cone, opposite))
+            of_pair = _points(body, node, cone, opposite)
+        else:
+            of_pair = _points(body, node, cone, None)
+        points.append(of_pair)
     interfering = [pair.interference is not False for pair in pairs]
     inverse = None if known is None or known.sibling is None else known.sibling.inverse
     interface = Interface(points, shapes, body.field, interfering, inverse, mortars)
@@ -219,15 +211,6 @@ def _check_nodes(body: BodyNodes, node: Local) -> None:
             raise ValueError(
                 "the reduction combines the displacements of a contact node with others: it may "
                 "prescribe them or keep them"
-            )
-
-
-def _check_dimension(number: int, surface: Surface, dim: int) -> None:
-    vectors = {name: getattr(surface, name, None) for name in _VECTORS}
-    for name, vector in vectors.items():
-        if vector is not None and (size := np.size(vector)) != dim:
-            raise ValueError(
-                f"contact pair {number}: the {name} of its surface has {size} components in {dim}-D"
             )
 
 
@@ -301,14 +284,6 @@ def free_columns(right: PETSc.Mat) -> Indices:
     kept = single[data[indptr[single]] == 1.0]
     column[kept] = indices[indptr[kept]]
     return column
-
-
-def _outward(space: fem.FunctionSpace) -> Array:
-    """Outward normals of the owned nodes (nodes dim,), integrated with their shape functions."""
-    v = ufl.TestFunction(space)
-    normal = assemble_vector(ufl.inner(ufl.FacetNormal(space.mesh), v) * ufl.ds)
-    # a view would keep the vector on the one process whose error holds these nodes
-    return np.array(normal.array_r)
 
 
 def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) -> Points:
@@ -409,26 +384,30 @@ def _sides(
     number: int, pair: ContactPair, node: Local, body: BodyNodes
 ) -> tuple[Indices, Trace, Trace]:
     """Global numbers of a pair's owned nodes (m,), and both sides of it, with what they must be."""
-    space, master = body.space, pair.surface
+    space, master, who = body.space, pair.surface, f"contact pair {number}"
     assert isinstance(master, DeformableSurface)
     own = node + np.int64(space.dofmap.index_map.local_range[0])
     every = np.concatenate(space.mesh.comm.allgather(own))
     if not len(every):
-        raise ValueError(f"contact pair {number} has no nodes: its marker holds nowhere")
+        raise ValueError(f"{who} has no nodes: its marker holds nowhere")
     one = gathered_trace(space, facets_between(space, every))
     other = gathered_trace(space, exterior_facets(space.mesh, master.where))
     if not len(other.node):
-        raise ValueError(
-            f"contact pair {number} has no opposite facets: their marker holds nowhere"
-        )
+        raise ValueError(f"{who} has no opposite facets: their marker holds nowhere")
     body.refuse(node[~np.isin(own, one.node)], "belong to no facet that is all in their pair")
     body.refuse(node[np.isin(own, other.node)], "belong to both sides of their pair")
     if len(places := one.edges()):
         raise ValueError(
-            f"contact pair {number} has an edge at {listed(places)}, where its normal would belong "
-            "to neither side: state each side as a pair of its own, one with the nodes of the edge"
+            f"{who} has an edge at {listed(places)}, where its normal would belong to neither "
+            "side: state each side as a pair of its own, one with the nodes of the edge"
         )
     return own, one, other
+
+
+_APART = (
+    "contact pair %d: no part of its facets faces the opposite part: one of both is on the far "
+    "side of its body, or they do not overlap"
+)
 
 
 def sliding_points(
@@ -444,22 +423,20 @@ def sliding_points(
     mortar = SlidingMortar(one, other, revolved)
     met = mortar.meet(mortar.x)
     if not met.faced.any():
-        raise ValueError(
-            f"contact pair {number}: no part of its facets faces the opposite part: one of them is "
-            "on the far side of its body, or nothing of it lies across"
-        )
+        raise ValueError(_APART % number)
     free = ~_prescribed(one.nodes, body)
     near = np.linalg.norm(met.normals * free, axis=1) > _NEARLY  # as `_in_symmetry_planes`
     mortar.kept[near] = free[near]
     met = mortar.meet(mortar.x)
     among = np.searchsorted(one.nodes, own)
     gap = np.where(met.faced, met.gaps, np.inf)[among]
-    points = replace(
-        _points(body, node, cone, None),
-        faced=np.full_like(own, DEFORMABLE),
-        opposite=other.nodes[by_position(other.positions_of_nodes())],
-    )
+    points = replace(_points(body, node, cone, None), **_facing(own, other))
     return points, InitialGap(body.x[node], gap, met.normals[among]), mortar
+
+
+def _facing(own: Indices, other: Trace) -> dict[str, Any]:
+    opposite = other.nodes[by_position(other.positions_of_nodes())]
+    return {"faced": np.full_like(own, DEFORMABLE), "opposite": opposite}
 
 
 def mortar_points(
@@ -480,15 +457,7 @@ def mortar_points(
     own, one, other = _sides(number, pair, node, body)
     overlap = Overlap.of(one, other, own, revolved)
     if comm.allreduce(len(overlap.measure), MPI.SUM) == 0:
-        behind = Overlap.of(one, replace(other, outward=-other.outward), own, revolved)
-        raise ValueError(
-            f"contact pair {number}: no part of its facets faces the opposite part, "
-            + (
-                "which looks the same way: one of both is on the far side of its body"
-                if comm.allreduce(len(behind.measure), MPI.SUM)
-                else "nothing of which lies across from them: they do not overlap"
-            )
-        )
+        raise ValueError(_APART % number)
     coarseness = overlap.mean_edge(overlap.ratio, comm)
     if coarseness > _COARSE:
         words = (
@@ -498,25 +467,24 @@ def mortar_points(
         )
         told(comm, logging.WARNING, words, ".contact")
     m, dim = len(node), body.x.shape[1]
-    nodes = body.field.sizes[1] // dim
+    shape = m, body.field.sizes[1] // dim
     area = overlap.per_point(np.ones(len(overlap.measure)), m)
     faced = area > 0
     scale = sp.diags_array(1 / np.where(faced, area, 1.0))
-    unit = sp.csr_array((np.ones(m), (np.arange(m), own)), (m, nodes))
+    unit = sp.csr_array((np.ones(m), (np.arange(m), own)), shape)
     alone = sp.diags_array(np.where(faced, 0.0, 1.0)) @ unit
     (at1, N1), (at2, N2), (at3, w2) = overlap.functions
-    motion = overlap.integrals(overlap.weight, at1, N1, (m, nodes))
-    motion -= overlap.integrals(overlap.weight, at2, N2, (m, nodes))
-    force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, (m, nodes))
-    meets = overlap.integrals(overlap.weight, at3, w2, (m, nodes))[:, other.nodes] > 0
+    motion = overlap.integrals(overlap.weight, at1, N1, shape)
+    motion -= overlap.integrals(overlap.weight, at2, N2, shape)
+    force = unit - scale @ overlap.integrals(overlap.dual, at3, w2, shape)
+    meets = overlap.integrals(overlap.weight, at3, w2, shape)[:, other.nodes] > 0
     lone = (body.column[node] == -1) & ~(meets @ _prescribed(other.nodes, body))
     body.refuse(
         node[faced & cone.rough & lone.any(axis=1)],
         "have a prescribed displacement that none of the nodes which they face has, so that these "
         "would get no friction: exchange both sides",
     )
-    into = -one.normals(own)
-    into = _in_symmetry_planes(into, body.column[node] >= 0)
+    into = _in_symmetry_planes(-one.normals(own), body.column[node] >= 0)
     apart = np.stack([overlap.per_point(x, m) for x in overlap.apart.T], axis=1)
     gap = np.where(faced, np.sum(into * apart, axis=1) * scale.diagonal(), np.inf)
     edge = overlap.mean_edge(overlap.size, comm)
@@ -531,18 +499,11 @@ def mortar_points(
         squares = overlap.per_point(along**2, m) * scale.diagonal()
         _tell_of_noise(number, squares, gap, body, edge)
     axes = sp.eye_array(dim)
-    at = other.positions_of_nodes()
-    points = Points(
-        body.x[node],
-        cone,
-        body.column[node],
-        sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
-        sp.csr_matrix(sp.kron(force, axes)),
-        body.beside[node],
-        body.outward[node],
-        own,
-        np.full_like(own, DEFORMABLE),
-        other.nodes[by_position(at)],
+    points = replace(
+        _points(body, node, cone, None),
+        motion=sp.csr_matrix(sp.kron(scale @ motion + alone, axes)),
+        force=sp.csr_matrix(sp.kron(force, axes)),
+        **_facing(own, other),
     )
     return points, InitialGap(body.x[node], gap, into)
 

@@ -19,7 +19,6 @@ over K's, by which the law's scale is found. Law, kinematics and loop see points
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Literal
 
 from mpi4py import MPI
@@ -87,9 +86,9 @@ class Interface:
         points: Sequence[Points],
         surfaces: Sequence[Surface],
         field: SubSpace,
-        interfering: Sequence[bool] = (),
-        inverse: PETSc.Mat | None = None,
-        mortars: Mapping[int, SlidingMortar] = MappingProxyType({}),
+        interfering: Sequence[bool],
+        inverse: PETSc.Mat | None,
+        mortars: Mapping[int, SlidingMortar],
     ) -> None:
         """Puts pairs together, whose points move with displacements among the unknowns (n,).
 
@@ -103,21 +102,22 @@ class Interface:
         self.surfaces, self.pairs = list(surfaces), len(surfaces)
         counts = [len(part.position) for part in points]
         self.pair = np.repeat(np.arange(len(points), dtype=np.int32), counts)
-        self.position = np.concatenate([part.position for part in points])
         cones = [part.cone for part in points]
         self.cone = Cone([c.laws[0] for c in cones], [c.at[0] for c in cones], [])
-        self.equation = np.concatenate([part.equation for part in points])
-        self.node = np.concatenate([part.node for part in points])
-        self.faced = np.concatenate([part.faced for part in points])
+
+        def joined(name: str) -> npt.NDArray:
+            return np.concatenate([getattr(part, name) for part in points])
+
+        self.position: Array = joined("position")
+        self.equation, self.node, self.faced = map(joined, ("equation", "node", "faced"))
+        self._outward, self._beside = joined("outward"), joined("beside")
         self.opposite = [part.opposite for part in points]
-        self._outward = np.concatenate([part.outward for part in points])
-        self._beside = np.concatenate([part.beside for part in points])
         self.motion = self.rows(sp.vstack([part.motion for part in points], "csr"))
         self.force = self.rows(sp.vstack([part.force for part in points], "csr")).transpose(
             PETSc.Mat()
         )
         self._inverse = inverse
-        self._interfering = np.array(list(interfering) or [False] * len(points))[self.pair]
+        self._interfering = np.array(interfering)[self.pair]
 
     def check(self, diagonal: float) -> None:
         """Raises ValueError for what states no contact problem.
@@ -139,8 +139,9 @@ class Interface:
             "the force: it may stay or fall, so that its slope at zero bounds it",
         )
         self.check_supports(None)
-        cut = ~(self._by_pair("gap", None, ()) >= -_PENETRATION * diagonal) & ~self._interfering
-        deepest = -self.gathered(np.where(cut, self._by_pair("gap", None, ()), 0.0)).min()
+        gap = self._by_pair("gap", None)
+        cut = ~(gap >= -_PENETRATION * diagonal) & ~self._interfering
+        deepest = -self.gathered(np.where(cut, gap, 0.0)).min()
         apart = f"move them apart by {deepest:.3g}, or the pair is to say interference=True"
         rigid = self.faced == RIGID
         self.refuse(cut & rigid, f"lie inside the rigid surface before any motion: {apart}")
@@ -155,7 +156,7 @@ class Interface:
     @cached_property
     def interference(self) -> Array:
         """Depth (m,) of the points inside their surface, zero unless that is asked for."""
-        return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None, ())), 0.0)
+        return np.where(self._interfering, np.maximum(0.0, -self._by_pair("gap", None)), 0.0)
 
     def check_supports(self, translations: Array | None) -> None:
         """Raises ValueError if a point that a surface faces cannot move along its normal."""
@@ -177,11 +178,8 @@ class Interface:
         wrong = pushed > _OUTWARDS * np.linalg.norm(self._outward, axis=1)
         known = np.any(self._outward != 0, axis=1) & np.isfinite(self.gaps(None))
         for k in range(self.pairs):
-            mine = known & (self.pair == k)
-            some, right = (
-                self.comm.allreduce(int(np.sum(flags)), MPI.SUM) for flags in (mine, mine & ~wrong)
-            )
-            if some and not right:
+            right = self.gathered(~wrong[known & (self.pair == k)])
+            if len(right) and not right.any():
                 raise ValueError(
                     f"the surface of contact pair {k} pushes the body outwards at each of its "
                     "nodes: its direction is to point from the rigid into the body; reverse it"
@@ -253,19 +251,13 @@ class Interface:
         values = self.field.part(unknowns).array_r.reshape(-1, self.position.shape[1])
         return of_owners(self.field.space, nodes, values)
 
-    def shifts(self, translations: Array | None) -> Array:
-        """Translation (m, dim) of each point's surface; `translations` are (pairs, dim)."""
-        if translations is None:
-            return np.zeros_like(self.position)
-        return translations[self.pair]
-
     def gaps(self, translations: Array | None) -> Array:
         """Gap (m,) of the undeformed body to the translated surfaces, as the unknowns see it.
 
         Coefficients close what they make of the displacements' gaps. A node keeps its own where one
         of those whose displacements its coefficient is made of faces nothing.
         """
-        gap, inverse = self._by_pair("gap", translations, ()), self._inverse
+        gap, inverse = self._by_pair("gap", translations), self._inverse
         if inverse is None:
             return gap
         normal = self.normals(translations)
@@ -287,8 +279,7 @@ class Interface:
 
     def normals(self, translations: Array | None) -> Array:
         """Normals (m, dim) of the translated surfaces at the undeformed body."""
-        dim = self.position.shape[1]
-        return self._by_pair("normal", translations, (dim,))
+        return self._by_pair("normal", translations)
 
     def closest(self, moved: Array) -> tuple[Array, Array, Array]:
         """Gap (m,), normal (m, dim), its derivative (m, dim, dim) of points that have moved.
@@ -307,12 +298,12 @@ class Interface:
             raise NotFound.at("contact nodes first at {} have no closest point", lost)
         return gap, normal, bend
 
-    def _by_pair(
-        self, what: Literal["gap", "normal"], translations: Array | None, shape: tuple[int, ...]
-    ) -> Array:
-        values = np.empty((len(self.position), *shape))
-        layout = f"it takes points as rows (n, dim) and gives {'(n, dim)' if shape else '(n,)'}"
-        self._ask(what, self.position - self.shifts(translations), [values], layout)
+    def _by_pair(self, what: Literal["gap", "normal"], translations: Array | None) -> Array:
+        values = np.empty_like(self.position if what == "normal" else self.position[:, 0])
+        gives = "(n, dim)" if what == "normal" else "(n,)"
+        moved = 0.0 if translations is None else translations[self.pair]
+        layout = f"it takes points as rows (n, dim) and gives {gives}"
+        self._ask(what, self.position - moved, [values], layout)
         return values
 
     def _ask(self, what: str, x: Array, answers: Sequence[Array], layout: str) -> None:

@@ -36,7 +36,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.contact.interface.geometry import FACING, Trace
+from pw_elements.contact.interface.mortar import FACING, Trace
 
 # Of a cubic, such as two weights and a radius, along segments; directions are no polynomials
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(3)

@@ -9,20 +9,17 @@ Labels name no units:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse import csgraph
 
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Indices
 from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.contact.iteration import HELD, OPEN, SLIP, STICK
 from pw_elements.contact.model import ContactState
-from pw_elements.contact.output.fields import check_state
-from pw_elements.contact.output.mortar_sides import mortar_sides, over_areas
+from pw_elements.contact.output.fields import SideResults, check_state, mortar_sides, own_results
 from pw_elements.elasticity import Body, StressState, SurfaceNodes
 from pw_elements.pictures import SUB_TRIANGLES, check_axes
 
@@ -88,51 +85,40 @@ def plot(
         raise ValueError(f"pair {pair}: the state has {len(state.pairs)}, counted from 0")
     if along is not None and (dim == 3 or along not in (0, 1)):
         raise ValueError(f"along = {along}: lines in the plane run along coordinate 0 or 1")
-    side = _Side.of(pair, state, body, opposite)
+    surface, side = _side(pair, state, body, opposite)
     axes = plt.subplots(layout="constrained")[1] if axes is None else axes
     name = "pressure" if state.smallness else "nominal pressure"
     if dim == 3:
-        _face(axes, side, name, unit)
+        _face(axes, surface, side, name, unit)
     else:
         names = "rz" if body.state is StressState.AXISYMMETRIC else "xy"
-        _line(axes, side, along, name)
+        _line(axes, surface, side, along, name)
         axes.set(xlabel="arc length" if along is None else names[along])
         axes.set(ylabel=f"traction [{unit}]" if unit else "traction")
     return axes
 
 
-@dataclass(frozen=True)
-class _Side:
-    """Values that are drawn of one side of a pair, at its nodes (m)."""
-
-    surface: SurfaceNodes
-    normal: Array
-    friction: Array
-    status: npt.NDArray[np.int8]
-    pressure: Array
-    traction: Array
-
-    @classmethod
-    def of(cls, number: int, state: ContactState, body: Body, opposite: bool) -> _Side:
-        own, other = mortar_sides(number, state, body, body.spaces.displacements.trial)
+def _side(
+    number: int, state: ContactState, body: Body, opposite: bool
+) -> tuple[SurfaceNodes, SideResults]:
+    own, other = mortar_sides(number, state, body, body.spaces.displacements.trial)
+    pair = state.pairs[number]
+    if not opposite:
         assert own is not None
-        pair = state.pairs[number]
-        if not opposite:
-            pressure, _, traction = over_areas(own, pair)
-            return cls(own, pair.normal, pair.friction, pair.status, pressure, traction)
-        if other is None or other.surface is None:
-            raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
-        seen = other.results(pair)
-        found = seen.normal, seen.friction, seen.status, seen.pressure, seen.traction
-        return cls(other.surface, *found)
+        return own, own_results(own, pair)
+    if other is None or other.surface is None:
+        raise ValueError(f"opposite = True: what pair {number} faces is no deformable surface")
+    return other.surface, other.results(pair)
 
 
-def _line(axes: Axes, side: _Side, along: int | None, name: str) -> None:
+def _line(
+    axes: Axes, surface: SurfaceNodes, side: SideResults, along: int | None, name: str
+) -> None:
     pressure, traction = side.pressure, side.traction
     rough, bounds = bool(np.any(side.friction > 0)), rf"$\pm\mu\,\times$ {name}"
     end = 0.0
-    for chain in _chains(side.surface.edges):
-        x, normal = side.surface.position[chain], side.normal[chain]
+    for chain in _chains(surface.edges):
+        x, normal = surface.position[chain], side.normal[chain]
         onwards = np.gradient(x, axis=0)
         if along is None:
             steps = np.linalg.norm(np.diff(x, axis=0), axis=1)
@@ -161,11 +147,11 @@ def _line(axes: Axes, side: _Side, along: int | None, name: str) -> None:
     axes.legend(once.values(), once.keys(), frameon=False)
 
 
-def _face(axes: Axes, side: _Side, name: str, unit: str) -> None:
+def _face(axes: Axes, surface: SurfaceNodes, side: SideResults, name: str, unit: str) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.tri import Triangulation
 
-    surface, pressure = side.surface, side.pressure
+    pressure = side.pressure
     seen = np.delete(np.arange(3), np.abs(side.normal.sum(axis=0)).argmax())
     x, y = surface.position[:, seen].T
     known = np.isfinite(pressure)

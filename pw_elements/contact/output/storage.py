@@ -17,7 +17,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import collective
+from pw_elements.checks import arguments, collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
 from pw_elements.solvers import SolverReport
@@ -42,13 +42,14 @@ _NEAR = 1e-8
 
 
 def write_state(
-    path: Path,
+    path: str | Path,
     state: ContactState,
     space: fem.FunctionSpace,
-    history: Sequence[fem.FunctionSpace] = (),
-    problem: Mapping[str, Array] | None = None,
+    history: Sequence[fem.FunctionSpace],
+    problem: Mapping[str, Array],
 ) -> None:
     """Writes a state whole or not at all, on one process, if it is a solution of a `problem`."""
+    path = checked_path(path)
     if not state.converged:
         raise ValueError("the state is not a solution: no increment can continue from it")
     comm = space.mesh.comm
@@ -69,7 +70,7 @@ def write_state(
         numbers |= {name: None if part is None else vars(part) for name, part in told.items()}
         numbers |= {"orientations": sorted(state.orientations)}
         numbers |= {"format": _FORMAT, "pairs": len(state.pairs)}
-        arrays |= {f"{_PROBLEM}{name}": values for name, values in (problem or {}).items()}
+        arrays |= {f"{_PROBLEM}{name}": values for name, values in problem.items()}
         arrays["state"] = np.array(json.dumps(numbers))
         arrays["digest"] = _digest(arrays)
     with collective(comm):
@@ -81,13 +82,13 @@ def write_state(
 
 
 def read_state(
-    path: Path,
+    path: str | Path,
     space: fem.FunctionSpace,
-    history: Sequence[fem.FunctionSpace] = (),
-    problem: Mapping[str, Array] | None = None,
+    history: Sequence[fem.FunctionSpace],
+    problem: Mapping[str, Array],
 ) -> ContactState:
     """Reads a state of a `problem`, each process the values of its own nodes."""
-    comm = space.mesh.comm
+    path, comm = checked_path(path), space.mesh.comm
     with collective(comm):
         try:
             data = b""
@@ -122,7 +123,7 @@ def read_state(
         )
     row = {name: _rows(path, arrays[nodes], of) for name, nodes, of in parts}
     own = {name: arrays[name][row[name]].ravel() for name in row}
-    for name, known in (problem or {}).items():
+    for name, known in problem.items():
         stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
         near = _SAME * np.abs(known[np.isfinite(known)]).max(initial=0.0)
         if stored.shape != known.shape or not np.allclose(stored, known, rtol=0, atol=near):
@@ -145,6 +146,12 @@ def read_state(
     values["pairs"] = tuple(PairState(**pair) for pair in pairs)
     values["history"] = tuple(_with_ghosts(of, own[name]) for name, _, of in parts[len(fields) :])
     return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
+
+
+def checked_path(path: str | Path) -> Path:
+    """The path of a file."""
+    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
+    return Path(path)
 
 
 def _parts(
@@ -214,13 +221,11 @@ def _write(path: Path, arrays: dict[str, npt.NDArray]) -> None:
     path = path.resolve()  # of a link, what it leads to
     _refuse_irregular(path, "it is not replaced")
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
-    unfinished = temporary.open("xb")
     try:
-        with unfinished as stream:
+        with temporary.open("xb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **arrays)
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)
-    except BaseException:
+    finally:
         temporary.unlink(missing_ok=True)
-        raise

@@ -150,10 +150,9 @@ class FiniteStepping:
         along = kinematics.stuck(moved, past.displacement, closed)
         place = kinematics(moved, along, past.force)
         first = sticking(closed | (place.gap < 0), interface.cone, place.frame.shape[1] - 1)
-        told = reporter.iterated if reporter.wanted else None
         policy = Policy(lambda *_: [], interface)
         met = len(system.tangent.solver.orientations)
-        now = newton(increment, first, place, policy, self._most, told)
+        now = newton(increment, first, place, policy, self._most, reporter.iteration)
         reporter.violation = increment.violation(now)
         lost = kinematics.lost(now.place, now.contact.pressing > 0)
         jumped = interface.gathered(interface.position[lost])
@@ -221,7 +220,6 @@ class FiniteStepping:
         return self._system
 
     def _restore(self, state: ContactState) -> None:
-        """Unknown and history of a state."""
         self._body.take(state.unknowns)
         for function, values in zip(self.history, state.history, strict=False):
             function.x.array[:] = values

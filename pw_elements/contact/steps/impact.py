@@ -22,14 +22,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import (
-    Reduction,
-    check_load,
-    check_problem,
-    critical_step,
-    diagonal_mass,
-    is_finite,
-)
+from pw_elements.algebra import Reduction, check_problem, critical_step, diagonal_mass
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import (
     answer,
@@ -43,7 +36,12 @@ from pw_elements.checks import (
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
-from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
+from pw_elements.contact.steps.problem import (
+    PathInTime,
+    check_nodal_load,
+    checked_paths,
+    checked_problem,
+)
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
 from pw_elements.progress import doing
 from pw_elements.solvers import is_blocked
@@ -366,7 +364,6 @@ class _March:
         self.reach = [np.inf] * len(paths)  # farthest that each surface may move in a step
 
     def advance(self) -> NodalContact:
-        """Advances everything by one step."""
         interface, dt = self._interface, self._step
         time = dt * len(self.forces)
         load, now = self._loads(time), self._u.array_r.copy()
@@ -402,8 +399,7 @@ class _March:
         self._K.mult(self._u, self._inner)
 
         half = (self._u.array_r - self._before) / 2
-        normal_force = contact.pressed[:, None] * normal
-        pushes = (normal_force, contact.friction)
+        pushes = contact.pressed[:, None] * normal, contact.friction
         self._before = now
         self._keep(np.array([load @ half, *(np.sum(push * half[self._rows]) for push in pushes)]))
         self.forces.append(contact.force)
@@ -457,9 +453,7 @@ class _March:
             return np.zeros_like(self._mass) if given is None else np.asarray(given.array_r)
         with collective(self._comm):
             load = answer(self._comm, "the load", given, time)
-            check_load(f"the load at the time {time:.6g}", load, self._K)
-        if not is_finite(load):
-            raise ValueError(f"the load at the time {time:.6g} is not finite")
+        check_nodal_load(f"the load at the time {time:.6g}", load, self._K)
         return np.asarray(load.array_r)
 
     def _translations(self, time: float) -> Array:

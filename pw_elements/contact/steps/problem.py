@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -100,7 +99,7 @@ def checked_paths(
             "a pressure has no mass: impact is one of displacements alone, as of "
             "Spaces.petrov_galerkin(mesh)"
         )
-    each = _of_pairs("paths", paths if isinstance(paths, Iterable) else [paths], len(pairs))
+    each = _of_pairs("paths", paths, len(pairs))
     for k, path in enumerate(each):
         _check_function(f"the path of contact pair {k}", path, "it has to be a function of time")
     return each
@@ -116,7 +115,6 @@ def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
 
 
 def checked_step(
-    space: fem.FunctionSpace,
     pairs: Sequence[ContactPair],
     own: ContactState,
     state: ContactState,
@@ -128,71 +126,46 @@ def checked_step(
     if not state.converged:
         raise ValueError("the state at the start is no solution: it can be a guess only")
     if guess is not None:
-        _check_guess(guess, len(own.pairs))
-    given: Any = () if motions is None else motions
-    each = given if isinstance(given, Iterable) else [given]
-    moved = _of_pairs("motions", each, len(own.pairs))
-    for k, motion in enumerate(moved):
-        if motion is not None:
-            _check_motions([motion], space, pairs[k], k)
+        _check_guess(guess, len(pairs))
+    moved = _of_pairs("motions", () if motions is None else motions, len(pairs))
+    _check_motions(moved, pairs, len(own.pairs[0].translation))
     return moved
 
 
-def check_nodal_load(load: object, K: PETSc.Mat, comm: MPI.Comm) -> None:
+def check_nodal_load(what: str, load: object, K: PETSc.Mat) -> None:
     """Raises an error for what is no load (n,) of a stiffness (n, n)."""
-    with collective(comm):
-        check_load("the load", load, K)
+    with collective(K.comm.tompi4py()):
+        check_load(what, load, K)
     if not is_finite(load):
-        raise ValueError("the load is not finite")
-
-
-def checked_loading(
-    load: Any,  # noqa: ANN401
-    guess: ContactState | None,
-) -> Loading | None:
-    """What changes in an increment of a residual."""
-    remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
-    _check_function("the load of a residual", load, remedy)
-    if guess is not None:
-        raise ValueError("a problem of a residual starts from its state: it takes no guess")
-    return load
-
-
-def checked_history(
-    history: Sequence[fem.Function], update: Callable[[], None] | None, comm: MPI.Comm
-) -> list[fem.Function]:
-    """Functions that belong to the state."""
-    _check_function("update", update, "it has to be a function")
-    with collective(comm) as same:
-        same["the history"] = [getattr(one, "function_space", None) for one in history]
-        return _each(history, fem.Function, "a function of the history")
+        raise ValueError(f"{what} is not finite")
 
 
 def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
     """Raises a ValueError that says what to use where deformed bodies cannot touch a surface."""
-    comm, dim = space.mesh.comm, space.mesh.geometry.dim
     for k, pair in enumerate(pairs):
-        if pair.interference:
-            raise ValueError(
-                f"contact pair {k} has interference, which small displacements only can have: "
-                "start with the surface outside of the body, and move it in"
-            )
-        if getattr(pair.surface, "gradient", True) is None:
+        surface, wrong = pair.surface, ""
+        if getattr(surface, "gradient", True) is None:
             words = f"contact pair {k}: differences stand in for a gradient function"
-            told(comm, logging.WARNING, words, ".contact")
-        if isinstance(pair.surface, DeformableSurface):
-            if dim == 3 or pair.surface.coincident:
-                raise ValueError(
-                    f"contact pair {k}: two deformed bodies slide on each other in the plane and "
-                    "in axisymmetry only, and from where they are: sides cannot count as coincident"
-                )
-        elif not isinstance(pair.surface, RigidBody):
-            raise ValueError(
-                f"contact pair {k}: deformed bodies cannot touch a "
-                f"{type(pair.surface).__name__}, which knows no closest points; use Sphere (a "
-                "circle in the plane), Plane or SignedDistance, such as one of a punch with "
-                "rounded edges"
+            told(space.mesh.comm, logging.WARNING, words, ".contact")
+        if pair.interference:
+            wrong = (
+                "it has interference, which small displacements only can have: start with the "
+                "surface outside of the body, and move it in"
             )
+        elif isinstance(surface, DeformableSurface):
+            if space.mesh.geometry.dim == 3 or surface.coincident:
+                wrong = (
+                    "two deformed bodies slide on each other in the plane and in axisymmetry only, "
+                    "and from where they are: sides cannot count as coincident"
+                )
+        elif not isinstance(surface, RigidBody):
+            wrong = (
+                f"deformed bodies cannot touch a {type(surface).__name__}, which knows no closest "
+                "points; use Sphere (a circle in the plane), Plane or SignedDistance, such as one "
+                "of a punch with rounded edges"
+            )
+        if wrong:
+            raise ValueError(f"contact pair {k}: {wrong}")
 
 
 def checked_increments(
@@ -200,40 +173,29 @@ def checked_increments(
     loads: PETSc.Vec | Sequence[PETSc.Vec],
     pairs: Sequence[ContactPair],
     start: ContactState | Sequence[ContactState],
-    space: fem.FunctionSpace,
+    dim: int,
 ) -> list[tuple[PETSc.Vec, list[Motion | None], ContactState | None]]:
     """Load, motion of each pair, and state to start from, of each increment."""
-    comm = space.mesh.comm
-    motions: list[list[Motion | None]] = []
-    with collective(comm):
-        given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
-        if not given:
-            raise ValueError("there is no load increment")
-        for k, load in enumerate(given):
-            check_load(f"the load of increment {k}", load, K)
-        for k, pair in enumerate(pairs):
-            moved = _each(pair.motions, Motion, "a motion")
-            if moved and len(moved) != len(given):
-                raise ValueError(
-                    f"contact pair {k} has {len(moved)} motions for {len(given)} increments"
-                )
-            _check_motions(moved, space, pair, k)
-            motions.append(moved or [None] * len(given))
-        guesses = _each(start, ContactState, "a state to start from")
-        if guesses and len(guesses) != len(given):
-            raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
-        for state in guesses:
-            _check_guess(state, len(pairs))
+    given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
+    if not given:
+        raise ValueError("there is no load increment")
     for k, load in enumerate(given):
-        if not is_finite(load):
-            raise ValueError(f"the load of increment {k} is not finite")
-    steps = map(list, zip(*motions, strict=True))
+        check_nodal_load(f"the load of increment {k}", load, K)
+    motions = [_each(pair.motions, Motion, "a motion") or [None] * len(given) for pair in pairs]
+    for k, moved in enumerate(motions):
+        if len(moved) != len(given):
+            raise ValueError(
+                f"contact pair {k} has {len(moved)} motions for {len(given)} increments"
+            )
+    guesses = _each(start, ContactState, "a state to start from")
+    if guesses and len(guesses) != len(given):
+        raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
+    steps = list(map(list, zip(*motions, strict=True)))
+    for guess in guesses:
+        _check_guess(guess, len(pairs))
+    for moved in steps:
+        _check_motions(moved, pairs, dim)
     return list(zip(given, steps, guesses or [None] * len(given), strict=True))
-
-
-def checked_path(path: str | Path) -> Path:
-    arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
-    return Path(path)
 
 
 def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
@@ -257,12 +219,12 @@ def _each(given: Any, kind: type, what: str) -> list:  # noqa: ANN401
     return things
 
 
-def _of_pairs(what: str, given: Iterable, pairs: int) -> list:
-    """As many things as there are pairs, None of each if none are given."""
-    each = list(given) or [None] * pairs
-    if len(each) != pairs:
+def _of_pairs(what: str, given: Any, pairs: int) -> list:  # noqa: ANN401
+    """As many things as there are pairs, None of each if none are given; a single one alone."""
+    each = list(given) if isinstance(given, Iterable) else [given]
+    if len(each or [None] * pairs) != pairs:
         raise ValueError(f"{len(each)} {what} for {pairs} contact pairs")
-    return each
+    return each or [None] * pairs
 
 
 def _check_function(name: str, given: object, remedy: str) -> None:
@@ -273,8 +235,7 @@ def _check_function(name: str, given: object, remedy: str) -> None:
 def _check_finite(state: ContactState, what: str) -> None:
     for pair in state.pairs:
         names = ("force_normal", "force_tangential", "displacement", "translation", "rotation")
-        known = [getattr(pair, name) for name in names]
-        if not all(np.isfinite(values).all() for values in known):
+        if not all(np.isfinite(getattr(pair, name)).all() for name in names):
             raise ValueError(f"{what} has forces or displacements that are not finite")
 
 
@@ -286,14 +247,16 @@ def _check_guess(state: ContactState, pairs: int) -> None:
 
 
 def _check_motions(
-    motions: Sequence[Motion], space: fem.FunctionSpace, pair: ContactPair, number: int
+    motions: Sequence[Motion | None], pairs: Sequence[ContactPair], dim: int
 ) -> None:
-    dim = space.mesh.geometry.dim
-    for motion in _each(motions, Motion, f"a motion of contact pair {number}"):
+    for k, (motion, pair) in enumerate(zip(motions, pairs, strict=True)):
+        if motion is None:
+            continue
+        _each([motion], Motion, f"a motion of contact pair {k}")
         if len(motion.translation) != dim:
-            raise ValueError(f"the motion of contact pair {number} is not {dim}-D")
+            raise ValueError(f"the motion of contact pair {k} is not {dim}-D")
         if pair.pivot is None and motion.rotation != 0:
-            raise ValueError(f"contact pair {number} turns about nothing: give it a pivot")
+            raise ValueError(f"contact pair {k} turns about nothing: give it a pivot")
 
 
 class ContactProblem:
@@ -403,7 +366,10 @@ class ContactProblem:
         problem = PetrovGalerkinProblem(residual, u, conditions)
         space = u.function_space
         own = cls.__new__(cls)
-        functions = checked_history(history, update, space.mesh.comm)
+        _check_function("update", update, "it has to be a function")
+        with collective(space.mesh.comm) as same:
+            same["the history"] = [getattr(one, "function_space", None) for one in history]
+            functions = _each(history, fem.Function, "a function of the history")
         reduction = Reduction.dirichlet(space, conditions)
         taken = auto_solver(solver or Direct(), reduction.supports)
         problem.system.blocked = is_matrix_free(taken)
@@ -465,11 +431,15 @@ class ContactProblem:
                 "auto" then goes on with factors if there is memory for them, and stays with them.
                 With a residual smaller parts are tried, and it is a NotFound.
         """
-        moved = checked_step(self._space, self.pairs, self.undeformed, state, motions, guess)
+        moved = checked_step(self.pairs, self.undeformed, state, motions, guess)
         if self._finite is not None:
-            return self._finite.step(state, checked_loading(load, guess), moved)
+            remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
+            _check_function("the load of a residual", load, remedy)
+            if guess is not None:
+                raise ValueError("a problem of a residual starts from its state: it takes no guess")
+            return self._finite.step(state, load, moved)
         load = self._K.createVecRight() if load is None else load
-        check_nodal_load(load, self._K, self._space.mesh.comm)
+        check_nodal_load("the load", load, self._K)
         self._renew()
 
         def stepped(solver: LinearSolver) -> ContactState:
@@ -553,7 +523,8 @@ class ContactProblem:
         out = checked_outputs(outputs, len(self.pairs), *known)
         by = checked_parameters(parameters, len(states), self.pairs, *known)
         parts = list(parts_of(states, loads or [None] * steps))
-        derivatives = Derivatives(increments, self._finite, parts, out, by)
+        made = increments.interface, increments.linearised, self._finite
+        derivatives = Derivatives(*made, parts, out, by)
         if weights is None:
             return derivatives.direct()
         weights = np.asarray(weights, dtype=float)
@@ -597,9 +568,7 @@ class ContactProblem:
             ValueError: for a state of other contact nodes.
             OSError: if the file cannot be written.
         """
-        with collective(self._space.mesh.comm):
-            check_belongs(state, self.undeformed, "the state")
-        path = checked_path(path)
+        check_belongs(state, self.undeformed, "the state")
         write_state(path, state, self._space, self._histories, self._fingerprint())
 
     @same_everywhere
@@ -615,10 +584,7 @@ class ContactProblem:
                 another mesh, stiffness, friction, surface or pivot.
             OSError: if the file cannot be read.
         """
-        path = checked_path(path)
-        state = read_state(path, self._space, self._histories, self._fingerprint())
-        check_belongs(state, self.undeformed, "the file's state")
-        return state
+        return read_state(path, self._space, self._histories, self._fingerprint())
 
 
 @same_everywhere
@@ -662,7 +628,7 @@ def solve_contact(
             They name the increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    increments = checked_increments(K, loads, problem.pairs, start, space)
+    increments = checked_increments(K, loads, problem.pairs, start, space.mesh.geometry.dim)
     states = [problem.undeformed]
     for k, (load, motions, guess) in enumerate(increments):
         try:

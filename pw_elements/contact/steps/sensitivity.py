@@ -16,7 +16,7 @@ derivative of its equations: P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
 doi:10.1002/nme.1620371408.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal, Protocol, TypeAlias
@@ -33,13 +33,7 @@ from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array
 from pw_elements.checks import arguments, listed
 from pw_elements.contact.interface import Interface
-from pw_elements.contact.iteration import (
-    Increment,
-    Iterate,
-    LinearisedLaw,
-    Tangent,
-    equations,
-)
+from pw_elements.contact.iteration import Increment, Iterate, LinearisedLaw, Tangent, equations
 from pw_elements.contact.model import ContactPair, ContactState, Coulomb
 from pw_elements.spaces import assemble_scalar, assemble_vector
 
@@ -156,7 +150,6 @@ class Linearised:
         self._by_friction = np.einsum("nat,nt->na", to_nodes[:, :, 1:], friction)
 
     def _check_margin(self, increment: Increment, now: Iterate) -> None:
-        """Raises ValueError where a status is about to change."""
         interface, contact = self._system.interface, now.contact
         slides = (contact.pressing > 0) & contact.cone.rough & contact.frame[:, 1:].any(axis=(1, 2))
         apart = np.abs(np.linalg.norm(contact.shearing, axis=1) - contact.limits[0])
@@ -228,18 +221,8 @@ class Linearised:
         return reduction.load(self._K, given.load), law, totals, moved, reduction.offset
 
 
-class Increments(Protocol):
-    """What makes increments, and can go back to the end of one."""
-
-    interface: Interface
-
-    def linearised(self, part: Part) -> Linearised:
-        """The equations at the end of a part, where it leaves u, constants and conditions."""
-        ...
-
-
 class Residual(Protocol):
-    """What increments of a residual have besides."""
+    """What increments of a residual have besides those of a stiffness."""
 
     form: ufl.Form
     u: fem.Function
@@ -250,17 +233,22 @@ class Residual(Protocol):
 
 
 class Derivatives:
-    """Derivatives of outputs by parameters with their rates (states, ...), both of them checked."""
+    """Derivatives of outputs by parameters with their rates (states, ...), both of them checked.
+
+    The equations at the end of a part are `linearised` where this leaves u, constants, conditions.
+    """
 
     def __init__(
         self,
-        increments: Increments,
+        interface: Interface,
+        linearised: Callable[[Part], Linearised],
         residual: Residual | None,
         parts: Sequence[Part],
         outputs: Sequence[Output],
         parameters: Sequence[tuple[Parameter, Array]],
     ) -> None:
-        self._increments, self._residual, self._parts = increments, residual, parts
+        self._interface, self._at_end = interface, linearised
+        self._residual, self._parts = residual, parts
         self._outputs, self._parameters = outputs, parameters
 
     def direct(self) -> Array:
@@ -291,7 +279,7 @@ class Derivatives:
 
     def _linearised(self, part: Part) -> Linearised:
         try:
-            return self._increments.linearised(part)
+            return self._at_end(part)
         except ValueError as error:
             where = "" if part.share == 1 else f", at {part.share:.4g} of its increment,"
             raise ValueError(f"state {part.number + 1}{where} {error}") from error
@@ -302,50 +290,45 @@ class Derivatives:
         return nothing
 
     def _none(self) -> Change:
-        start, position = self._parts[0].start, self._increments.interface.position
+        start, position = self._parts[0].start, self._interface.position
         return Change(self._nothing(), np.zeros_like(start.translations), np.zeros_like(position))
 
     def _given(self, part: Part) -> list[Given]:
         """Rates of each parameter at the end of a part."""
-        each = []
+        each, k, share = [], part.number, part.share
         for parameter, rates in self._parameters:
-            k, share = part.number, part.share
             rate = (1 - share) * rates[k] + share * rates[k + 1]
-            nothing, motions = self._nothing(), np.zeros_like(part.state.translations)
-            given = Given(nothing, self._nothing(), motions, np.zeros(len(motions)))
-            thing = _thing(parameter)
-            if isinstance(thing, fem.Constant):
-                given = replace(
-                    given, load=self._load(thing, rate), offset=self._offset(thing, rate)
-                )
-            elif isinstance(thing, PETSc.Vec):
-                given.load.axpy(float(rate), thing)
-            elif thing == "friction":
-                given.friction[parameter[1]] = rate
-            else:
-                given.motions[parameter[1]] = rate
-            each.append(given)
+            load, offset = self._nothing(), self._nothing()
+            motions = np.zeros_like(part.state.translations)
+            friction = np.zeros(len(motions))
+            match _thing(parameter):
+                case fem.Constant() as constant:
+                    load, offset = self._by(constant, rate)
+                case PETSc.Vec() as vector:
+                    load.axpy(float(rate), vector)
+                case "friction":
+                    friction[parameter[1]] = rate
+                case _:
+                    motions[parameter[1]] = rate
+            each.append(Given(load, offset, motions, friction))
         return each
 
-    def _load(self, constant: fem.Constant, rate: Array) -> PETSc.Vec:
-        assert self._residual is not None  # others have no constants
-        change = _by_constant(self._residual.form, constant, rate)
-        load = self._nothing()
+    def _by(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Changes of the load, and of prescribed displacements, along the rate of a constant."""
+        residual = self._residual
+        assert residual is not None  # others have no constants
+        change, load = _by_constant(residual.form, constant, rate), self._nothing()
         if not change.empty():
             load.axpy(-1.0, assemble_vector(change))
-        return load
-
-    def _offset(self, constant: fem.Constant, rate: Array) -> PETSc.Vec:
-        """By differences, which are exact: conditions hold a constant as it is."""
-        assert self._residual is not None
-        value, ends = constant.value.copy(), []
-        for sign in (1.0, -1.0):
-            constant.value = value + sign * rate
-            ends.append(self._residual.prescribed())
+        value = constant.value.copy()
+        # differences are exact: conditions hold a constant as it is
+        constant.value = value + rate
+        offset = residual.prescribed()
+        constant.value = value - rate
+        offset.axpy(-1.0, residual.prescribed())
+        offset.scale(0.5)
         constant.value = value
-        ends[0].axpy(-1.0, ends[1])
-        ends[0].scale(0.5)
-        return ends[0]
+        return load, offset
 
     def _weights(self, output: Output) -> Change:
         """What makes an output of changes, where u is now."""
@@ -362,7 +345,7 @@ class Derivatives:
         if what == "translation":
             weights.translations[pair, axis] = 1.0
         else:
-            weights.force[self._increments.interface.pair == pair, axis] = 1.0
+            weights.force[self._interface.pair == pair, axis] = 1.0
         return weights
 
     def _explicit(self, output: Output, part: Part) -> Array:

@@ -75,8 +75,6 @@ from pw_elements.spaces import Assembled
 
 # Smallest part of an increment
 _SMALLEST = 1 / 16
-# What counts as no gap, over the extent of the contact nodes
-_TOUCHING = 1e-9
 
 # What is tried where the iteration fails: one without active sets, and smaller increments; and
 # what either may take, over the first attempt, which counts as so many linear systems at least
@@ -179,20 +177,6 @@ def between(start: Target, end: Target, share: float) -> Target:
     )
 
 
-def homogeneous(state: ContactState) -> bool:
-    """Whether every part of a step from a state is like the whole, so that cutting it is idle.
-
-    That is so without forces and gaps: the undeformed body on surfaces that it touches all over.
-    """
-    if state.increment:
-        return False
-    extent = max(float(np.ptp(pair.position, axis=0).max()) for pair in state.pairs)
-    return all(
-        np.all(np.abs(pair.gap[np.isfinite(pair.gap)]) <= _TOUCHING * extent)
-        for pair in state.pairs
-    )
-
-
 def divided(
     step: Callable[[ContactState, float], ContactState],
     state: ContactState,
@@ -267,44 +251,44 @@ class Reporter:
         told_of = logging.getLogger("pw_elements.contact").isEnabledFor(logging.DEBUG)
         logged = comm.rank == 0 and told_of
         self.violation = 0.0  # of the last solution, as in `Progress`
-        # whether anybody wants to know of iterations
-        self.wanted: bool = comm.allreduce(bool(callback or logged), MPI.LOR)
+        # what tells of an iteration, if anybody wants to know
+        wanted = comm.allreduce(bool(callback or logged), MPI.LOR)
+        self.iteration = self._iterated if wanted else None
 
-    def iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
-        """Tells of an iteration."""
-        counts = self._comm.allreduce(np.bincount(active.status, minlength=3))
-        now = Progress(self._increment, iteration, violation, *_three(counts))
-        self._log(
-            logging.DEBUG, f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
-        )
-        self._call(now)
+    def _iterated(self, iteration: int, active: ActiveSet, violation: float) -> None:
+        counts = self._comm.allreduce(np.bincount(active.status, minlength=HELD + 1))
+        now = self._progress(iteration, violation, counts)
+        words = f"iteration {iteration}: {now}, violation / tolerance {violation:.1e}"
+        self._tell(logging.DEBUG, words, now)
 
     def ended(self, state: ContactState, seconds: float) -> None:
         """Tells of the end of the increment, which took some seconds."""
         status = np.concatenate([pair.status for pair in state.pairs])
-        counts = np.bincount(status, minlength=3)
-        now = Progress(self._increment, state.iterations, self.violation, *_three(counts), state)
-        report = state.report
-        self._log(
-            logging.INFO,
+        counts, report = np.bincount(status, minlength=HELD + 1), state.report
+        now = self._progress(state.iterations, self.violation, counts, state)
+        words = (
             f"{now.iteration} iterations, {now}, residual {state.residuals.largest():.1e}, "
-            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s",
+            f"{report.method}, {report.factorisations} factorisations, {seconds:.2f} s"
         )
-        if self.wanted:
-            self._call(now)
+        self._tell(logging.INFO, words, now)
 
-    def _log(self, level: int, what: str) -> None:
-        told(self._comm, level, f"increment {self._increment}: {what}", ".contact")
+    def _progress(
+        self,
+        iteration: int,
+        violation: float,
+        counts: npt.NDArray[np.intp],
+        state: ContactState | None = None,
+    ) -> Progress:
+        sticking = int(counts[STICK] + counts[HELD])
+        each = int(counts[OPEN]), sticking, int(counts[SLIP])
+        return Progress(self._increment, iteration, violation, *each, state)
 
-    def _call(self, now: Progress) -> None:
-        """Calls the user's function; what it raises on one process is raised on all."""
+    def _tell(self, level: int, words: str, now: Progress) -> None:
+        """Logs, and calls the user's function: what it raises on one process is raised on all."""
+        told(self._comm, level, f"increment {self._increment}: {words}", ".contact")
         with collective(self._comm):
             if self._callback is not None:
                 self._callback(now)
-
-
-def _three(counts: npt.NDArray[np.intp]) -> tuple[int, int, int]:
-    return int(counts[OPEN]), int(counts[STICK] + counts[HELD:].sum()), int(counts[SLIP])
 
 
 class Stepping:
@@ -372,7 +356,7 @@ class Stepping:
         self, state: ContactState, end: Target, reporter: Reporter
     ) -> list[tuple[float, ContactState]]:
         """Ends (share, state) of the parts that are found on the way to a target."""
-        if "cutback" not in self._remedies or homogeneous(state):
+        if "cutback" not in self._remedies:
             return []
         start, budget = held_by(state, self._K, self.interface), self._budget("cutback")
         comm = self.interface.comm
@@ -412,10 +396,9 @@ class Stepping:
             if proof := proved():
                 raise proof
 
-        told = reporter.iterated if reporter.wanted else None
         most = self._most if budget is None else int(max(1, min(self._most, budget.left)))
         try:
-            now = newton(increment, active, place, policy(), most, told, doubt)
+            now = newton(increment, active, place, policy(), most, reporter.iteration, doubt)
         except (ContactFailed, NotConverged) as failure:
             solved = increment.system.solved - before[0]
             if budget is None:
