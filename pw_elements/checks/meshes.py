@@ -212,9 +212,9 @@ class _Surface:
         around = self.corner[facet] - x[:, None]
         if around.shape[1] == 4:
             around, size = around[:, [0, 1, 3, 2]], 2 * size
-        if around.shape[2] == 3:  # triangles between the point and each edge
-            around = np.cross(around, np.roll(around, -1, axis=1))
-        fan = np.linalg.norm(around, axis=2).sum(axis=1)
+        # in space triangles between the point and each edge
+        spans = np.cross(around, np.roll(around, -1, axis=1)) if x.shape[1] == 3 else around
+        fan = np.linalg.norm(spans, axis=2).sum(axis=1)
         return (height < _NEAR * self._radius[facet] * size) & (fan < (1 + _NEAR) * size)
 
     def check_overlap(self) -> None:
