@@ -176,8 +176,8 @@ def test_large_friction_has_several_answers_and_says_so():
 
     def slipping(state):
         """The same, as a guess, with a node that slips."""
-        status, direction = np.array([SLIP], dtype=np.int8), np.array([[side, 0.0]])
-        changed = replace(state.pairs[0], status=status, direction=direction)
+        status, force = np.array([SLIP], dtype=np.int8), np.array([[side, 0.0]])
+        changed = replace(state.pairs[0], status=status, force_tangential=force)
         return [replace(state, pairs=(changed,))]
 
     # the equations of slip have no solution, or at the limit of stick one for any slip

@@ -340,12 +340,23 @@ def resumed(interface: Interface, place: Place, before: ContactState) -> ActiveS
 
 
 def _transferred(interface: Interface, place: Place, guess: ContactState) -> ActiveSet:
-    """The active set of the nearest nodes of another mesh's state."""
-    pairs = []
+    """Status and direction of the nearest node of another mesh's state."""
+    n, dim = interface.position.shape
+    status, force, pressing = np.zeros(n, dtype=np.int8), np.zeros((n, dim)), np.zeros(n)
     for k, pair in enumerate(guess.pairs):
-        near = cKDTree(pair.position).query(interface.in_order(k, interface.position))[1]
-        names = ("status", "direction", "turning", "force_normal")
-        pairs.append(replace(pair, **{name: getattr(pair, name)[near] for name in names}))
-    found, cone = resumed(interface, place, replace(guess, pairs=tuple(pairs))), interface.cone
-    slides = cone.rough & np.any(found.direction != 0, axis=1)
-    return mixed(slides, found, sticking(found.status != OPEN, cone, found.direction.shape[1]))
+        mine = interface.pair == k
+        if mine.any():
+            nearest = cKDTree(pair.position).query(interface.position[mine])[1]
+            known = pair.status[nearest]
+            status[mine] = np.where(known == HELD, STICK, known)
+            force[mine] = pair.force_tangential[nearest]
+            pressing[mine] = pair.force_normal[nearest]
+    rough = interface.cone.rough
+    status[(status == STICK) & ~rough] = SLIP
+    tangential = np.einsum("nab,nb->na", place.frame[:, 1:], force)
+    size = np.linalg.norm(tangential, axis=1)
+    directed = (status == SLIP) & rough & (size > 0)
+    status[(status == SLIP) & rough & ~directed] = STICK
+    direction = np.where(directed, 1 / np.where(directed, size, 1.0), 0.0)[:, None]
+    turning, cone = directed.astype(float), interface.cone
+    return ActiveSet.of(status, direction * tangential, turning, cone, pressing)
