@@ -201,7 +201,7 @@ def test_uniqueness_is_not_examined_without_determinants():
     assert difference.norm() < 1e-10 * by_mumps.displacement.norm()
 
 
-FACTORISATIONS = 14  # as many as with the rule's first version, for 51 linear systems
+FACTORISATIONS = 4  # at most, for 51 linear systems
 
 
 def test_old_factors_serve_while_few_rows_change():
@@ -209,9 +209,8 @@ def test_old_factors_serve_while_few_rows_change():
     states = Block(80).solve(0.3, 60.0, increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1
-    assert sum(report.factorisations for report in reports) == FACTORISATIONS
-    assert sum(state.iterations for state in states) > 2 * FACTORISATIONS
-    assert sum(report.krylov_iterations for report in reports) > 0
+    assert sum(report.factorisations for report in reports) <= FACTORISATIONS
+    assert sum(state.iterations for state in states) > 10 * FACTORISATIONS
 
 
 def test_motions_and_forces_may_alternate():
