@@ -205,8 +205,8 @@ class SmallnessCheck:
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
         moved, ends = x + u.x.array.reshape(-1, dim), []
         for n in interface.gathered(normal):
-            far = np.argmax(x @ n)
-            ends.append([x[far] @ n, moved[far] @ n])
+            end = np.argmax(x @ n)
+            ends.append([x[end] @ n, moved[end] @ n])
         every = np.array(self._comm.allgather(np.reshape(ends, (-1, 2))))
         far = every[:, :, 0].argmax(axis=0)
         first = sum(self._comm.allgather(len(normal))[: self._comm.rank])
