@@ -459,7 +459,7 @@ class Overlap:
 
     def per_point(self, values: Array, m: int) -> Array:
         """Integrals (m,) of weights times values (q,), or (q, k) for each of the corners."""
-        values = values.reshape(len(values), -1)
+        values = np.atleast_2d(values.T).T
         part = (self.weight * (self.measure[:, None] * values))[self.point >= 0]
         return np.asarray(np.bincount(self.point[self.point >= 0], part, minlength=m), dtype=float)
 
