@@ -355,6 +355,7 @@ class FiniteEquilibrium:
         # coordinates' round-off, as forces
         self._lost = ROUND_OFF * float(system.scale.max(initial=0.0)) * guard.extent
         self._lost = system.comm.allreduce(self._lost, MPI.MAX) or np.finfo(float).tiny
+        self._lost_volume = 0.0
         body.take(start)
         if guard.smallest() <= 0:
             raise NotFound.at("cells at {} are turned inside out at the start", guard.places())
@@ -391,7 +392,8 @@ class FiniteEquilibrium:
 
     def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002
         """Unbalanced forces over those of contact and supports; infinite before all is applied."""
-        return unbalanced / (TOLERANCE * self._size + self._lost) if self._reached else np.inf
+        allowed = TOLERANCE * self._size + self._lost + self._lost_volume
+        return unbalanced / allowed if self._reached else np.inf
 
     @property
     def load(self) -> PETSc.Vec:
@@ -403,6 +405,20 @@ class FiniteEquilibrium:
         """K there, (n, n)."""
         self._linear()
         return self._tangent
+
+    def _round_off_of_volumes(self, K: PETSc.Mat) -> float:
+        """What round-off of coordinates leaves in the equations of pressures, reduced."""
+        if not is_hybrid(self._body.u.function_space):
+            return 0.0
+        (x, image), own, dim = K.createVecs(), self._field.owned, self._field.owned.shape[1]
+        x.array[own.ravel()] = self._field.space.tabulate_dof_coordinates()[
+            : len(own), :dim
+        ].ravel()
+        K.mult(x, image)
+        image.array[own.ravel()] = 0.0
+        volumes = self._reduction.left.createVecRight()
+        self._reduction.left.multTranspose(image, volumes)
+        return ROUND_OFF * float(volumes.norm(PETSc.NormType.INFINITY))
 
     def _arrive(self) -> None:
         """Takes the residual where the body is."""
@@ -424,7 +440,7 @@ class FiniteEquilibrium:
                 more.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
                 K, motion = more, self._sliding.motion
             self._system.renew(K, motion)
-            self._tangent = K
+            self._tangent, self._lost_volume = K, self._round_off_of_volumes(K)
             load = K.createVecLeft()
             K.mult(self._at, load)
             load.axpy(-1.0, self._forces)
