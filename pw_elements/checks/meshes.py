@@ -41,6 +41,8 @@ _CANCELS = 1e-6
 _NEAR = 1e-6
 # Cells whose Jacobians are in memory at the same time
 _CELLS_AT_ONCE = 20_000
+# Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
+_TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
 logger = logging.getLogger("pw_elements")
 _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
@@ -218,18 +220,40 @@ class _Surface:
         return (height < _NEAR * self._radius[facet] * size) & (fan < (1 + _NEAR) * size)
 
     def check_overlap(self) -> None:
-        """Refuses meshes in which centres of cells at the boundary lie in other cells, too."""
+        """Raises DegenerateMesh if centres of cells at the boundary lie in other cells, too.
+
+        A ray from each centre upwards leaves the body once oftener than it enters it.
+        """
         cells, mesh = self._cells, self._cells.mesh
-        centre = self._gathered(cells.middle[np.unique(self._cell)])
-        points = np.pad(centre, ((0, 0), (0, 3 - cells.dim)))
+        turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
+        centre = cells.middle[np.unique(self._cell)]
+        x, corner, up = centre @ turn, self.corner @ turn, (self.area @ turn)[:, -1]
+        if corner.shape[1] == 4:
+            corner, up = np.concatenate([corner[:, :3], corner[:, 1:]]), np.tile(up, 2)
+        shadow, under = corner[:, :, :-1], x[:, :-1]  # seen along the ray
+        middle = shadow.mean(axis=1)
+        radius = np.linalg.norm(shadow - middle[:, None], axis=2).max(axis=1)
+        facet, point = _near(cKDTree(under), middle, radius)
+        spans = np.linalg.inv(np.swapaxes(shadow[:, 1:] - shadow[:, :1], 1, 2))
+        share = np.einsum("nij,nj->ni", spans[facet], under[point] - shadow[facet, 0])
+        rise = (corner[:, 1:, -1] - corner[:, :1, -1])[facet]
+        height = corner[facet, 0, -1] + np.sum(share * rise, axis=1)
+        hit = (share >= 0).all(axis=1) & (share.sum(axis=1) < 1) & (height > x[point, -1])
+        times = np.bincount(point[hit], np.sign(up[facet[hit]]), len(x))
+        suspects = self._gathered(centre[times > 1.5])
+        if not len(suspects):
+            return
+        points = np.zeros((len(suspects), 3))
+        points[:, : cells.dim] = suspects
         own = np.arange(len(cells.middle), dtype=np.int32)
         tree = geometry.bb_tree(mesh, cells.dim, entities=own)
-        near = geometry.compute_collisions_points(tree, points)
-        number = np.diff(geometry.compute_colliding_cells(mesh, near, points).offsets)
+        found = geometry.compute_collisions_points(tree, points)
+        found = geometry.compute_colliding_cells(mesh, found, points)
+        number = np.diff(found.offsets)
         mesh.comm.Allreduce(MPI.IN_PLACE, number, MPI.SUM)
         if np.any(number > 1):
-            places = listed(np.unique(centre[number > 1], axis=0))
-            raise DegenerateMesh(f"cells around {places} lie in other parts of the mesh")
+            places = np.unique(suspects[number > 1], axis=0)
+            raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
 
     def log_contacts(self) -> None:
         pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
