@@ -111,7 +111,7 @@ def element(comm, name):
     supports = body.supports([prescribe(U, i, at(0, 0.0), 0.01 * i) for i in range(2)])
     a = solve(K, f, supports)
     wall = ContactPair(at(0, 0.0), Plane((0.0, 0.0), (1.0, 0.0)), 0.4)
-    pushed = assemble_vector(body.body.body_load((-1.0, -0.35)))
+    pushed = assemble_vector(body.body.body_load((-0.1, -0.035)))
     (state,) = solve_contact(K, pushed, body.supports([]), [wall], U)
     M = assemble_matrix(body.body.mass())
     found = {

@@ -8,8 +8,8 @@ things are refused of rigid surfaces:
 - nodes that a surface swallows, on its straight way to its place, from where it would push them
   outwards: against the outward normals of all facets around;
 - nodes in contact that are pushed outwards;
-- nodes in contact that have been pushed beyond the far side of the body, where its last node along
-  the push is now. As a whole it may move and bend however far with the surface.
+- nodes in contact that have been pushed beyond the far side of the body, where its last nodes along
+  the push are now. As a whole it may move and bend however far with the surface.
 """
 
 import logging
@@ -199,18 +199,19 @@ class SmallnessCheck:
         return wrong
 
     def _through(self, now: Iterate) -> Mask:
-        """Which points (m,) are beyond the node that was the farthest along their normals."""
+        """Which points (m,) are beyond the nodes that were the farthest along their normals."""
         interface, u = self._interface, self._gradients.u  # the latter has just been set
         dim, normal = interface.position.shape[1], now.contact.frame[:, 0]
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
-        moved, ends = x + u.x.array.reshape(-1, dim), []
-        for n in interface.gathered(normal):
-            end = np.argmax(x @ n)
-            ends.append([x[end] @ n, moved[end] @ n])
-        every = np.array(self._comm.allgather(np.reshape(ends, (-1, 2))))
-        far = every[:, :, 0].argmax(axis=0)
+        moved, every = x + u.x.array.reshape(-1, dim), interface.gathered(normal)
+        ends = np.array([(x @ n).max() for n in every])
+        ends = np.max(self._comm.allgather(ends), axis=0) - _NEAR * np.abs(x).max()
+        last = [
+            (moved @ n).max(where=x @ n >= end, initial=-np.inf)
+            for n, end in zip(every, ends, strict=True)
+        ]
         first = sum(self._comm.allgather(len(normal))[: self._comm.rank])
-        most = every[far, np.arange(len(far)), 1][first : first + len(normal)]
+        most = np.max(self._comm.allgather(last), axis=0)[first : first + len(normal)]
         own = np.sum(normal * (interface.position + now.displacement), axis=1)
         return own >= most - _NEAR * np.abs(most)
 
