@@ -15,7 +15,7 @@ from tests.oracle.random_contact import problem
 
 # Random problems on which the iteration cycles, crawls or meets round-off: plane strain
 # under a free sphere, a body that only contact holds, axisymmetry, tetrahedra, friction above 10
-FAILING = [158, 287, 264, 991, 1134, 132]
+FAILING = [158, 264, 991, 1134, 132]
 # and on which it lets go of a surface or a body that friction can hold
 LOST = [667, 1441]
 
@@ -61,7 +61,7 @@ def test_a_solver_that_gives_up_in_a_part_says_so(monkeypatch):
 
 def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(monkeypatch):
     """Every part obeys the law with the slip since the part before, at its own loads."""
-    solved, factorised, stated = Counter(), Counter(), problem(1088)
+    solved, factorised, stated = Counter(), Counter(), problem(1134)
     solve, solve_one = ContactSystem.solve, Tangent.solve
 
     def counted(system, *arguments):
@@ -75,12 +75,11 @@ def test_increments_in_parts_have_a_true_history_and_all_systems_are_counted(mon
 
     monkeypatch.setattr(ContactSystem, "solve", counted)
     monkeypatch.setattr(Tangent, "solve", told)
-    states = stated.solve()
+    states = stated.solve(remedies=("cutback",))
     (cut,) = (state for state in states if state.substates)
     assert worst(residuals(*walked(stated, states))) < 1e-8
     # the parts are needed for it: the ends alone are no solution of whole increments
     assert worst(residuals(stated, [Step.of(state) for state in states])) > 1e-8
     assert cut.iterations > sum(part.iterations for _, part in cut.substates)
-    condensing = max(solved, key=lambda system: (system.free == (), solved[system]))
-    assert sum(state.iterations for state in states) == solved.total() - solved[condensing]
+    assert sum(state.iterations for state in states) == solved.total()
     assert sum(state.report.factorisations for state in states) >= factorised.total()
