@@ -391,7 +391,10 @@ class FiniteEquilibrium:
         return self._at
 
     def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002
-        """Unbalanced forces over those of contact and supports; infinite before all is applied."""
+        """Unbalanced forces over those of contact and supports; infinite before all is applied.
+
+        Equations of pressures are volumes, whose round-off is allowed for, too.
+        """
         allowed = TOLERANCE * self._size + self._lost + self._lost_volume
         return unbalanced / allowed if self._reached else np.inf
 
@@ -410,10 +413,9 @@ class FiniteEquilibrium:
         """What round-off of coordinates leaves in the equations of pressures, reduced."""
         if not is_hybrid(self._body.u.function_space):
             return 0.0
-        (x, image), own, dim = K.createVecs(), self._field.owned, self._field.owned.shape[1]
-        x.array[own.ravel()] = self._field.space.tabulate_dof_coordinates()[
-            : len(own), :dim
-        ].ravel()
+        (x, image), own = K.createVecs(), self._field.owned
+        position = self._field.space.tabulate_dof_coordinates()[: len(own), : own.shape[1]]
+        x.array[own.ravel()] = position.ravel()
         K.mult(x, image)
         image.array[own.ravel()] = 0.0
         volumes = self._reduction.left.createVecRight()
