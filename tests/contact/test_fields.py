@@ -32,7 +32,7 @@ from pw_elements.contact import (
 from pw_elements.meshes import mapped, triangles
 from study.elements import composite
 from study.verification.half_space import Elastic as HalfPlane
-from study.verification.half_space import HertzLine
+from study.verification.half_space import HertzLine, HertzSphere
 from tests.contact.cases import GALERKIN, PW, Block, Elastic, at
 from tests.library import vtx
 
@@ -120,31 +120,51 @@ def test_a_given_function_is_filled():
         as_function(Block(6).space, twice)
 
 
-def indented(edges):
-    """Hertz' line contact, edges per half width: true error of the stress, indicator, mesh."""
-    known = HertzLine(HalfPlane(1.0, 0.3), 1000.0, 5e-4)
-    a = known.half_width
+def indented(edges, cell=None):
+    """Hertz' contact: true error of the stress, indicator, edge and half width, of which it has.
+
+    It is that of a line on triangles, of a sphere and a quarter of the body on other cells.
+    """
+    elastic, radius = HalfPlane(1.0, 0.3), 1000.0
+    known = HertzSphere(elastic, radius, 1.0) if cell else HertzLine(elastic, radius, 5e-4)
+    a, dim = known.half_width, 3 if cell else 2
     h = a / (edges + 0.4)
-    count, end = 3 * edges, (np.floor(2 * a / h) + 0.1) * h
+    end = (np.floor(2 * a / h) + 0.1) * h
+    count = 2 * (edges + 1) if cell else 3 * edges
     side = count * h
-    mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (count, count), "left")
-    elastic = Elastic(mesh, E=1.0)
+    if cell:
+        corners = [(0, 0, -side), (side, side, 0)]
+        mesh = create_box(MPI.COMM_SELF, corners, [count] * 3, cell)
+    else:
+        mesh = triangles(MPI.COMM_SELF, (0.0, -side), (side, 0.0), (count, count), "left")
+    elastic = Elastic(mesh, state="solid" if cell else "plane strain", E=1.0)
     body, space = elastic.body, elastic.space
-    far = fem.Function(space)
-    far.interpolate(lambda x: known.displacement(x[:2].T).T)
-    outside = on(space, lambda x: np.isclose(x[0], side) | np.isclose(x[1], -side))
-    middle = prescribe(space, 0, lambda x: np.isclose(x[0], 0) & (x[1] > h / 4 - side))
-    supports = Reduction.dirichlet(space, [fem.dirichletbc(far, outside), middle])
+
+    def displaced(x):
+        r = np.linalg.norm(x[: dim - 1], axis=0)
+        out, down = known.displacement(np.column_stack([r, x[dim - 1]])).T
+        return np.vstack([out * x[: dim - 1] / np.maximum(r, h / 4), down])
+
+    def outside(x):
+        return np.isclose(x[:dim], side).any(axis=0) | np.isclose(x[dim - 1], -side)
 
     def below(x):
-        return np.isclose(x[1], 0) & (x[0] < end)
+        return np.isclose(x[dim - 1], 0) & (x[: dim - 1] < end).all(axis=0)
 
-    punch = ContactPair(below, Parabola((0, 0), 1000.0), 0.0, [Motion((0, -known.approach))])
-    (state,) = elastic.contact(punch, supports)
-    fields = ContactFields.of(state, body)
-    x = ufl.SpatialCoordinate(mesh)
-    exact = known.peak * ufl.sqrt(ufl.max_value(0.0, 1 - (x[0] / a) ** 2))
-    wrong = (body.stress(fields.displacement)[1, 1] + exact) ** 2
+    far = fem.Function(space)
+    far.interpolate(displaced)
+    middle = [
+        prescribe(space, i, lambda x, i=i: np.isclose(x[i], 0) & ~outside(x))
+        for i in range(dim - 1)
+    ]
+    supports = Reduction.dirichlet(space, [fem.dirichletbc(far, on(space, outside)), *middle])
+    punch = Parabola((0,) * dim, radius)
+    motion = Motion([0.0] * (dim - 1) + [-known.approach])
+    (state,) = elastic.contact(ContactPair(below, punch, 0.0, [motion]), supports)
+    fields, x = ContactFields.of(state, body), ufl.SpatialCoordinate(mesh)
+    away = sum(x[i] ** 2 for i in range(dim - 1))
+    exact = known.peak * ufl.sqrt(ufl.max_value(0.0, 1 - away / a**2))
+    wrong = (body.stress(fields.displacement)[dim - 1, dim - 1] + exact) ** 2
     error = np.sqrt(assemble_scalar(wrong * boundary_measure(mesh, below, 12)))
     return error, fields.indicator(), h, a
 
@@ -161,6 +181,14 @@ def test_the_indicator_is_the_error_of_stresses():
         assert abs(worst[0] - a) < 2 * h
         assert -h < worst[1] < 0
     assert 1.7 < sums[0] / sums[1] < 2.3
+
+
+@pytest.mark.parametrize(
+    ("cell", "bounds"), [(CellType.tetrahedron, (0.85, 1.05)), (CellType.hexahedron, (1.1, 1.4))]
+)
+def test_the_indicator_in_space(cell, bounds):
+    error, found, _, _ = indented(3, cell)
+    assert bounds[0] < np.linalg.norm(found.x.array) / error < bounds[1]
 
 
 def test_no_indicator_without_a_stress():
