@@ -23,13 +23,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.oracle.large import Rubber
+from tests.oracle.large import Rubber, cross, law_lines
 
 PLACES, WEIGHTS = np.polynomial.legendre.leggauss(3)
-
-
-def cross(a, b):
-    return a[0] * b[1] - a[1] * b[0]
 
 
 def inwards(x):
@@ -131,17 +127,11 @@ class Sliding:
         t, apart = np.stack([-n[:, 1], n[:, 0]], axis=1), S @ x
         v = np.sum(t * (self.start(before) @ x - apart), axis=1) / length
         g, r_n, r_t = (np.sum(one * two, axis=1) for one, two in ((n, apart), (n, r), (t, r)))
-        g, r_n, r_t, mu = g / length, r_n / force, r_t / force, self.friction
-        forces[self.slave[area > 0]] = 0.0
         faced = area > 0
-        lines = {
-            "equilibrium": np.abs(forces[~self.held]) / force,
-            "penetration": -g[faced],
-            "tension": -r_n[faced],
-            "complementarity": np.minimum(r_n, g)[faced],
-            "cone": (np.abs(r_t) - mu * r_n)[faced],
-            "direction": np.minimum(mu * r_n + np.sign(v) * r_t, np.abs(v))[faced],
-        }
+        forces[self.slave[faced]] = 0.0
+        parts = (part[faced] for part in (r_n / force, r_t / force, g / length, v))
+        lines = {"equilibrium": np.abs(forces[~self.held]) / force}
+        lines |= law_lines(*parts, self.friction)
         return {name: float(max(0.0, line.max())) for name, line in lines.items()}
 
     def _place(self, u, side):

@@ -1,19 +1,19 @@
-"""Contact at large strains: an independent solver, the library beside it, and random problems."""
+"""Contact at large strains: accepted states of stated and random problems by outside arithmetic."""
 
 from dataclasses import replace
+from functools import cached_property
 
 from mpi4py import MPI
 
 import basix
 import numpy as np
 import pytest
-import ufl
 from dolfinx import fem
 from dolfinx import mesh as meshes
 
 from pw_elements import Spaces, prescribe
 from pw_elements.contact import ContactFailed, ContactPair, ContactProblem, Motion, Sphere
-from tests.contact.cases import at_large_strains
+from tests.contact.cases import at, at_large_strains, neo_hookean
 from tests.oracle.large import Circle, Contact, Rubber
 
 TOLERANCE = 1e-8
@@ -55,27 +55,28 @@ class Problem:
         self.way = [step if len(step) == 3 else (*step, 0.0) for step in way]
         self.circle = Circle((offset, radius + gap), radius, friction)
 
-    def states(self):
-        """Those of the library, one after the other, the undeformed one first."""
+    @cached_property
+    def accepted(self):
+        """States of the library, the undeformed one first, and the error that ends them."""
         spaces = (Spaces.petrov_galerkin if self.linear_weights else Spaces.galerkin)(self.mesh)
         lame = fem.Constant(self.mesh, self.lame)
 
-        def stress(F):
-            inverse = ufl.inv(F).T
-            return F - inverse + lame * ufl.ln(ufl.det(F)) * inverse
-
+        stress = lambda F: neo_hookean(F, lame=lame)  # noqa: E731
         u, residual = at_large_strains(spaces, stress, DEGREE)
-        held = [prescribe(spaces.trial, k, lambda x: np.isclose(x[1], -1.0)) for k in range(2)]
+        held = [prescribe(spaces.trial, k, at(1, -1.0)) for k in range(2)]
         surface = Sphere(self.circle.centre, self.circle.radius)
-        pair = ContactPair(lambda x: np.isclose(x[1], 0.0), surface, self.circle.friction)
+        pair = ContactPair(at(1, 0.0), surface, self.circle.friction)
         problem = ContactProblem.of_residual(residual, u, held, pair)
         self.nodes = spaces.trial.tabulate_dof_coordinates()[:, :2]
         self.cells = spaces.trial.dofmap.list
-        state = problem.undeformed
-        yield state
+        states = [problem.undeformed]
         for across, down, force in self.way:
-            state = problem.step(state, motions=Motion((across, down), force=(0.0, force)))
-            yield state
+            motion = Motion((across, down), force=(0.0, force))
+            try:
+                states.append(problem.step(states[-1], motions=motion))
+            except ContactFailed as error:
+                return states, error
+        return states, None
 
     def by_oracle(self, linear_weights=None):
         """The same contact by the oracle, once the library has stated its nodes."""
@@ -125,8 +126,6 @@ def of(state):
     return state.displacement.array_r.reshape(-1, 2), state.pairs[0].translation
 
 
-# -- the library beside it -------------------------------------------------------------------
-
 PRESSED = [(0.0, -0.1), (0.0, -0.25)]
 CASES = {
     "new": Problem(True, 0.3, [*PRESSED, (0.4, -0.25), (0.75, -0.25)], jiggle=0.1),
@@ -137,48 +136,9 @@ CASES = {
 }
 
 
-def differences(problem, states, linear_weights):
-    """Of forces and displacements, each over the largest of its kind in its increment."""
-    contact = problem.by_oracle(linear_weights)
-    way = [state.pairs[0].translation for state in states[1:]]
-    for state, u in zip(states[1:], contact.solve(way), strict=True):
-        (pair,), found = state.pairs, contact.body.forces(u)
-        away = np.abs(pair.force_vector - found[pair.node]).max()
-        yield away / np.abs(found).max(), np.abs(of(state)[0] - u).max() / np.abs(u).max()
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_both_find_the_same_forces_and_displacements(name):
-    problem = CASES[name]
-    states = parts(problem.states())
-    worst = np.max(list(differences(problem, states, problem.linear_weights)))
-    assert worst < TOLERANCE
-    if name.endswith("friction"):
-        return
-    element = 2.0 / 6
-    assert np.abs(states[-1].pairs[0].slip).max() > element or name == "new, to and fro"
-    assert np.max(list(differences(problem, states, not problem.linear_weights))) > 1e-3
-
-
-@pytest.mark.parametrize("drawn", [31, 129, 153])
-def test_states_are_on_the_stable_branch(drawn):
-    """Each way has a state besides that obeys the law, but its tangent has a negative root."""
-    problem = Problem.random(drawn)
-    states = parts(problem.states())
-    assert np.max(list(differences(problem, states, problem.linear_weights))) < TOLERANCE
-
-
-# -- random problems -------------------------------------------------------------------------
-
-
-def outcome(seed):
+def outcome(problem):
     """Largest violation of each condition in the states that the library accepts; its error."""
-    problem, states, error = Problem.random(seed), [], None
-    try:
-        for state in problem.states():
-            states.append(state)
-    except ContactFailed as failed:
-        error = failed
+    states, error = problem.accepted
     contact, history, every = problem.by_oracle(), [of(states[0])], []
     for motion, start, end in zip(problem.way, states, states[1:], strict=False):
         for share, part in (*end.substates, (1.0, end)):
@@ -220,6 +180,20 @@ def open_node(u, contact):
     u[np.isclose(contact.body.nodes, [-1.0, 0.0]).all(axis=1), 1] += 1e-4
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_states_obey_the_law_with_weights_of_their_kind_alone(name):
+    problem = CASES[name]
+    found, error = outcome(problem)
+    assert error is None
+    assert max(found.values()) < TOLERANCE
+    states, _ = problem.accepted
+    other, history = problem.by_oracle(not problem.linear_weights), list(map(of, states))
+    assert other.violations(history)["equilibrium"] > 1e-3
+    element = 2.0 / 6
+    slid = np.abs(states[-1].pairs[0].slip).max()
+    assert slid > element or name.endswith("friction") or name == "new, to and fro"
+
+
 WRONG = {  # line that sees it: change of displacements, of the translation, factor of mu
     "supports": (held, 0.0, 1.0),
     "equilibrium": (inside, 0.0, 1.0),
@@ -234,7 +208,7 @@ WRONG = {  # line that sees it: change of displacements, of the translation, fac
 @pytest.mark.parametrize("name", WRONG)
 def test_outside_arithmetic_sees_what_is_wrong(name):
     problem, (change, lowered, factor) = CASES["new, to and fro"], WRONG[name]
-    history = [of(state) for state in parts(problem.states())]
+    history = [of(state) for state in parts(problem.accepted[0])]
     contact = problem.by_oracle()
     assert max(contact.violations(history).values()) < TOLERANCE
     u, U = history[-1]
@@ -246,16 +220,18 @@ def test_outside_arithmetic_sees_what_is_wrong(name):
     assert wrong.violations([*history[:-1], (u, U + moved)])[name] > 10 * TOLERANCE
 
 
-def assert_law(outcome, count):
+def assert_law(outcome, seeds):
     """In every accepted state of problems of which few are given up."""
     given_up = []
-    for seed in range(count):
+    for seed in seeds:
         worst, error = outcome(seed)
         assert max(worst.values(), default=0.0) < TOLERANCE, (seed, worst)
         given_up += [seed] * (error is not None)
-    assert len(given_up) <= GIVEN_UP * count, given_up
+    assert len(given_up) <= GIVEN_UP * len(seeds), given_up
 
 
 @pytest.mark.random
 def test_law_holds_in_every_accepted_state_and_few_problems_are_given_up(request):
-    assert_law(outcome, 200 if request.config.getoption("--nightly") else 10)
+    # the last ways have a state besides that obeys the law, but is not stable
+    seeds = range(200) if request.config.getoption("--nightly") else (*range(7), 31, 129, 153)
+    assert_law(lambda seed: outcome(Problem.random(seed)), seeds)
