@@ -16,13 +16,12 @@ large, an error of the tangential force counts for as much as the error of the n
 explains it: it is divided by max(1, mu). A history without displacement or force but round-off
 (ten times that of lengths, times |K|) has nothing to compare with, and nothing is asked of
 lengths or forces then.
-In axisymmetry all forces are those of the whole circumference, as K's are.
+In axisymmetry all forces are those of the whole circumference, as K's are. All is in serial.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -37,9 +36,12 @@ Array = npt.NDArray[np.float64]
 _EPS = float(np.finfo(float).eps)
 
 
+Stated = make_dataclass("Stated", ("K", "space", "loads", "conditions", "pairs"))  # a problem
+
+
 @dataclass(frozen=True)
 class Step:
-    """What is taken of a state: displacements (owned nodes, dim), translations (pairs, dim)."""
+    """What is taken of a state: displacements (nodes, dim), translations (pairs, dim)."""
 
     displacement: Array
     translations: Array
@@ -93,24 +95,19 @@ def residuals(
 
     Shares are of what supports and interference prescribe, in each step; all unless given.
     """
-    space, comm = problem.space, problem.space.mesh.comm
-    dim = space.mesh.geometry.dim
-    owned = space.dofmap.index_map.size_local
-    x = space.tabulate_dof_coordinates()[:owned, :dim]
-    held, prescribed = _supports(problem.conditions, owned, dim)
+    space, dim = problem.space, problem.space.mesh.geometry.dim
+    x = space.tabulate_dof_coordinates()[:, :dim]
+    held, prescribed = _supports(problem.conditions, *x.shape)
     contacts = [_contact_nodes(pair, space) for pair in problem.pairs]
-    extent = _largest(comm, np.abs(x))
     force, length = 0.0, 0.0
     before = Step(np.zeros_like(x), np.zeros((len(contacts), dim)))
     results = []
     for k, step in enumerate(steps):
         a = step.displacement
         r, lost, stiffness = _forces(problem.K, a, problem.loads[k])
-        force = max(force, _largest(comm, np.linalg.norm(r, axis=1)))
-        length = max(
-            length, *(_largest(comm, np.linalg.norm(u, axis=1)) for u in (a, step.translations))
-        )
-        lost_length = 64 * _EPS * (extent + length)
+        force = max(force, np.linalg.norm(r, axis=1).max())
+        length = max(length, *(np.linalg.norm(u, axis=1).max() for u in (a, step.translations)))
+        lost_length = 64 * _EPS * (np.abs(x).max() + length)
         nothing = 10 * stiffness * lost_length
         scale = _Scale(
             force if force > nothing else np.inf,
@@ -120,7 +117,7 @@ def residuals(
         )
         share = 1.0 if shares is None else shares[k]
         found = {"supports": scale.length_of(np.where(held, np.abs(a - share * prescribed), 0.0))}
-        balanced = np.ones(owned, dtype=bool)
+        balanced = np.ones(len(x), dtype=bool)
         for number, (pair, (nodes, mu)) in enumerate(zip(problem.pairs, contacts, strict=True)):
             moved, was = step.translations[number], before.translations[number]
             slipped = (a[nodes] - moved) - (before.displacement[nodes] - was)
@@ -133,13 +130,12 @@ def residuals(
             motion = pair.motions[k] if pair.motions else None
             # what a support holds is its own reaction
             total = np.where(held[nodes], 0.0, r[nodes]).sum(axis=0)
-            values |= _motion(comm, motion, moved, total, scale)
+            values |= _motion(motion, moved, total, scale)
             for name, value in values.items():
                 found[name] = max(found.get(name, 0.0), value)
-        found["equilibrium"] = scale.force_of(
-            np.where(~held & balanced[:, None], np.abs(r), 0.0), np.arange(owned)
-        )
-        results.append({name: comm.allreduce(value, MPI.MAX) for name, value in found.items()})
+        alone = np.where(~held & balanced[:, None], np.abs(r), 0.0)
+        found["equilibrium"] = scale.force_of(alone, np.arange(len(x)))
+        results.append(found)
         before = step
     return results
 
@@ -154,7 +150,7 @@ def worst(results: Sequence[dict[str, float]]) -> float:
 class _Scale:
     force: float
     length: float
-    lost_force: Array  # (owned nodes,)
+    lost_force: Array  # (nodes,)
     lost_length: float
 
     def force_of(self, values: Array, nodes: npt.NDArray, mu: Array | float = 0.0) -> float:
@@ -172,9 +168,6 @@ def _law(surface, scale: _Scale, place, a, slipped, r, free, mu, nodes, still_in
 
     Nodes may still be inside of it by some depth (n,), where interference is resolved in parts.
     """
-    if not len(nodes):
-        names = ("penetration", "tension", "complementarity", "cone", "stick", "direction")
-        return np.zeros(0, dtype=bool), dict.fromkeys(names, 0.0)
     gap, normal = surface.gap(place) + still_inside, surface.normal(place)
     faced = np.isfinite(gap)
     gap, normal, a, slipped, r, free, mu, nodes = (
@@ -211,16 +204,14 @@ def _parts(vectors: Array, normal: Array) -> tuple[Array, Array]:
     return along, vectors - along[:, None] * normal
 
 
-def _motion(comm: MPI.Comm, motion, moved: Array, total: Array, scale: _Scale) -> dict[str, float]:
+def _motion(motion, moved: Array, total: Array, scale: _Scale) -> dict[str, float]:
     """Prescribed components of a translation, and total forces in the others."""
-    total = comm.allreduce(total, MPI.SUM)
     if motion is None:
         return {"motion": scale.length_of(np.abs(moved)), "balance": 0.0}
     free = np.array([u is None for u in motion.translation])
     stated = np.array([0.0 if u is None else u for u in motion.translation])
     asked = np.zeros(len(moved)) if motion.force is None else np.asarray(motion.force)
-    lost = comm.allreduce(scale.lost_force.max(initial=0.0), MPI.MAX)
-    balance = np.where(free, np.abs(total - asked) - lost, 0.0)
+    balance = np.where(free, np.abs(total - asked) - scale.lost_force.max(), 0.0)
     return {
         "motion": scale.length_of(np.where(free, 0.0, np.abs(moved - stated))),
         "balance": max(0.0, float(balance.max())) / max(scale.force, np.linalg.norm(asked)),
@@ -228,27 +219,23 @@ def _motion(comm: MPI.Comm, motion, moved: Array, total: Array, scale: _Scale) -
 
 
 def _forces(K: PETSc.Mat, a: Array, load: PETSc.Vec) -> tuple[Array, Array, float]:
-    """Nodal forces r = K a - f (owned nodes, dim), what of them is round-off, and max|K|."""
-    comm = K.comm.tompi4py()
+    """Nodal forces r = K a - f (nodes, dim), what of them is round-off, and max|K|."""
     u, image = K.createVecRight(), K.createVecLeft()
     u.setArray(a.ravel())
     K.mult(u, image)
     f = load.array_r.reshape(a.shape)
     indptr, _, data = K.getValuesCSR()
-    sums = np.add.reduceat(np.append(np.abs(data), 0.0), indptr[:-1]) if len(indptr) > 1 else data
-    size = sums.reshape(a.shape) * _largest(comm, np.abs(a)) + np.abs(f)
-    lost = 50 * _EPS * size.max(axis=1, initial=0.0)
-    return image.array_r.reshape(a.shape) - f, lost, _largest(comm, np.abs(data))
+    size = np.add.reduceat(np.abs(data), indptr[:-1]).reshape(a.shape) * np.abs(a).max() + np.abs(f)
+    return image.array_r.reshape(a.shape) - f, 50 * _EPS * size.max(axis=1), np.abs(data).max()
 
 
 def _supports(
-    conditions: Sequence[fem.DirichletBC], owned: int, dim: int
+    conditions: Sequence[fem.DirichletBC], nodes: int, dim: int
 ) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Which displacements (owned nodes, dim) are prescribed, and their values."""
-    held, values = np.zeros(owned * dim, dtype=bool), np.zeros(owned * dim)
+    """Which displacements (nodes, dim) are prescribed, and their values."""
+    held, values = np.zeros(nodes * dim, dtype=bool), np.zeros(nodes * dim)
     for condition in conditions:
         dofs = condition.dof_indices()[0]
-        dofs = dofs[dofs < owned * dim]
         held[dofs], values[dofs] = True, float(condition.g.value)
     return held.reshape(-1, dim), values.reshape(-1, dim)
 
@@ -261,11 +248,7 @@ def _contact_nodes(
     else:
         nodes = np.asarray(pair.nodes)
         nodes = np.flatnonzero(nodes) if nodes.dtype == bool else nodes
-    nodes = np.unique(nodes[nodes < space.dofmap.index_map.size_local])
+    nodes = np.unique(nodes)
     x = space.tabulate_dof_coordinates()[nodes]
     mu = pair.friction(x.T) if callable(pair.friction) else pair.friction
     return nodes, np.broadcast_to(np.asarray(mu, dtype=float), len(nodes)).copy()
-
-
-def _largest(comm: MPI.Comm, values: Array) -> float:
-    return float(comm.allreduce(values.max(initial=0.0), MPI.MAX))

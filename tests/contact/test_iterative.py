@@ -59,8 +59,8 @@ def iterated(arguments, hybrid=False, most=150):
     ("case", "cell", "method", "nu"),
     [
         *((case, "tetrahedron", PW, 0.3) for case in CASES),
-        *((case, "tetrahedron", HYBRID, 0.5) for case in CASES if case != "corner"),
-        *((case, "hexahedron", PW, 0.3) for case in ("corner", "sphere by forces")),
+        *((case, "tetrahedron", HYBRID, 0.5) for case in ("tilted", "sphere by forces")),
+        ("corner", "hexahedron", PW, 0.3),
         ("tilted", "hexahedron", GALERKIN, 0.3),
         ("rough floor", "tetrahedron", GALERKIN, 0.3),
         ("plate by forces", "hexahedron", HYBRID, 0.5),
@@ -118,9 +118,7 @@ def test_failures_are_those_of_contact():
     ("case", "slave", "element"),
     [
         *((case, "upper", "petrov_galerkin") for case in STACKED),
-        ("on a floor", "lower", "petrov_galerkin"),
-        ("smooth", "lower", "hybrid"),
-        ("on a floor", "upper", "hybrid"),
+        ("on a floor", "lower", "hybrid"),
         ("forces through contact", "lower", "hybrid"),
     ],
 )

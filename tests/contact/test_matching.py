@@ -5,30 +5,15 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import create_mesh
 
 from pw_elements import reactions
-from pw_elements._compat import cell_nodes
 from pw_elements.contact import OPEN, SLIP, ContactPair, Parabola, Plane
 from pw_elements.contact.model import MatchingNodes
 from pw_elements.meshes import triangles
 from tests.contact.cases import GALERKIN, PW, Elastic, at
+from tests.contact.two_bodies import joined
 
 HEIGHT, LENGTH = 1.0, 2.0
-
-
-def doubled(mesh, shift, comm=MPI.COMM_SELF):
-    """A mesh of one process and its copy, moved by a vector, as one mesh of two bodies."""
-    x, cells = mesh.geometry.x, cell_nodes(mesh)
-    if comm.rank > 0:
-        x, cells = x[:0], cells[:0]
-    both = np.vstack([x, x + shift])[:, : mesh.geometry.dim]
-    return create_mesh(
-        comm,
-        cells=np.vstack([cells, cells + len(x)]).astype(np.int64),
-        x=np.ascontiguousarray(both),
-        e=mesh.ufl_domain().ufl_coordinate_element(),
-    )
 
 
 def lower_nodes(space, coordinate, upper):
@@ -44,8 +29,11 @@ class Blocks(Elastic):
     """Two equal blocks, one on top of the other; their nodes coincide along y = 1."""
 
     def __init__(self, method=PW, divisions=(6, 3), gap=0.0, comm=MPI.COMM_SELF):
-        mesh = triangles(MPI.COMM_SELF, (0.0, 0.0), (LENGTH, HEIGHT), divisions)
-        super().__init__(doubled(mesh, (0.0, HEIGHT + gap, 0.0), comm), method, E=100.0)
+        lower, upper = (
+            triangles(MPI.COMM_SELF, (0.0, y), (LENGTH, y + HEIGHT), divisions)
+            for y in (0.0, HEIGHT + gap)
+        )
+        super().__init__(joined(lower, upper, comm), method, E=100.0)
         self.gap, self.top = gap, 2 * HEIGHT + gap
         self.foot = self.held((1, at(1, 0.0)), (0, at(0, 0.0)))
 

@@ -208,7 +208,7 @@ def test_ways_through_the_body_by_brute_force():
     # sides of the block see the outermost ones
     x = BLOCK.x[np.isclose(BLOCK.x[:, 1], 2.0) & (np.abs(BLOCK.x[:, 0] - 2) < 1.99)]
     found = []
-    for _ in range(40):
+    for _ in range(20):
         way = rng.uniform((-3, -3), (3, 0.2))
         centres = np.array([2.0, 3.0]) + np.linspace(0, 1, 4001)[:, None] * way
         away = x[:, None] - centres
@@ -226,7 +226,7 @@ def test_ways_through_the_body_by_brute_force():
         assert passed >= clearly
         assert passed <= hardly
         found.append(passed)
-    assert 7 < sum(found) < 33
+    assert 3 < sum(found) < 17
 
 
 # -- residuals of unloaded states ------------------------------------------------------------

@@ -1,11 +1,10 @@
 """Random contact problems by seed.
 
 A seed is drawn in two steps: `sketch` takes all random decisions as plain numbers, `problem`
-makes mesh, matrices and pairs of them. So what occurs can be counted without a mesh, and the
-same problem can be stated turned, in other units, or with its pairs in another order.
+makes mesh, matrices and pairs of them. So what occurs can be counted without a mesh.
 
-Everything is drawn in the body's own frame: a box whose last axis points up, sides named by
-(axis, end). Meshes are smooth functions of position, so no number of processes changes them.
+A body is a box whose last axis points up, sides named by (axis, end). Meshes are smooth functions
+of position, so no number of processes changes them.
 """
 
 from collections.abc import Callable, Sequence
@@ -80,7 +79,7 @@ class PairSketch:
 
 @dataclass(frozen=True)
 class Sketch:
-    """A problem in numbers, in the frame of the body."""
+    """A problem in numbers."""
 
     seed: int
     cell: str
@@ -388,50 +387,25 @@ def _path(rng, support, pairs):
 # -- making ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Turned:
-    """A surface of the body's own frame in a turned (or mirrored) world."""
-
-    surface: Surface
-    turn: Array
-
-    def gap(self, x: Array) -> Array:
-        return self.surface.gap(x @ self.turn)
-
-    def normal(self, x: Array) -> Array:
-        return self.surface.normal(x @ self.turn) @ self.turn.T
-
-
-def problem(
-    seed: int | Sketch,
-    comm: MPI.Comm = MPI.COMM_SELF,
-    turned: Sequence[Sequence[float]] | None = None,
-    stiffer: float = 1.0,
-    backwards: bool = False,
-) -> Problem:
-    plan = seed if isinstance(seed, Sketch) else sketch(seed)
-    turn = np.eye(plan.dim) if turned is None else np.asarray(turned, dtype=float)
-    return _Maker(plan, comm, turn, stiffer).problem(backwards)
+def problem(seed: int, comm: MPI.Comm = MPI.COMM_SELF) -> Problem:
+    return _Maker(sketch(seed), comm).problem()
 
 
 class _Maker:
-    def __init__(self, plan: Sketch, comm: MPI.Comm, turn: Array, stiffer: float) -> None:
-        self.plan, self.turn, self.comm = plan, turn, comm
-        self.modulus = plan.modulus * stiffer
+    def __init__(self, plan: Sketch, comm: MPI.Comm) -> None:
+        self.plan, self.comm = plan, comm
         self.size, self.lower = np.array(plan.size), np.array(plan.lower)
         mesh, self.facets = self._mesh()
         own = {"composite": composite, "serendipity": serendipity}
         spaces = (own.get(plan.element) or getattr(Spaces, plan.element))(mesh)
         thickness = plan.thickness if plan.state.startswith("plane") else 1.0
-        self.body = Body(
-            spaces, Material(self.modulus, plan.nu), StressState(plan.state), thickness
-        )
+        material = Material(plan.modulus, plan.nu)
+        self.body = Body(spaces, material, StressState(plan.state), thickness)
         self.space = spaces.trial
-        # nodes in the frame of the sketch, ghosts too
-        self.x = self.space.tabulate_dof_coordinates()[:, : plan.dim] @ turn
+        self.x = self.space.tabulate_dof_coordinates()[:, : plan.dim]  # ghosts too
         self.owned = self.space.dofmap.index_map.size_local
 
-    def problem(self, backwards: bool) -> Problem:
+    def problem(self) -> Problem:
         plan = self.plan
         conditions, held = self._conditions()
         K = assemble_matrix(self.body.stiffness())
@@ -441,7 +415,6 @@ class _Maker:
             taken |= mine
             nodes.append(mine)
         pairs = [self._pair(pair, mine) for pair, mine in zip(plan.pairs, nodes, strict=True)]
-        pairs = pairs[::-1] if backwards else pairs
         supports = Reduction.dirichlet(self.space, conditions)
         loads = self._loads(K)
         return Problem(plan, K, self.space, loads, conditions, supports, pairs)
@@ -467,7 +440,7 @@ class _Maker:
         return mapped(mesh, self._image), facets
 
     def _image(self, x: Array) -> Array:
-        """Of the unit box: waves inside of it, its crown, its size, and the turned world."""
+        """Of the unit box: waves inside of it, its crown, and its size."""
         plan, dim = self.plan, self.plan.dim
         s = x[:, :dim].copy()
         for axis in range(dim):
@@ -479,7 +452,7 @@ class _Maker:
         top, base = (plan.crown.get(end, 0.0) * off for end in (1, 0))
         s[:, -1] += base * (1 - s[:, -1]) - top * s[:, -1]
         image = x.copy()
-        image[:, :dim] = (self.lower + s * self.size) @ self.turn.T
+        image[:, :dim] = self.lower + s * self.size
         return image
 
     def _nodes(self, side: Side) -> npt.NDArray[np.int32]:
@@ -489,25 +462,23 @@ class _Maker:
         return fem.locate_dofs_topological(self.space, facet, self.facets[side])
 
     def _conditions(self) -> tuple[list[fem.DirichletBC], npt.NDArray[np.bool_]]:
-        """Supports, and which displacements (nodes, dim) of the sketch's frame they hold."""
+        """Supports, and which displacements (nodes, dim) they hold."""
         plan, dim = self.plan, self.plan.dim
         conditions, held = [], np.zeros(self.x.shape, dtype=bool)
         for side, axis, lift in plan.held:
             nodes = self._nodes(side)
             held[nodes, axis] = True
-            component = int(np.argmax(np.abs(self.turn[:, axis])))
-            value = self.turn[component, axis] * lift * plan.strain * self.size[-1]
-            dofs = (nodes * dim + component).astype(np.int32)
-            value = default_scalar_type(value)
-            conditions.append(fem.dirichletbc(value, dofs, self.space.sub(component)))
+            value = default_scalar_type(lift * plan.strain * self.size[-1])
+            dofs = (nodes * dim + axis).astype(np.int32)
+            conditions.append(fem.dirichletbc(value, dofs, self.space.sub(axis)))
         return conditions, held
 
     def _loads(self, K: PETSc.Mat) -> list[PETSc.Vec]:
         plan = self.plan
-        unit = self.modulus * plan.strain
+        unit = plan.modulus * plan.strain
         parts = []
         for side, kind, pressing, dragging in plan.loads:
-            vectors = [unit * self.turn @ np.array(vector) for vector in (pressing, dragging)]
+            vectors = [unit * np.array(vector) for vector in (pressing, dragging)]
             if kind == "traction":
                 measure = boundary_measure(self.body.spaces.mesh, self.facets[side])
                 forms = [self.body.surface_load(vector, measure) for vector in vectors]
@@ -531,12 +502,12 @@ class _Maker:
         x = self._gathered(self._nodes(side))
         middle = self.lower + 0.5 * self.size
         middle[side[0]] = self.lower[side[0]] + side[1] * self.size[side[0]]
-        place = self.turn @ x[np.argmin(np.linalg.norm(x - middle, axis=1))]
+        place = x[np.argmin(np.linalg.norm(x - middle, axis=1))]
         near = 1e-6 * self.size.min()
         return lambda x: np.linalg.norm(x[: len(place)].T - place, axis=1) < near
 
     def _gathered(self, nodes: npt.NDArray[np.int32]) -> Array:
-        """Positions of nodes of all processes, in the sketch's frame and in one order."""
+        """Positions of nodes of all processes, in one order."""
         mine = self.x[nodes[nodes < self.owned]]
         x = np.concatenate(self.comm.allgather(mine))
         return x[np.lexsort(np.round(x / self.size.max(), 9).T)]
@@ -590,8 +561,6 @@ class _Maker:
 
     def _pair(self, pair: PairSketch, mine: npt.NDArray[np.bool_]) -> ContactPair:
         surface = self._surface(pair, self._gathered(np.flatnonzero(mine)))
-        if not np.array_equal(self.turn, np.eye(self.plan.dim)):
-            surface = Turned(surface, self.turn)
         # both ways to state nodes occur, and friction as a number and as a function
         nodes = mine if self.plan.seed % 2 else np.flatnonzero(mine).astype(np.int32)
         return ContactPair(nodes, surface, self._friction(pair), self._motions(pair))
@@ -644,10 +613,9 @@ class _Maker:
             return pair.mu
         first = 0 if pair.side[0] else 1
         lower, size = self.lower[first], self.size[first]
-        axis = self.turn[:, first]
 
         def friction(x: Array) -> Array:
-            s = (axis @ x[: len(axis)] - lower) / size
+            s = (x[first] - lower) / size
             return pair.mu * (0.5 + 0.5 * s if pair.friction == "graded" else (s > 0.4999))
 
         return friction
@@ -658,7 +626,7 @@ class _Maker:
         plan, side, axes = self.plan, pair.side, self._tangential(pair.side)
         out = 2 * side[1] - 1
         depth = pair.press * plan.strain * self.size[-1]
-        force = pair.press * plan.strain * self.modulus * self._area(side)
+        force = pair.press * plan.strain * plan.modulus * self._area(side)
         motions = []
         for press, drag in plan.steps:
             translation: list[float | None] = [0.0] * plan.dim
@@ -674,15 +642,8 @@ class _Maker:
                 elif pair.along == "free":
                     translation[axis] = None
                     forces[axis] = drag * share * pair.mu * force * max(press, 0.0)
-            motions.append(self._turned(translation, forces))
+            motions.append(Motion(translation, forces.tolist()))
         return motions
-
-    def _turned(self, translation: Sequence[float | None], force: Array) -> Motion:
-        moved: list[float | None] = [0.0] * len(force)
-        for axis, value in enumerate(translation):
-            component = int(np.argmax(np.abs(self.turn[:, axis])))
-            moved[component] = None if value is None else self.turn[component, axis] * value
-        return Motion(moved, (self.turn @ force).tolist())
 
 
 def _ellipsoid(near: Array, out: Array, width: float, shape: dict[str, float]) -> SignedDistance:

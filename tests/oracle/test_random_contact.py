@@ -1,7 +1,7 @@
-"""Random contact problems: the law holds in every state, whatever way it was stated."""
+"""Random contact problems: the law holds in every state, and refusals have a cause."""
 
 from collections import Counter
-from dataclasses import make_dataclass, replace
+from dataclasses import replace
 from functools import cache
 from time import process_time
 
@@ -14,7 +14,7 @@ from pw_elements import prescribe
 from pw_elements.contact import OPEN, SLIP, STICK, ContactFailed, ContactPair, Motion, Plane, Sphere
 from pw_elements.meshes import triangles
 from tests.contact.cases import Elastic, at
-from tests.contact.residuals import Step, _contact_nodes, residuals, walked, worst
+from tests.contact.residuals import Stated, Step, _contact_nodes, residuals, walked, worst
 from tests.oracle.proofs import flaws, linear_increment, sound
 from tests.oracle.random_contact import PATHS, problem, sketch
 from tests.oracle.search import search
@@ -122,29 +122,26 @@ OF_PAIRS = {
 }
 
 
-@pytest.mark.parametrize(("count", "most"), [(SUITE, 2), (NIGHTLY, 0.02 * NIGHTLY)])
-def test_what_occurs(count, most):
+def test_what_occurs():
     """Force drives 40 % at least."""
-    sketches = [sketch(seed) for seed in range(count)]
+    sketches = [sketch(seed) for seed in range(SUITE)]
     pairs = [pair for plan in sketches for pair in plan.pairs]
     assert np.mean([plan.driven_by_force for plan in sketches]) >= 0.4
     for of, fields in ((sketches, OF_PROBLEMS), (pairs, OF_PAIRS)):
         for field, names in fields.items():
             counts = Counter(getattr(one, field) for one in of)
             assert set(counts) == names
-            assert min(counts.values()) >= (1 if field == "element" else most)
+            assert min(counts.values()) >= (1 if field == "element" else 2)
     assert {len(plan.steps) for plan in sketches} == {1, 2, 3, 4, 5}
     assert {len(plan.pairs) for plan in sketches} >= {1, 2, 3}
     assert {0.0} < {pair.mu for pair in pairs}
     assert 10 < max(pair.mu for pair in pairs) <= 30
     # curved surfaces under a force, whose normals turn with their place
     curved = [p for p in pairs if p.kind in ("sphere", "signed distance") and p.drive == "pushed"]
-    assert len(curved) > most
+    assert len(curved) > 2
 
 
 # -- a check that can fail -------------------------------------------------------------------
-
-Stated = make_dataclass("Stated", ("K", "space", "loads", "conditions", "pairs"))
 
 
 @cache
@@ -221,64 +218,3 @@ def test_nothing_else_is_asked_of_another_friction():
     (result,) = residuals(*with_ball(friction=0.15))[1:]
     others = {name: value for name, value in result.items() if name not in ("cone", "direction")}
     assert max(others.values()) < 1e-10
-
-
-# -- one problem, stated in several ways -----------------------------------------------------
-
-
-def gentle(plan):
-    """Friction far below where several states are possible, and some contact to compare."""
-    return max(pair.mu for pair in plan.pairs) < 0.6 and plan.nu < 0.45 and len(plan.pairs) > 1
-
-
-GENTLE = [seed for seed in range(200) if gentle(sketch(seed))][:7]
-
-
-def histories(plan, **changes):
-    """Displacements (nodes, dim) and translations of all states, and how it ended."""
-    stated = problem(plan, **changes)
-    try:
-        states, end = stated.solve(), "solved"
-    except ContactFailed as error:
-        states, end = error.states, type(error).__name__
-    return [Step.of(state) for state in states], end
-
-
-def turned(plan):
-    """By a quarter, and mirrored; only upside down in axisymmetry."""
-    if plan.state == "axisymmetric":
-        return [[1, 0], [0, -1]]
-    if plan.dim == 2:
-        return [[0, 1], [1, 0]] if plan.seed % 2 else [[0, -1], [1, 0]]
-    return [[0, -1, 0], [0, 0, 1], [1, 0, 0]]
-
-
-OTHER_WAYS = {
-    "order of pairs": lambda _: {"backwards": True},
-    "unit of force": lambda _: {"stiffer": 3e5},
-    "unit of length": lambda _: {"unit": 1e-3},
-    "axes": lambda plan: {"turned": turned(plan)},
-}
-
-
-@pytest.mark.random
-@pytest.mark.parametrize("way", OTHER_WAYS)
-@pytest.mark.parametrize("seed", GENTLE)
-def test_it_does_not_matter_how_it_is_stated(seed, way):
-    plan = sketch(seed)
-    changes = OTHER_WAYS[way](plan)
-    unit, turn = changes.pop("unit", 1.0), np.array(changes.get("turned", np.eye(plan.dim)))
-    size, lower = (tuple(unit * np.array(x)) for x in (plan.size, plan.lower))
-    (steps, end), (others, other_end) = (
-        histories(plan),
-        histories(replace(plan, size=size, lower=lower), **changes),
-    )
-    assert other_end == end
-    length = max(np.abs(step.displacement).max() for step in steps)
-    order = slice(None, None, -1 if way == "order of pairs" else 1)
-    for a, b in zip(steps, others, strict=True):
-        for mine, theirs in (
-            (a.displacement, b.displacement),
-            (a.translations[order], b.translations),
-        ):
-            assert theirs / unit == pytest.approx(mine @ turn.T, abs=1e-7 * length)

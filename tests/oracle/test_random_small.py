@@ -25,7 +25,7 @@ TOLERANCE = 1e-8
 
 def pytest_generate_tests(metafunc):
     if "seed" in metafunc.fixturenames:
-        count = 400 if metafunc.config.getoption("--nightly") else 40
+        count = 400 if metafunc.config.getoption("--nightly") else 24
         metafunc.parametrize("seed", range(count))
 
 
@@ -205,7 +205,7 @@ def test_with_the_other_weights_they_do_not(number):
 
 
 def test_problems_are_of_all_kinds():
-    problems = [Random(seed) for seed in range(40)]
+    problems = [Random(seed) for seed in range(24)]
     for kind, count in (("state", 4), ("element", 4), ("linear", 2), ("floats", 2), ("pushed", 2)):
         assert len({getattr(problem, kind) for problem in problems}) == count
     assert {problem.surface for problem in problems} == {"plane", "round", "ball"}

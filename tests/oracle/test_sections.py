@@ -25,8 +25,7 @@ from tests.oracle.problem import (
     NORMAL_UP,
     STATIC,
     Problem,
-    assert_agrees,
-    assert_differs,
+    assert_found,
     both,
     contact_problem,
     either,
@@ -151,7 +150,4 @@ CASES = [(name, element) for name, (_, elements, _) in PROBLEMS.items() for elem
 def test_oracle_finds_the_numbers_of_the_study(name, element):
     """And does not with the other weights, else it could not tell which they are."""
     make, _, parameters = PROBLEMS[name]
-    problem = make(element, **parameters)
-    assert_agrees(problem, element)
-    if element == "pw-T6":
-        assert_differs(problem)
+    assert_found(make(element, **parameters), element)

@@ -11,7 +11,7 @@ from tests.contact.cases import at
 from tests.contact.two_bodies import Stack
 from tests.oracle.search import Increment, search
 
-SUITE, NIGHTLY = 20, 60
+SUITE, NIGHTLY = 8, 60
 
 
 class Blocks:
