@@ -7,7 +7,6 @@ their communicator and the arguments. A start costs a second or two of CPU: let 
 import faulthandler
 import os
 import pickle
-import re
 import shutil
 import subprocess
 import sys
@@ -53,18 +52,6 @@ def same_numbers(function, *args, processes=(3,), rel=1e-10):
     for count in processes:
         for rank, found in enumerate(run_on(count, function, *args)):
             assert_same(serial, found, rel, f"process {rank} of {count}")
-
-
-def same_when_resumed(function, folder):
-    """Asserts the same of two and three processes, which go on from what one stores in a folder.
-
-    Here, what is "resumed" or "taken up" comes to what is "whole".
-    """
-    same_numbers(function, folder, processes=(2, 3), rel=1e-9)
-    found = function(MPI.COMM_SELF, folder)
-    for name, values in found.items():
-        whole = found[re.sub("^(resumed|taken up)", "whole", name)]
-        assert np.abs(values - whole).max() < 1e-12, name
 
 
 def assert_same(serial, found, rel, where):

@@ -32,10 +32,10 @@ def at(axis, value):
     return lambda x: np.isclose(x[axis], value)
 
 
-def neo_hookean(F):
-    """First Piola stress, the shear modulus 1 and Lame's constant 1.5."""
+def neo_hookean(F, shear=1.0, lame=1.5):
+    """First Piola stress."""
     inverse = ufl.inv(F).T
-    return F - inverse + 1.5 * ufl.ln(ufl.det(F)) * inverse
+    return shear * (F - inverse) + lame * ufl.ln(ufl.det(F)) * inverse
 
 
 def at_large_strains(spaces, stress=neo_hookean, degree=4, give=0.0):
@@ -122,8 +122,8 @@ class Block(Elastic):
         shares = [k / increments for k in range(1, increments + 1)]
         return [self.pressure, *(self.pressure + share * pull for share in shares)]
 
-    def pair(self, mu, smooth=0.2, shared_is_rough=True):
-        edge = smooth - 1e-9 if shared_is_rough else smooth + 1e-9
+    def pair(self, mu, smooth=0.2):
+        edge = smooth - 1e-9
         return ContactPair(
             at(1, 0.0),
             Plane((0, 0), (0, 1)),

@@ -8,7 +8,7 @@ from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import Body, Material, Spaces
 from pw_elements.contact import ContactPair, ContactProblem, DeformableSurface
-from tests.contact.cases import at_large_strains
+from tests.contact.cases import at, at_large_strains
 from tests.contact.two_bodies import joined
 
 
@@ -95,21 +95,5 @@ def die(
         inside = (np.abs(x[0]) < 0.5 + 1e-9) & (x[1] > 0.005)
         return inside & (np.abs(x[1] - 0.01 - curvature * x[0] ** 2 / 2) < 0.02)
 
-    def above(x):
-        return np.isclose(x[1], 0.0)
-
-    def base(x):
-        return np.isclose(x[1], -1.0)
-
-    def top(x):
-        return np.isclose(x[1], 1.0)
-
-    sides = (under, above) if upper_is_slave else (above, under)
-    return Bodies(mesh, *sides, base, top, friction, **options)
-
-
-def forces_and_gaps(comm):
-    """What must not depend on processes."""
-    (pair,) = slid(die(comm=comm), PATH[:3])[-1].pairs
-    names = ("force_normal", "force_tangential", "slip", "gap", "opposite_force")
-    return {f"its {name}": np.nan_to_num(getattr(pair, name), posinf=-1.0) for name in names}
+    sides = (under, at(1, 0.0)) if upper_is_slave else (at(1, 0.0), under)
+    return Bodies(mesh, *sides, at(1, -1.0), at(1, 1.0), friction, **options)

@@ -48,10 +48,10 @@ def on(space, where):
     return fem.locate_dofs_geometrical(space, where)
 
 
-def ball(cell, method, comm=MPI.COMM_SELF):
+def ball(comm=MPI.COMM_SELF, cell=CellType.tetrahedron, method=PW, nu=0.3, n=4):
     """A sphere pressed on the top of a block and pushed sideways: body and states."""
-    mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (6, 6, 2), cell)
-    body = Elastic(mesh, method, "solid")
+    mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (n, n, 2), cell)
+    body = Elastic(mesh, method, "solid", nu=nu)
     motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
     pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
     return body, body.contact(pair, body.clamped(at(2, 0.0)))
@@ -59,7 +59,7 @@ def ball(cell, method, comm=MPI.COMM_SELF):
 
 @pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
 def test_fields_and_pictures_in_space(cell, tmp_path):
-    body, (*_, state) = ball(cell, PW)
+    body, (*_, state) = ball(cell=cell, n=6)
     (pair,), fields = state.pairs, ContactFields.of(state, body.body)
     force = fields.force.x.array.reshape(-1, 3)
     assert force.sum(axis=0) == pytest.approx(pair.force, rel=1e-9)
@@ -192,10 +192,10 @@ def test_the_indicator_in_space(cell, bounds):
 
 
 def test_no_indicator_without_a_stress():
-    body, (*_, state) = ball(CellType.tetrahedron, PW)
+    body, (*_, state) = ball()
     with pytest.raises(ValueError, match="one that is not hybrid"):
         ContactFields.of(state, body.space).indicator()
-    body, (*_, state) = ball(CellType.tetrahedron, GALERKIN)
+    body, (*_, state) = ball(method=GALERKIN)
     with pytest.raises(ValueError, match="nodes of this element have no weight"):
         ContactFields.of(state, body.body).indicator()
 

@@ -1,15 +1,15 @@
-"""Contact on one, two and three processes: one start each computes what all tests compare."""
+"""Contact on several processes: one start of them computes all that is compared."""
 
 import logging
 import re
+from functools import partial
 
 from mpi4py import MPI
 
 import numpy as np
 import pytest
-from dolfinx.mesh import CellType, create_box
 
-from pw_elements import Spaces, reactions
+from pw_elements import Iterative, Spaces, reactions
 from pw_elements.contact import (
     ContactFields,
     ContactPair,
@@ -19,10 +19,16 @@ from pw_elements.contact import (
     SurfacePassed,
     write,
 )
-from tests.contact.cases import PW, Block, Elastic, Punch, at
+from pw_elements.meshes import triangles
+from tests.contact import test_large as large
+from tests.contact import test_turning as turning
+from tests.contact.cases import Block, Punch, at
 from tests.contact.histories import RESUMED, fields, histories, resumed, scale_of, whole
+from tests.contact.sliding import PATH, die, slid
+from tests.contact.test_fields import ball
 from tests.contact.test_matching import Blocks
 from tests.contact.test_refusals import messages
+from tests.contact.test_sensitivity import Rubber
 from tests.contact.two_bodies import Stack
 from tests.library import vtx
 from tests.oracle.random_contact import problem as random_problem
@@ -31,18 +37,9 @@ from tests.parallel import assert_same, run_on
 FILES = "block", "drag", "mortar", "flat mortar", "matching"
 
 
-def drag(comm, method=PW, nu=0.3):
-    mesh = create_box(comm, [(-1, -1, 0), (1, 1, 1)], (4, 4, 2), CellType.tetrahedron)
-    body = Elastic(mesh, method, "solid", nu=nu)
-    motions = [Motion((0, 0, -0.1)), Motion((0.01, 0.02, None), (0, 0, -80.0))]
-    pair = ContactPair(at(2, 1.0), Sphere((0, 0, 3), 2.0), 0.3, motions)
-    return body, body.contact(pair, body.clamped(at(2, 0.0)))
-
-
-def mortar(comm, cell="tetrahedron", element="petrov_galerkin", nu=0.3):
+def mortar(comm, cell, divisions):
     """A body on another, which it covers in part, pressed and drawn askew."""
-    divisions = (3, 2) if cell == "tetrahedron" else (5, 4)
-    stack = Stack(divisions, cell, upper=(0.13, 0.83), element=element, nu=nu, comm=comm)
+    stack = Stack(divisions, cell, upper=(0.13, 0.83), comm=comm)
     return stack, [stack.askew("lower")]
 
 
@@ -66,30 +63,19 @@ def block(comm):
     return body, body.solve(0.3, 60.0, increments=2)
 
 
-def punch(comm):
-    body = Punch(comm=comm)
-    motions = [Motion((0, None), (0, -217.3)), Motion((None, None), (21.73, -217.3))]
-    return body, body.solve(0.6, motions)
-
-
-def by_seed(seed):
-    def solved(comm):
-        stated = random_problem(seed, comm)
-        return stated, stated.solve()
-
-    return solved
+def by_seed(comm, seed):
+    stated = random_problem(seed, comm)
+    return stated, stated.solve()
 
 
 CASES = {
     "block": block,
-    "drag": drag,
-    "mortar": mortar,
-    "flat mortar": lambda comm: mortar(comm, "triangle"),
+    "drag": ball,
+    "mortar": partial(mortar, cell="tetrahedron", divisions=(3, 2)),
+    "flat mortar": partial(mortar, cell="triangle", divisions=(5, 4)),
     "matching": matching,
-    "punch": punch,
-    "rubber": lambda comm: drag(comm, Spaces.hybrid, 0.5),
-    "rubber mortar": lambda comm: mortar(comm, element="hybrid", nu=0.5),
-    **{f"seed {seed}": by_seed(seed) for seed in (158, 316)},
+    "rubber": partial(ball, method=Spaces.hybrid, nu=0.5),
+    **{f"seed {seed}": partial(by_seed, seed=seed) for seed in (158, 316)},
 }
 
 
@@ -125,6 +111,38 @@ def numbers(comm, folder):
     return found
 
 
+def whole_and_resumed(name, problems, motions, folder, more=()):
+    """Ends of a way, and of another problem that goes on before the last part, by a file or not."""
+    (problem, again), path = problems, folder / f"{name}.npz"
+    *_, before, end = large.walked(problem, motions)
+    if not path.exists():
+        problem.save(before, path)
+    ends = {f"{name} whole": end}
+    for way, start in (("resumed", again.load(path)), ("taken up", before)):
+        (ends[f"{name} {way}"],) = large.walked(again, motions[-1:], start)
+    return large.numbers(ends, more)
+
+
+def at_large_strains(comm, folder):
+    """Tools that are pressed, drawn and turned, rubber on rubber, and derivatives."""
+    found = {}
+    for name, solver in large.SOLVERS.items():
+        both = [large.hardened(comm, solver=solver)[0].problem for _ in range(2)]
+        found |= whole_and_resumed(name, both, large.WAY, folder)
+    roller = turning.roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
+    found |= whole_and_resumed("turned", [roller] * 2, turning.WAY, folder, turning.PLACE)
+    found |= large.numbers({"hybrid": large.pressed_and_pushed("hybrid", Iterative(), comm)})
+    (pair,) = slid(die(comm=comm), PATH[:3])[-1].pairs
+    for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
+        found[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
+    case = Rubber(0, comm=comm)
+    problem, states = case.solve()
+    given = states, case.outputs, list(case.parameters().values()), case.loads
+    found["derivatives"] = problem.sensitivity(*given)
+    weights = np.cos(np.arange(15.0)).reshape(3, 5)
+    return found | {"adjoint": problem.sensitivity(*given, weights)}
+
+
 KINDS = ["NoEquilibrium"] * 8 + ["FreeBody"] * 8
 
 
@@ -157,6 +175,7 @@ def compared(state):
 def everything(comm, before, folder):
     """All that is compared; histories go on from where fewer processes have stopped."""
     found = {"numbers": numbers(comm, folder), "words": messages(comm), "histories": {}}
+    found["large"] = at_large_strains(comm, before or folder)
     for name, history in histories.items():
         problem, steps = history(comm)
         if before is None:
@@ -207,16 +226,14 @@ def assert_same_files(name, folder, another):
             assert np.nanmax(difference) < 1e-8 * max(scale, 1e-3), field
 
 
-def assert_same_histories(name, found, last):
-    """Written on one process, gone on from on two, from there on three, and back on one."""
+def assert_same_histories(name, first, others, last):
+    """Written on one process, gone on from on two, and back on one."""
     problem, steps = histories[name]()
     back = resumed(problem, steps, problem.load(last / f"{name}.npz"))
-    (first,), *later = ([of["histories"][name] for of in processes] for processes in found)
-    others = [states for processes in later for states in processes]
-    others.append(list(map(compared, back)))
-    for states in others:
-        for state, known in zip(states, first, strict=True):
-            for field, values in known.items():
+    known = first["histories"][name]
+    for states in (*(other["histories"][name] for other in others), map(compared, back)):
+        for state, expected in zip(states, known, strict=True):
+            for field, values in expected.items():
                 scale = values if field == "displacement" else scale_of(field, back)
                 assert np.abs(state[field] - values).max() < 1e-9 * scale, f"{name}: {field}"
 
@@ -231,20 +248,23 @@ def assert_told(one, other):
     assert not any(line.startswith("increment") for line in others)
 
 
-def test_one_two_and_three_processes_agree(tmp_path):
+def test_one_and_two_processes_agree(tmp_path):
     """In one test, which other workers would else compute once more for its parts."""
-    folders = [tmp_path / str(count) for count in (1, 2, 3)]
+    folders = [tmp_path / name for name in ("one", "two")]
     for folder in folders:
         folder.mkdir()
-    found = [[everything(MPI.COMM_SELF, None, folders[0])]]
-    assert [said.split(":")[0] for said in found[0][0]["words"]] == KINDS
-    for count in (2, 3):
-        found.append(run_on(count, everything, folders[count - 2], folders[count - 1]))
-        for process in found[-1]:
-            assert process["words"] == found[0][0]["words"]
-            assert_same(found[0][0]["numbers"], process["numbers"], 1e-10, f"of {count}")
-        for name in FILES if vtx.library() else ():
-            assert_same_files(name, folders[0], folders[count - 1])
+    one = everything(MPI.COMM_SELF, None, folders[0])
+    assert [said.split(":")[0] for said in one["words"]] == KINDS
+    for name, values in one["large"].items():
+        whole = one["large"][re.sub("resumed|taken up", "whole", name)]
+        assert np.abs(values - whole).max() < 1e-12, name
+    two = run_on(2, everything, *folders)
+    for process in two:
+        assert process["words"] == one["words"]
+        assert_same(one["numbers"], process["numbers"], 1e-10, "of two")
+        assert_same(one["large"], process["large"], 1e-9, "of two")
+    for name in FILES if vtx.library() else ():
+        assert_same_files(name, *folders)
     for name in histories:
-        assert_same_histories(name, found, folders[-1])
-    assert_told(*(process["told"] for process in found[1]))
+        assert_same_histories(name, one, two, folders[-1])
+    assert_told(*(process["told"] for process in two))

@@ -1,18 +1,15 @@
 """What is told while a computation runs: loggers, the user's function, lines on stderr."""
 
 import logging
-import subprocess
-import sys
-from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pytest
 
-from pw_elements import assemble_matrix, vibration_modes
+from pw_elements import assemble_matrix, progress, vibration_modes
 from pw_elements.contact import OPEN, SLIP, STICK
 from tests.contact.cases import Block
 
-PROJECT = Path(__file__).parents[2]
 BLOCK = Block(8)
 
 
@@ -84,46 +81,31 @@ def test_a_callback_that_raises_ends_the_computation():
         solved([])
 
 
-PROGRAM = """
-import logging, sys
-import pw_elements.progress
-if "log" in sys.argv:
-    logging.basicConfig(level=logging.INFO)
-if "warnings" in sys.argv:
-    logging.basicConfig()
-if "silent" in sys.argv:
-    logging.getLogger("pw_elements").setLevel(logging.ERROR)
-if "null" in sys.argv:
-    logging.getLogger("pw_elements").addHandler(logging.NullHandler())
-if "often" in sys.argv:
-    pw_elements.progress._PAUSE = -1.0
-from pw_elements import assemble_matrix, solve, vibration_modes
-from tests.contact.test_progress import BLOCK, solved
-vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.free, 4)
-solved(lambda event: None)
-"""
+def computed():
+    vibration_modes(BLOCK.K, assemble_matrix(BLOCK.body.mass()), BLOCK.free, 4)
+    solved(lambda _: None)
 
 
-def told_on_stderr(*arguments):
-    command = [sys.executable, "-c", PROGRAM, *arguments]
-    run = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
-    assert run.stdout == ""
-    return run.stderr.splitlines()
-
-
-def test_lines_say_now_and_then_what_is_done():
-    assert told_on_stderr() == []  # within ten seconds
-    lines, size = told_on_stderr("often", "warnings"), BLOCK.K.getSize()[0]
+def test_lines_say_now_and_then_what_is_done(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "_written", perf_counter())
+    computed()
+    assert capsys.readouterr() == ("", "")  # within ten seconds
+    monkeypatch.setattr(progress, "_PAUSE", -1.0)
+    computed()
+    lines, size = capsys.readouterr().err.splitlines(), BLOCK.K.getSize()[0]
     done = "{} of 3 increments done, contact increment {}"
     assert {done.format(k, k) for k in range(3)} < {*lines}
     assert f"4 eigenvalues of {size} unknowns" in lines
     assert f"LU by mumps of {size} unknowns" in lines
 
 
-@pytest.mark.parametrize("word", ["log", "silent", "null"])
-def test_no_line_where_the_log_speaks_or_is_to_be_silent(word):
-    lines = told_on_stderr("often", word)
-    assert not any("increments done" in line for line in lines)
-    logged = [line.startswith("INFO:pw_elements.contact:increment 2: ") for line in lines]
-    assert any(logged) == (word == "log")
-    assert lines == [] or word == "log"
+@pytest.mark.parametrize("case", ["log", "silent", "null"])
+def test_no_line_where_the_log_speaks_or_is_to_be_silent(case, monkeypatch, caplog, capsys):
+    monkeypatch.setattr(progress, "_PAUSE", -1.0)
+    if case == "null":
+        monkeypatch.setattr(progress.logger, "handlers", [logging.NullHandler()])
+    else:
+        caplog.set_level(logging.INFO if case == "log" else logging.ERROR, "pw_elements")
+    computed()
+    assert capsys.readouterr().err == ""
+    assert any(said.startswith("increment 2: ") for said in caplog.messages) == (case == "log")

@@ -19,10 +19,9 @@ from pw_elements import (
 )
 from pw_elements.contact import SLIP, ContactPair, ContactProblem, Motion, SignedDistance, Sphere
 from pw_elements.meshes import triangles
-from tests.contact.cases import Elastic, at
+from tests.contact.cases import Elastic, at, at_large_strains, neo_hookean
 from tests.contact.test_large import Rubber as Touching
 from tests.contact.test_large import hardened
-from tests.parallel import same_numbers
 
 STEP = 1e-5  # of each parameter's value
 NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
@@ -31,32 +30,28 @@ NAMES = ("shear", "lame", "base", "load", "friction", "depth", "slide", "push")
 class Rubber:
     """A random rubber block under a tool that is moved, then pushed, with all that is given."""
 
-    def __init__(self, seed, dim=2, hybrid=False, steps=3, most=25, comm=MPI.COMM_SELF):
+    def __init__(self, seed, dim=2, steps=3, most=25, comm=MPI.COMM_SELF):
         rng = np.random.default_rng(seed)
-        self.dim, self.steps, self.most, self.comm = dim, steps, most, comm
+        self.dim, self.steps, self.most, axis = dim, steps, most, dim - 1
+        bottom = (-0.7, -0.8)[dim - 2]
         if dim == 2:
-            mesh = triangles(comm, (-1.0, -0.7), (1.0, 0.0), (10, 4))
+            mesh = triangles(comm, (-1.0, bottom), (1.0, 0.0), (10, 4))
         else:
-            ends = ((-1.0, -1.0, -0.8), (1.0, 1.0, 0.0))
+            ends = ((-1.0, -1.0, bottom), (1.0, 1.0, 0.0))
             mesh = create_box(comm, ends, (3, 3, 2), CellType.tetrahedron)
-        spaces = Spaces.hybrid(mesh) if hybrid else Spaces.petrov_galerkin(mesh)
-        self.space, self.u = spaces.trial, fem.Function(spaces.trial)
-        axis = dim - 1
-        self.top = fem.locate_dofs_geometrical(self.space, lambda x: np.isclose(x[axis], 0.0))
         self.shear, self.lame, self.base = (fem.Constant(mesh, v) for v in (1.0, 1.5, 0.0))
         self.load = fem.Constant(mesh, np.zeros(dim))
-        moved, weight = self.u, ufl.TestFunction(spaces.test)
-        F = ufl.Identity(dim) + ufl.grad(moved)
-        inverse = ufl.inv(F).T
-        P = self.shear * (F - inverse) + self.lame * ufl.ln(ufl.det(F)) * inverse
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 3})
-        side = boundary_measure(mesh, lambda x: np.isclose(x[0], 1.0))
-        self.residual = ufl.inner(P, ufl.grad(weight)) * dx - ufl.inner(self.load, weight) * side
-        self.work = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, moved) * side
-        bottom = mesh.geometry.x[:, axis].min(initial=np.inf)
-        bottom = comm.allreduce(bottom, MPI.MIN)
+        spaces = Spaces.petrov_galerkin(mesh)
+        self.space = spaces.trial
+        stress = lambda F: neo_hookean(F, self.shear, self.lame)  # noqa: E731
+        self.u, inner = at_large_strains(spaces, stress, 3)
+        weight, side = ufl.TestFunction(spaces.test), boundary_measure(mesh, at(0, 1.0))
+        self.residual = inner - ufl.inner(self.load, weight) * side
+        F, dx = ufl.Identity(dim) + ufl.grad(self.u), ufl.dx(metadata={"quadrature_degree": 3})
+        self.work = self.shear * ufl.inner(F, F) * dx + ufl.inner(self.load, self.u) * side
+        self.top = fem.locate_dofs_geometrical(self.space, at(axis, 0.0))
         self.held = [
-            prescribe(self.space, i, lambda x: np.isclose(x[axis], bottom), *value)
+            prescribe(self.space, i, at(axis, bottom), *value)
             for i, value in enumerate([(self.base,), *[()] * (dim - 1)])
         ]
         centre, radius = rng.uniform(-0.1, 0.1, dim), rng.uniform(0.6, 1.0)
@@ -147,26 +142,37 @@ def statuses(states):
     return [pair.status.tolist() for state in states for pair in state.pairs]
 
 
-def agreement(case, found, states):
-    """Names of parameters, and how far derivatives are from central differences of solutions."""
+def agreement(case, found, states, together):
+    """How far derivatives are from central differences of solutions, as parameters change."""
     errors = {}
-    for k, name in enumerate(NAMES):
-        step, ends, same = STEP * abs(case.values[name]), [], True
-        for sign in (1, -1):
-            _, there = case.solve(**{name: case.values[name] + sign * step})
+    for names in together:
+        rates, ends, same = {name: abs(case.values[name]) for name in names}, [], True
+        for step in (STEP, -STEP):
+            changed = {name: case.values[name] + step * rate for name, rate in rates.items()}
+            _, there = case.solve(**changed)
             ends.append(case.results(there))
             same &= statuses(there) == statuses(states)
         if same:
-            differences = (ends[0] - ends[1]) / (2 * step)
+            differences = (ends[0] - ends[1]) / (2 * STEP)
+            known = sum(rate * found[:, :, NAMES.index(name)] for name, rate in rates.items())
             size = np.abs(differences).max(axis=0) + 1e-3 * (np.abs(differences).max() or 1.0)
-            errors[name] = float((np.abs(found[:, :, k] - differences) / size).max())
+            errors[names] = float((np.abs(known - differences) / size).max())
     return errors
 
 
+EACH, ALL = [(name,) for name in NAMES], [NAMES]
+
+
 @pytest.mark.parametrize(
-    ("seed", "options"), [(0, {}), (1, {}), (2, {}), (5, {"dim": 3}), (6, {"most": 4, "steps": 2})]
+    ("seed", "options", "together"),
+    [
+        (0, {}, EACH),
+        (1, {}, ALL),
+        (5, {"dim": 3}, ALL),
+        (6, {"most": 4, "steps": 2}, ALL),
+    ],
 )
-def test_derivatives_are_those_of_differences_and_of_the_adjoint(seed, options):
+def test_derivatives_are_those_of_differences_and_of_the_adjoint(seed, options, together):
     case = Rubber(seed, **options)
     problem, states = case.solve()
     parameters = list(case.parameters().values())
@@ -177,21 +183,9 @@ def test_derivatives_are_those_of_differences_and_of_the_adjoint(seed, options):
     gradient = problem.sensitivity(states, case.outputs, parameters, case.loads, weights)
     expected = np.einsum("so,sop->p", weights, found)
     assert np.abs(gradient - expected).max() < 1e-10 * np.abs(gradient).max()
-    errors = agreement(case, found, states)
-    assert len(errors) > 5
+    errors = agreement(case, found, states, together)
+    assert len(errors) > 0.6 * len(together)
     assert max(errors.values()) < 1e-6, errors
-
-
-def both_ways(comm):
-    case = Rubber(0, comm=comm)
-    problem, states = case.solve()
-    given = states, case.outputs, list(case.parameters().values()), case.loads
-    weights = np.cos(np.arange(15.0)).reshape(3, 5)
-    return {"direct": problem.sensitivity(*given), "adjoint": problem.sensitivity(*given, weights)}
-
-
-def test_processes_find_the_same_numbers():
-    same_numbers(both_ways, processes=(2, 3), rel=1e-9)
 
 
 class Steel:

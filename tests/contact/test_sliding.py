@@ -16,8 +16,8 @@ from pw_elements.contact import (
     Motion,
 )
 from pw_elements.contact.interface import SlidingMortar, Trace
-from tests.contact.sliding import PATH, STORED, Bodies, die, forces_and_gaps, slid, two
-from tests.parallel import same_numbers
+from tests.contact.cases import at
+from tests.contact.sliding import PATH, STORED, Bodies, die, slid, two
 
 FRICTION = 0.3
 
@@ -87,6 +87,19 @@ def test_linear_fields_are_handed_on_and_seen_exactly():
     assert np.abs(met.gaps[met.faced] - 0.02).max() < 1e-13
 
 
+@pytest.fixture(scope="module")
+def whole():
+    """The die, its states along the path, and increments and violations of their iterations."""
+    violations = []
+
+    def told(progress):
+        if progress.state is None:
+            violations.append((progress.increment, progress.violation * 1e-9))
+
+    bodies = die(friction=FRICTION, callback=told)
+    return bodies, slid(bodies), tuple(violations)
+
+
 def cone(state):
     """How far friction is from mu p where nodes slip, and beyond it where they stick."""
     (pair,) = state.pairs
@@ -96,59 +109,45 @@ def cone(state):
     return away.max() / np.abs(pair.force_vector).max()
 
 
-def test_a_die_slides_over_its_element_and_more():
+def test_a_die_slides_over_its_element_and_more(whole):
     """Forces balance, the cone holds node by node, and Newton's method ends quadratically."""
-    violations = []
-
-    def told(progress):
-        if progress.state is None:
-            violations.append((progress.increment, progress.violation * 1e-9))
-
-    bodies = die(friction=FRICTION, callback=told)
-    states = slid(bodies)
+    _, states, violations = whole
     for k, state in enumerate(states):
         (pair,) = state.pairs
         size = np.abs(pair.force).max()
         assert np.abs(pair.opposite_force.sum(axis=0) + pair.force).max() < 1e-12 * size
         assert cone(state) < 1e-8
-        before, last = [v for at, v in violations if at == k][-2:]
+        before, last = [v for increment, v in violations if increment == k][-2:]
         assert last < max(1e-11, 1e3 * before**2)
     assert np.abs(states[-1].pairs[0].slip).max() > 0.1
 
 
-def test_both_sides_may_be_the_slave():
+def test_both_sides_may_be_the_slave(whole):
     """Resultants are those of the exchanged sides, to the accuracy of the mesh."""
-    forces = [slid(die(upper_is_slave=upper))[-1].pairs[0].force for upper in (True, False)]
+    ways = whole[1], slid(die(upper_is_slave=False))
+    forces = [states[-1].pairs[0].force for states in ways]
     assert np.abs(forces[0] + forces[1]).max() < 0.03 * np.abs(forces[0]).max()
 
 
-def test_a_turned_problem_has_turned_forces():
-    plain, turned = (die(turned=angle) for angle in (0.0, 90.0))
-    one, other = (slid(bodies, PATH[:3])[-1] for bodies in (plain, turned))
-    (mine,), (theirs,) = one.pairs, other.pairs
+def test_a_turned_problem_has_turned_forces(whole):
+    (mine,), (theirs,) = whole[1][2].pairs, slid(die(turned=90.0), PATH[:3])[-1].pairs
     size = np.abs(mine.force_vector).max()
     assert np.abs(np.sort(mine.force_normal) - np.sort(theirs.force_normal)).max() < 1e-9 * size
     assert np.abs(mine.force @ turn(90.0).T - theirs.force).max() < 1e-9 * size
 
 
-def test_a_way_that_is_resumed_is_the_way(tmp_path):
-    bodies = die()
-    states = slid(bodies)
+def test_a_way_that_is_resumed_is_the_way(whole, tmp_path):
+    bodies, states, _ = whole
     bodies.problem.save(states[STORED], tmp_path / "state.npz")
     read = bodies.problem.load(tmp_path / "state.npz")
-    (pair,), (whole,) = slid(bodies, PATH[STORED + 1 :], read)[-1].pairs, states[-1].pairs
+    (pair,), (known,) = slid(bodies, PATH[STORED + 1 :], read)[-1].pairs, states[-1].pairs
     for name in ("force_vector", "opposite_force", "slip"):
-        values = getattr(whole, name)
+        values = getattr(known, name)
         assert np.abs(getattr(pair, name) - values).max() < 1e-12 * np.abs(values).max()
 
 
-def test_processes_find_the_same_numbers():
-    same_numbers(forces_and_gaps, processes=(2,), rel=1e-9)  # one of them without points
-
-
-def test_fields_have_pressures_and_forces_of_both_sides():
-    bodies = die()
-    states = slid(bodies)
+def test_fields_have_pressures_and_forces_of_both_sides(whole):
+    bodies, states, _ = whole
     fields = ContactFields.of(states[0], bodies.body)
     fields.fill(states[-1])
     (pair,) = states[-1].pairs
@@ -175,10 +174,7 @@ def test_an_even_pressure_arrives_as_it_is():
     """Two blocks between smooth walls, the lower one wider: meshes do not match, forces do."""
     mesh = two(((0, 0), (1, 0.5)), ((0, 0.51), (1, 1)), ((7, 2), (5, 2)), lambda x, y, _: (x, y))
 
-    def at(height):
-        return lambda x: np.isclose(x[1], height)
-
-    walled = Bodies(mesh, at(0.51), at(0.5), at(0), at(1), 0.0)
+    walled = Bodies(mesh, *(at(1, height) for height in (0.51, 0.5, 0.0, 1.0)), 0.0)
     walls = prescribe(walled.space, 0, lambda x: np.isclose(x[0] * (1 - x[0]), 0))
     problem = ContactProblem.of_residual(
         walled.residual, walled.u, [*walled.held, walls], walled.pair
@@ -220,6 +216,6 @@ def test_what_is_not_supported_is_refused_in_words():
         of(bodies.residual, bodies.u, bodies.held, bodies.pair, Iterative())
     with pytest.raises(ValueError, match="not free to move"):
         bodies.problem.step(bodies.problem.undeformed, motions=Motion((0.0, None)))
-    far = ContactPair(lambda x: np.isclose(x[1], 1.0), bodies.pair.surface)
+    far = ContactPair(at(1, 1.0), bodies.pair.surface)
     with pytest.raises(ValueError, match="faces the opposite part"):
         of(bodies.residual, bodies.u, bodies.held, far)
