@@ -102,7 +102,7 @@ CALLS = [
     (lambda: solved(WALL, reduction=corner_held(0)), "prescribed normal displacement"),
     (lambda: solved(reduction=doubled()), "combines the displacements"),
     (lambda: solved(PASSING, [BLOCK.pressure] * 2), "gap is not a number"),
-    (lambda: solved(remedies=("prayer",)), "give some of 'condensed', 'cutback'"),
+    (lambda: solved(remedies=("prayer",)), "give some of 'springs', 'cutback'"),
 ]
 
 

@@ -7,7 +7,6 @@ import pytest
 from pw_elements.contact import NotFound
 from pw_elements.contact.iteration import ContactSystem
 from pw_elements.contact.iteration.system import Tangent
-from pw_elements.contact.rescue import condensed
 from pw_elements.contact.steps.stepping import Stepping
 from pw_elements.solvers import NotConverged
 from tests.contact.residuals import Step, residuals, walked, worst
@@ -20,26 +19,23 @@ FAILING = [158, 264, 991, 1134, 132]
 LOST = [667, 1441]
 
 
-# -- the complementarity problem -------------------------------------------------------------
+# -- springs ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", [*FAILING, *LOST])
-def test_cycling_and_crawling_problems_are_solved_without_active_sets(seed):
+def test_cycling_and_crawling_problems_are_solved_by_springs(seed):
     stated = problem(seed)
     with pytest.raises(NotFound):
         stated.solve(remedies=())
-    states = stated.solve(remedies=("condensed",))
+    states = stated.solve(remedies=("springs",))
     assert worst(residuals(stated, [Step.of(state) for state in states])) < 1e-8
 
 
-def test_remedies_say_what_they_do(monkeypatch, caplog):
+def test_springs_say_what_they_do(caplog):
     with caplog.at_level("INFO", "pw_elements.contact"):
         problem(158).solve()
-        assert "solved without active sets, from springs of 1e-03" in caplog.text
-        monkeypatch.setattr(condensed, "_MOST_UNKNOWNS", 10)
-        with pytest.raises(NotFound):
-            problem(158).solve(remedies=("condensed",))
-    assert "too many contact points" in caplog.text
+    assert "by springs, for what 150 linear systems take at most" in caplog.text
+    assert "solved by springs of 4e-07" in caplog.text
 
 
 # -- increments in parts ---------------------------------------------------------------------

@@ -23,8 +23,7 @@ from pw_elements.contact import (
 )
 from pw_elements.contact.iteration import contact_state, initial_active_set, newton
 from pw_elements.contact.model import Residuals
-from pw_elements.contact.rescue import Budget
-from pw_elements.contact.steps.stepping import Target
+from pw_elements.contact.steps.stepping import Stepping, Target
 from pw_elements.meshes import triangles
 from pw_elements.solvers import SolverReport
 from pw_elements.spaces import Assembled
@@ -163,7 +162,7 @@ def test_a_ball_without_force_just_touches(mu):
 def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
     with caplog.at_level("INFO", "pw_elements.contact"), pytest.raises(NotFound) as refused:
         problem(104).solve()
-    for remedy in ("without active sets", "in parts"):
+    for remedy in ("by springs", "in parts"):
         assert f"{remedy}, for what 150 linear systems take at most" in caplog.text
     share, state = refused.value.reached
     assert f"In parts {share} of it was reached" in str(refused.value)
@@ -173,18 +172,22 @@ def test_a_refusal_says_what_was_tried_and_how_far_it_got(caplog):
 
 
 def test_a_remedy_costs_as_many_first_attempts_as_it_may(monkeypatch):
-    """But for what is begun before its budget is used up."""
-    budgets = {}
-    take = Budget.take
+    """But for what is begun before these are used up."""
+    remedies, ends = [], []
+    allowed = Stepping._left
 
-    def noted(budget, systems):
-        budgets.setdefault(id(budget), [budget, budget.left, 0.0])[2] += systems
-        return take(budget, systems)
+    def noted(stepping, remedy, free):
+        ends.extend(left() for left, _ in remedies[-1:])  # of the one before
+        left = allowed(stepping, remedy, free)
+        remedies.append((left, left()))
+        return left
 
-    monkeypatch.setattr(Budget, "take", noted)
+    monkeypatch.setattr(Stepping, "_left", noted)
     for multiple in (0.1, 3.0):
-        budgets.clear()
+        remedies.clear()
+        ends.clear()
         with pytest.raises(NotFound):
-            problem(93).solve(remedies={"condensed": multiple, "cutback": multiple})
-        assert all(taken <= 1.5 * most + 10 for _, most, taken in budgets.values())
-        assert {most for _, most, _ in budgets.values()} == {50 * multiple}
+            problem(93).solve(remedies={"springs": multiple, "cutback": multiple})
+        ends.append(remedies[-1][0]())
+        assert [most for _, most in remedies] == [50 * multiple] * 2
+        assert all(end > -0.5 * 50 * multiple - 10 for end in ends)

@@ -5,8 +5,6 @@ import pytest
 
 from pw_elements import Direct, Iterative, Reduction, prescribe
 from pw_elements.contact import ContactProblem, NoEquilibrium, NotFound, NotUnique
-from pw_elements.contact.rescue.condensed import CondensedIncrement
-from pw_elements.contact.steps.stepping import Target
 from tests.contact.cases import at
 from tests.contact.two_bodies import Stack
 from tests.oracle.search import Increment, search
@@ -32,6 +30,7 @@ class Blocks:
         push = random.uniform(-0.95, 0.95) * mu * press
         self.loads = [stack.load((0.0, -press)), stack.load((push, -press))][random.integers(2) :]
         held = [prescribe(stack.space, i, at(1, 0.0)) for i in (0, 1)]
+        self.x = stack.space.tabulate_dof_coordinates()
         supports = Reduction.dirichlet(stack.space, held)
         self.problem = ContactProblem(
             stack.K, supports, stack.pair(slave, mu), stack.space, **options
@@ -60,19 +59,34 @@ class Blocks:
         return 20 * np.finfo(float).eps * (K * size).max()[1] / force
 
     def is_solved_by_search(self, state, load):
-        """Whether a search of all statuses finds a state, on the body condensed to its points."""
-        stepping = self.problem._stepping
-        increment, place, _ = stepping._begun(state, Target.of(load, (), stepping.interface))
-        seen = CondensedIncrement(increment, stepping._condensed, place)
+        """Whether a search of all statuses finds a state, by the contact points' motions alone."""
+        interface, K = self.problem._stepping.interface, self.problem._K[:, :]
+        kept = np.flatnonzero(self.x[:, 1].repeat(2) > 0.0)
+        G, H = interface.motion[:, :][:, kept], interface.force[:, :][kept]
+        n, m = len(kept), len(G)
+        equations = np.block([[K[np.ix_(kept, kept)], -H], [G, np.zeros((m, m))]])
+        known = np.zeros((n + m, m + 1))
+        known[:n, -1], known[n:, :-1] = load.array_r[kept], np.eye(m)
+        force = np.linalg.solve(equations, known)[n:].reshape(-1, 2, m + 1)
+        moved, before = np.eye(m, m + 1).reshape(-1, 2, m + 1), np.zeros((m, m + 1))
+        before[:, -1] = G @ state.displacement.array_r[kept]
+        normal, gap = interface.normals(None), interface.gaps(None)
+        tangent = normal[:, ::-1] * [-1.0, 1.0]
+
+        def along(axes, vectors):
+            return np.einsum("ma,mak->mk", axes, vectors)
+
+        faced, seen = np.isfinite(gap), along(normal, moved)
+        seen[faced, -1] += gap[faced]
         stated = Increment(
-            seen.force[:, 0],
-            seen.force[:, 1],
-            seen.seen[:, 0],
-            seen.seen[:, 1],
-            seen.balance,
-            seen.cone.steepest,
-            seen.faced,
-            seen.scale.mean(),
+            along(normal, force),
+            along(tangent, force),
+            seen,
+            along(tangent, moved - before.reshape(moved.shape)),
+            np.zeros((0, m + 1)),
+            interface.cone.steepest,
+            faced,
+            np.diag(K)[2 * interface.node].mean(),
         )
         return search(stated) is not None
 

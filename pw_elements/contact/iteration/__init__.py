@@ -32,6 +32,7 @@ from pw_elements.contact.iteration.policy import (
     Policy,
     initial_active_set,
     resumed,
+    same,
 )
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
 from pw_elements.contact.iteration.system import (

@@ -275,6 +275,7 @@ class Increment:
     def residuals(self, now: Iterate, force: float, length: Array | float) -> dict[str, Array]:
         """The fields of `Residuals` on this process, over a force and lengths (m,)."""
         unbalanced = self.system.totals(now.place.levers.forces(now.force)) - self.totals
+        unbalanced += self.system.springs * [now.translations[at] for at in self.system.free]
         return now.contact.residuals(force, length) | {
             "equilibrium": np.array([now.unbalanced / force]),
             "balance": np.abs(unbalanced) / (force * self.system.arms(now.place.levers)),

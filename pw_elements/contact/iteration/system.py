@@ -157,13 +157,16 @@ def border_columns(free: Sequence[tuple[int, int]], pair: Local, each: int) -> s
     return sp.csr_matrix((np.ones(len(rows)), (rows, column)), (len(pair) * each, len(free)))
 
 
-def balance_rows(sums: sp.coo_matrix, comm: MPI.Comm) -> sp.csr_matrix:
-    """Equations of free translations, on the last process; `sums` are this process' own part."""
+def balance_rows(sums: sp.coo_matrix, springs: Array, comm: MPI.Comm) -> sp.csr_matrix:
+    """Equations of free translations, on the last process; `sums` are this process' own part.
+
+    Each translation has a spring besides.
+    """
     parts = comm.gather((sums.row, sums.col, sums.data), root=comm.size - 1)
     if parts is None:
         return sp.csr_matrix((0, sums.shape[1]))
     own = np.arange(sums.shape[0])
-    parts.append((own, sums.shape[1] - len(own) + own, np.zeros(len(own))))
+    parts.append((own, sums.shape[1] - len(own) + own, springs))
     # zeros stay: sums have one pattern
     row, column, data = (np.concatenate(each) for each in zip(*parts, strict=True))
     balance = sp.csr_matrix((data, (row, column)), sums.shape)
@@ -269,6 +272,7 @@ class ContactSystem:
         levers: Levers | None = None,
     ) -> None:
         self.reduction, self.interface, self.free = reduction, interface, free
+        self.springs = np.zeros(len(free))  # of free translations, see `by_springs`
         self.levers = levers or Levers.straight(*interface.position.shape)
         self.comm: MPI.Comm = interface.comm
         self.solved = 0
@@ -312,7 +316,7 @@ class ContactSystem:
         operators = self.stiffness, self._force, self._flexible, self._spread
         fixed, read = tangent_rows(*operators, self.interface.equation, len(self.free))
         rows = PointRows(read, self._moved, self._borders, self._own)
-        border = balance_rows(self._balances(read), self.comm)
+        border = balance_rows(self._balances(read), self.springs, self.comm)
         return read, rows, with_points(fixed, rows, border)
 
     def _balances(self, read: sp.csr_matrix) -> sp.coo_matrix:

@@ -155,9 +155,7 @@ class ContactState:
         displacement: full vector in the numbering of the displacements' space, which is the trial
             space unless that is hybrid.
         pairs: one state per contact pair.
-        iterations: linear systems solved, including those of failed attempts and of parts. The
-            solutions by which a remedy condenses the body to its contact points are not counted;
-            `report` counts their factorisation.
+        iterations: linear systems solved, including those of failed attempts and of parts.
         unique: False if determinants of tangents have different signs: of all that the problem
             has factorised so far, and of those on the way to a state that was loaded. The friction
             is then so large that several states can be in equilibrium with the same loads, and

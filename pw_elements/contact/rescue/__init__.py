@@ -1,5 +1,5 @@
 """What is tried after the iteration has failed, and proofs that no state exists."""
 
-from pw_elements.contact.rescue.condensed import Budget, Condensation
 from pw_elements.contact.rescue.refusals import no_equilibrium, rescue
 from pw_elements.contact.rescue.rigid import RigidMotions
+from pw_elements.contact.rescue.springs import by_springs

@@ -36,7 +36,6 @@ from pw_elements.contact.iteration import (
     Increment,
     Iterate,
     Place,
-    Policy,
     contact_state,
 )
 from pw_elements.contact.model import (
@@ -48,12 +47,6 @@ from pw_elements.contact.model import (
     NotUnique,
     RigidVelocity,
     Smallness,
-)
-from pw_elements.contact.rescue.condensed import (
-    Budget,
-    Condensation,
-    gathered,
-    without_active_sets,
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
 from pw_elements.solvers import NotConverged, SolverReport
@@ -178,7 +171,10 @@ def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
         np.einsum("nta,ntb,nbk->nak", tangents, tangents, works),
         faced,
     )
-    *points, some = (gathered(interface, part) for part in values)
+    *points, some = (
+        np.concatenate([interface.in_order(k, part) for k in range(interface.pairs)])
+        for part in values
+    )
     return Points(*points).where(some)
 
 
@@ -214,27 +210,22 @@ def no_equilibrium(increment: Increment, place: Place, rigid: RigidMotions) -> N
 def rescue(
     failure: ContactFailed | NotConverged,
     increment: Increment,
-    place: Place,
     proved: Callable[[], NoEquilibrium | None],
-    condensed: Callable[[], Condensation] | None,
-    budget: Budget,
-    policy: Callable[[], Policy],
-    most: int,
+    remedy: Callable[[], Iterate | None] | None,
     before: ContactState,
     spent: Callable[[], tuple[int, SolverReport]],
 ) -> Iterate:
     """The solution of an increment whose iteration has failed, or the refusal that says why.
 
-    The body is condensed unless that is not to be tried. A failure to converge stays one, unless
-    statics explain it.
+    A remedy is tried if there is one. A failure to converge stays one, unless statics explain it.
     """
     if proof := proved():
         raise proof from None
     if isinstance(failure, NotConverged):
         raise failure
-    if condensed is not None and not isinstance(failure, NotUnique):
+    if remedy is not None and not isinstance(failure, NotUnique):
         try:
-            found = without_active_sets(increment, condensed, place, policy, most, budget)
+            found = remedy()
         except NotUnique as unique:
             failure, found = unique, None
         if found is not None:

@@ -280,10 +280,10 @@ class ContactProblem:
         max_iterations: linear systems of one iteration.
         callback: called with a `Progress` after each iteration and each increment, on each process
             that has one; an exception that it raises ends the computation.
-        remedies: what is tried where the iteration fails: "condensed" iterates without
-            active sets, on the contact points alone; "cutback" halves the increment, which with
-            friction is another path (see `ContactState.substates`). Each may take three times as
-            long as the first attempt; {"condensed": 3, "cutback": 10}, say, gives it more.
+        remedies: what is tried where the iteration fails: "springs" hold the contact points on
+            the way, and let go; "cutback" halves the increment, which with friction is another
+            path (see `ContactState.substates`). Each may take three times as long as the first
+            attempt; {"springs": 3, "cutback": 10}, say, gives it more.
 
     Raises:
         TypeError, ValueError: for arguments that do not make a contact problem.

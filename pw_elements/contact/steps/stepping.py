@@ -18,7 +18,7 @@ another state than the whole one would, had it been found, and says so by `Conta
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from time import perf_counter
 from typing import Literal, TypeAlias
 
@@ -60,7 +60,7 @@ from pw_elements.contact.model import (
     Motion,
     NotFound,
 )
-from pw_elements.contact.rescue import Budget, Condensation, RigidMotions, no_equilibrium, rescue
+from pw_elements.contact.rescue import RigidMotions, by_springs, no_equilibrium, rescue
 from pw_elements.contact.steps.sensitivity import Linearised, Part
 from pw_elements.contact.steps.smallness import SmallnessCheck
 from pw_elements.progress import doing, told
@@ -69,18 +69,20 @@ from pw_elements.solvers import (
     NotConverged,
     SingularSystem,
     SolverReport,
+    add,
     is_matrix_free,
+    unblocked,
 )
 from pw_elements.spaces import Assembled
 
 # Smallest part of an increment
 _SMALLEST = 1 / 16
 
-# What is tried where the iteration fails: one without active sets, and smaller increments; and
-# what either may take, over the first attempt, which counts as so many linear systems at least
-# where these are of no more unknowns
-Remedy: TypeAlias = Literal["condensed", "cutback"]
-REMEDIES: tuple[Remedy, ...] = ("condensed", "cutback")
+# What is tried where the iteration fails: springs at the points, and smaller increments; and what
+# either may take, over the first attempt, which counts as so many linear systems at least where
+# these are of no more unknowns
+Remedy: TypeAlias = Literal["springs", "cutback"]
+REMEDIES: tuple[Remedy, ...] = ("springs", "cutback")
 MULTIPLE = 3.0
 _USUAL, _FEW = 50, 2000
 
@@ -314,13 +316,14 @@ class Stepping:
         self._K = K
         self._reduction = equilibrated(masked(reduction) if iterative else reduction, K)
         self._most, self._callback = max_iterations, callback
-        # others condense the body
+        # springs are in an assembled matrix
         self._remedies = {k: m for k, m in remedies.items() if k == "cutback" or not iterative}
         self._first = 0  # linear systems of an increment's first attempt
         self.interface = nodal_interface(pairs, space, self._reduction, Assembled.of(K))
         self._whole, self.space = space, self.interface.field.space
         self._watch = SmallnessCheck(self.interface, self.space)
         self._system: tuple[ContactSystem, RigidMotions] | None = None
+        self._soft: ContactSystem | None = None  # with springs
 
     def step(
         self,
@@ -358,23 +361,25 @@ class Stepping:
         """Ends (share, state) of the parts that are found on the way to a target."""
         if "cutback" not in self._remedies:
             return []
-        start, budget = held_by(state, self._K, self.interface), self._budget("cutback")
+        start, left = held_by(state, self._K, self.interface), self._left("cutback", end.free)
         comm = self.interface.comm
-        words = f"in parts, for what {budget.left:.0f} linear systems take at most"
+        words = f"in parts, for what {left():.0f} linear systems take at most"
         told(comm, logging.INFO, words, ".contact")
 
         def part(now: ContactState, share: float) -> ContactState:
-            return self._solved(now, between(start, end, share), None, reporter, budget)
+            return self._solved(now, between(start, end, share), None, reporter, left)
 
-        parts, _ = divided(part, state, (0.5, _SMALLEST, 1.0), lambda: budget.left > 0)
+        parts, _ = divided(part, state, (0.5, _SMALLEST, 1.0), lambda: left() > 0)
         done = parts[-1][0] if parts else 0.0
         words = f"{done:.4g} of the increment has been solved in {len(parts)} parts"
         told(comm, logging.INFO, words, ".contact")
         return parts
 
-    def _budget(self, remedy: Remedy) -> Budget:
+    def _left(self, remedy: Remedy, free: Free) -> Callable[[], float]:
+        """What tells how many linear systems a remedy may still solve."""
         usual = _USUAL * min(1.0, _FEW / self._K.getSize()[0]) ** 1.5
-        return Budget(self._remedies.get(remedy, 0.0) * max(self._first, usual))
+        end = self._spent(free)[0] + self._remedies.get(remedy, 0.0) * max(self._first, usual)
+        return lambda: end - self._spent(free)[0]
 
     def _solved(
         self,
@@ -382,9 +387,9 @@ class Stepping:
         target: Target,
         guess: ContactState | None,
         reporter: Reporter,
-        budget: Budget | None = None,
+        left: Callable[[], float] | None = None,
     ) -> ContactState:
-        """The state at a target, in one piece; of a part, within a budget."""
+        """The state at a target, in one piece; of a part, by what systems are `left`."""
         increment, place, policy = self._begun(state, target, guess)
         before, rigid = self._spent(target.free), self._bound(target.free)[1]
         active = initial_active_set(
@@ -396,32 +401,56 @@ class Stepping:
             if proof := proved():
                 raise proof
 
-        most = self._most if budget is None else int(max(1, min(self._most, budget.left)))
+        most = self._most if left is None else int(max(1, min(self._most, left())))
         try:
             now = newton(increment, active, place, policy(), most, reporter.iteration, doubt)
         except (ContactFailed, NotConverged) as failure:
-            solved = increment.system.solved - before[0]
-            if budget is None:
-                self._first = solved
-            else:
-                budget.take(solved)
+            if left is None:
+                self._first = self._spent(target.free, before)[0]
+                left = self._left("springs", target.free)
+            held = partial(self._sprung, target, increment.past), active, place, state.unknowns
+            springs = partial(by_springs, increment, *held, policy, self._most, left)
             now = rescue(
                 failure,
                 increment,
-                place,
                 proved,
-                (lambda: self._condensed) if "condensed" in self._remedies else None,
-                budget or self._budget("condensed"),
-                policy,
-                self._most,
+                springs if "springs" in self._remedies else None,
                 state,
                 lambda: self._spent(target.free, before),
             )
-        else:
-            if budget is not None:
-                budget.take(increment.system.solved - before[0])
         reporter.violation = increment.violation(now)
         return self._ended(increment, now, state, before)
+
+    def _sprung(
+        self,
+        target: Target,
+        past: Reference,
+        share: float,
+        unknowns: PETSc.Vec,
+        translations: Array,
+    ) -> Increment:
+        """The equations to a target with springs, as `by_springs` wants them."""
+        interface, free, field = self.interface, target.free, self.interface.field
+        stated, stiffness = interface.equation >= 0, share * self._bound(free)[0].scale
+        node = interface.node - field.space.dofmap.index_map.local_range[0]
+        springs, pull = self._K.createVecs()
+        springs.array[field.owned[node][stated]] = np.repeat(stiffness, stated.sum(axis=1))
+        each = np.bincount(interface.pair, stiffness, interface.pairs).astype(float)  # of none
+        interface.comm.Allreduce(MPI.IN_PLACE, each, MPI.SUM)
+        held = PETSc.Mat().createAIJ(self._K.getSizes(), nnz=1, comm=self._K.comm)
+        held.setDiagonal(springs)
+        held.assemble()
+        K = unblocked(self._K).copy()
+        add(K, 1.0, held)
+        if self._soft is None:
+            self._soft = ContactSystem(K, self._reduction, interface, free, self.solver)
+        self._soft.springs = np.array([each[pair] for pair, _ in free])
+        self._soft.renew(K)
+        pull.pointwiseMult(springs, unknowns)
+        pull.axpy(1.0, target.load)
+        equilibrium = LinearEquilibrium.of(self._soft, K, pull, target.stated)
+        totals = target.totals + self._soft.springs * [translations[at] for at in free]
+        return Increment(self._soft, equilibrium, target.translations, totals, past, target.stated)
 
     def linearised(self, part: Part) -> Linearised:
         """The equations at the end of a part."""
@@ -466,22 +495,18 @@ class Stepping:
         return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
     def _spent(self, free: Free, before: Spent = (0, NOTHING_DONE)) -> Spent:
-        """Linear systems of iterations since before, and what they and condensing took."""
+        """Linear systems since before, with springs and without, and what they took."""
         system, _ = self._bound(free)
-        report = system.report
-        if "_condensed" in vars(self):
-            report = self._condensed.report.after(report)
-        return system.solved - before[0], report.since(before[1])
-
-    @cached_property
-    def _condensed(self) -> Condensation:
-        return Condensation(self._K, self._reduction, self.interface, self.solver)
+        solved, report = system.solved, system.report
+        if self._soft is not None:
+            solved, report = solved + self._soft.solved, self._soft.report.after(report)
+        return solved - before[0], report.since(before[1])
 
     def release(self) -> None:
         """Frees what the solver holds, on all processes; the next step makes it anew."""
         if self._system is not None:
             self._system[0].tangent.release()
-            self._system = None
+            self._system = self._soft = None
 
     def _bound(self, free: Free) -> tuple[ContactSystem, RigidMotions]:
         """System and rigid motions for these free translations; one factorisation is kept."""
