@@ -160,13 +160,13 @@ def agreement(case, found, states, together):
     return errors
 
 
-EACH, ALL = [(name,) for name in NAMES], [NAMES]
+PAIRS, ALL = list(zip(NAMES[::2], NAMES[1::2], strict=True)), [NAMES]
 
 
 @pytest.mark.parametrize(
     ("seed", "options", "together"),
     [
-        (0, {}, EACH),
+        (0, {}, PAIRS),
         (1, {}, ALL),
         (5, {"dim": 3}, ALL),
         (6, {"most": 4, "steps": 2}, ALL),

@@ -206,7 +206,7 @@ FACTORISATIONS = 4  # at most, for 51 linear systems
 
 def test_old_factors_serve_while_few_rows_change():
     """On a mesh large enough for it, most increments of a slow pull need no new factors."""
-    states = Block(80).solve(0.3, 60.0, increments=10)
+    states = Block(48).solve(0.3, 60.0, increments=10)
     reports = [state.report for state in states]
     assert reports[0].factorisations >= 1
     assert sum(report.factorisations for report in reports) <= FACTORISATIONS

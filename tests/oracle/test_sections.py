@@ -115,7 +115,7 @@ def partial_slip(element):
 def vibrating_rod(element):
     condensed = element == "pw-Q8"
     with converged(element):
-        result = v8_vibration.rod(element, "transposed" if condensed else "all nodes", (2, 4))
+        result = v8_vibration.rod(element, "transposed" if condensed else "all nodes", (1, 3))
 
     def ours(linear):
         count = points(element)

@@ -61,7 +61,7 @@ class Pressed(Elastic):
 
 def test_library_and_search_find_a_state_where_trying_all_statuses_does_and_nowhere_else():
     solved = []
-    for seed in range(12):
+    for seed in range(8):
         stated = Pressed(seed)
         known = stated.equilibria()
         assert (search(linear_increment(stated, [])) is not None) == bool(known), seed
@@ -74,7 +74,7 @@ def test_library_and_search_find_a_state_where_trying_all_statuses_does_and_nowh
         moved = state.displacement.array_r.reshape(-1, 2)[stated.nodes].ravel()
         found = np.append(moved, state.pairs[0].translation)
         assert min(np.abs(found - z).max() for z in known) < 1e-8 * np.abs(found).max(), seed
-    assert 3 <= sum(solved) <= 9
+    assert 3 <= sum(solved) <= 6
 
 
 @pytest.mark.parametrize("seed", [103, 762])
