@@ -12,7 +12,10 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
+from mpi4py import MPI
 from petsc4py import PETSc
+
+import numpy as np
 
 from pw_elements.arrays import Array
 from pw_elements.contact.iteration import ActiveSet, Increment, Iterate, Place, Policy, newton, same
@@ -30,6 +33,11 @@ _FAILURES = 20
 # Iterations with springs, and without
 _MOST = 25
 _CONFIRMED = 12
+_LOOSE = (
+    "the loads are balanced without any contact force, and the body is loose: it can be where "
+    "nothing touches it, in many places; a support, or a load that presses it against something, "
+    "makes it one"
+)
 
 
 class Sprung(Protocol):
@@ -92,7 +100,9 @@ def by_springs(
                 told(comm, logging.INFO, f"not from springs of {share:.0e}: {failed}", ".contact")
                 if violation <= 1:
                     if isinstance(failed.__cause__, SingularSystem):
-                        raise NotUnique(f"at a solution, {failed}") from failed
+                        force = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
+                        loose = force <= increment.round_off(now)
+                        raise NotUnique(_LOOSE if loose else f"at a solution, {failed}") from failed
                     return now  # which the iteration leaves by round-off
         known, share = active, share / softer
     return None
