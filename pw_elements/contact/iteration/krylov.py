@@ -448,7 +448,7 @@ class KrylovTangent:
         more = accuracy == "more" and self._final
         exact = _EXACT_TANGENT if self._renewed else _EXACT
         self._accuracy = self._accuracy * _MORE if more else exact
-        law, forcing = self._in_forces(law, right)
+        law, forcing = self._in_forces(law, right), _FORCING
         self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
@@ -474,15 +474,14 @@ class KrylovTangent:
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
-    def _in_forces(self, law: LinearisedLaw, right: Array) -> tuple[LinearisedLaw, float]:
-        """The law, whose gaps are read as forces of springs if there are any; and the forcing."""
+    def _in_forces(self, law: LinearisedLaw, right: Array) -> LinearisedLaw:
+        """The law, whose gaps are read as forces of springs if there are any."""
         if self._sprung is None:
-            return law, _FORCING
+            return law
         share, stated = self._sprung.shares(law), self._points.own >= 0
         right[self._points.own[stated]] *= share[stated]
         E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
-        least = self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
-        return replace(law, E=E, C=C, D=D, c=share * law.c), _FORCING * least
+        return replace(law, E=E, C=C, D=D, c=share * law.c)
 
     def _make_ready(self, law: LinearisedLaw) -> Array:
         """Makes the preconditioner for a law; projectors (m, dim, dim) onto what it fixes."""
