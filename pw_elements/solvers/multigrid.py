@@ -128,7 +128,7 @@ class LinearLevel:
     def matrix(self) -> PETSc.Mat:
         """The matrix under what is held now, always the same object."""
         near, comm, columns = self._near, self._K.comm, self._P.getSizes()[1]
-        again = self._matrix is not None and self.springs is None  # which change the pattern
+        again = self._matrix is not None  # and has places for what is exchanged
         if self._matrix is None:
             self._matrix = galerkin_product(self._K, self._P)
             self._exchanged = galerkin_product(near.K, near.P) if near else None
@@ -138,7 +138,7 @@ class LinearLevel:
         part = None
         if self.springs is not None:
             part = galerkin_product(self.springs, self._P)
-            add(self._matrix, 1.0, part, last=False)
+            add(self._matrix, 1.0, part, last=False, within=again)
         elif near is not None:
             P = self._moved_near(near, free)
             part = galerkin_product(near.K, P)
@@ -372,7 +372,7 @@ class Multigrid:
             self._linear.springs = springs
             if springs is None:
                 self._linear.hold(nodes, held, weight)
-            anew = first or counts[2] > _AGGREGATED * counts[0] or springs is not None
+            anew = first or counts[2] > _AGGREGATED * counts[0]
             if anew:
                 self._aggregated = held
             self._forget(hierarchy=anew)
