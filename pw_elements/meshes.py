@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 from mpi4py import MPI
 
@@ -23,12 +23,12 @@ from dolfinx.mesh import (
 
 from pw_elements.abaqus import EDGES, FACES, Model
 from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import answer, arguments, collective, field, same_everywhere, vector
+from pw_elements.checks import answer, arguments, collective, same_everywhere
 
 __all__ = ["curved", "from_file", "from_gmsh", "mapped", "quadrilaterals", "triangles"]
 
 Pattern = Literal["right", "left", "right_left", "left_right", "crossed"]
-PATTERNS: tuple[Pattern, ...] = ("right", "left", "right_left", "left_right", "crossed")
+PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
 Names = dict[str, dict[str, tuple[int, ...]]]  # of "cells" and "facets": the tags of each set
 Map = Callable[[Array], Array]  # of points as rows, (n, 3)
 
@@ -251,7 +251,7 @@ def _placed(mesh: Mesh, image: Map, x: Array) -> Array:
     with collective(mesh.comm):
         given = np.asarray(answer(mesh.comm, "the image of the mesh", image, x.copy()))
         shape = (len(x), dim if given.shape[1:] == (dim,) else 3)
-        placed = field(
+        placed = arguments.field(
             "the image of the mesh", given, shape, f"rows (n, 3) to (n, 3) or (n, {dim})"
         )
         if not np.isfinite(placed).all():
@@ -267,9 +267,9 @@ def _rectangle(
     **kind: CellType | DiagonalType,
 ) -> Mesh:
     arguments.communicator(comm)
-    if not np.all(vector("lower", lower, 2) < vector("upper", upper, 2)):
+    if not np.all(arguments.vector("lower", lower, 2) < arguments.vector("upper", upper, 2)):
         raise ValueError(f"a rectangle from {lower} to {upper} has no area")
-    numbers = vector("divisions", divisions, 2)
+    numbers = arguments.vector("divisions", divisions, 2)
     if numbers.min() < 1 or np.any(numbers % 1 != 0):
         raise ValueError(f"divisions {divisions}: at least one in each direction")
     return create_rectangle(comm, [lower, upper], [int(n) for n in numbers], **kind)
@@ -320,15 +320,12 @@ def _check_plane(whose: str, x: Array) -> None:
 
 
 def _from_abaqus(path: Path, comm: MPI.Comm) -> TaggedMesh:
-    deck: _Deck
     with collective(comm):
-        if comm.rank == 0:
-            deck = _deck(path)
-    told = None if comm.rank else deck._replace(x=deck.x[:0], cells=deck.cells[:0])
-    (cell, degree), x, cells, tags, names = comm.bcast(told)
+        deck = None if comm.rank else _deck(path)
+    (cell, degree), x, cells, tags, names = comm.bcast(deck)
     dim = x.shape[1]
-    if comm.rank == 0:
-        x, cells = deck.x, deck.cells
+    if comm.rank:
+        x, cells = x[:0], cells[:0]
     element = basix.ufl.element("Lagrange", cell, degree, shape=(dim,))
     mesh = create_mesh(comm, cells=cells, x=x, e=element)
     mesh.topology.create_connectivity(dim, dim - 1)

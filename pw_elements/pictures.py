@@ -22,7 +22,7 @@ from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, collective, number, same_everywhere, vector
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.elasticity import facets_in_cells
 
 if TYPE_CHECKING:
@@ -107,14 +107,14 @@ def draw(
         check_axes(axes)
     import matplotlib.pyplot as plt
 
-    number("scale", scale)
+    arguments.number("scale", scale)
     arguments.of_type("label", label, str, "it has to be a string")
     arguments.flag("edges", edges)
     if not (isinstance(colours, str) and colours in plt.colormaps()):
         raise ValueError(f"colours = {colours!r}: give the name of one of Matplotlib's colour maps")
-    vector("view", view, 2)
+    arguments.vector("view", view, 2)
     if limits is not None:
-        vector("limits", limits, 2)
+        arguments.vector("limits", limits, 2)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -185,7 +185,7 @@ def _faces(
     else:
         nodes = fem.functionspace(mesh, ("Lagrange", 2))
         mesh.topology.create_connectivity(2, 3)
-        own, _, places = facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
+        own, places = facets_in_cells(nodes, exterior_facet_indices(mesh.topology))
         cells = own[:, None]
     behind = moved.mean(axis=1)[cells[:, 0]]
     each = mesh.comm.allgather((moved[cells, places], field[cells, places], behind))

@@ -24,7 +24,7 @@ from pw_elements.algebra.linear import explained, factorise, symmetric_part
 from pw_elements.algebra.problem_checks import check_problem, refuse_negative
 from pw_elements.algebra.reduction import Reduction, equilibrated, masked
 from pw_elements.arrays import Array
-from pw_elements.checks import collective, flag, same_everywhere, whole
+from pw_elements.checks import arguments, collective, same_everywhere
 from pw_elements.progress import doing, told
 from pw_elements.solvers import (
     Direct,
@@ -256,8 +256,8 @@ class _Asked:
     def check(self, K: PETSc.Mat, name: str, other: PETSc.Mat) -> None:
         pair, reductions = {"the stiffness": K, name: other}, (self.reduction,)
         check_problem(pair, reductions=reductions, solver=self.solver)
-        whole("count", self.count, 1)
-        flag("symmetrised", self.symmetrised)
+        arguments.whole("count", self.count, 1)
+        arguments.flag("symmetrised", self.symmetrised)
         refuse_negative("the stiffness", K, self.reduction.space)
 
     def by_solver(self, modes: Callable[[LinearSolver], T]) -> T:

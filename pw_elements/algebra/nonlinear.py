@@ -29,7 +29,7 @@ from ufl.algorithms.check_arities import ArityMismatch
 from pw_elements.algebra.problem_checks import check_solver, is_finite
 from pw_elements.algebra.reduction import prescribed
 from pw_elements.arrays import Array
-from pw_elements.checks import answer, arguments, collective, same_everywhere, whole
+from pw_elements.checks import answer, arguments, collective, same_everywhere
 from pw_elements.progress import doing, told
 from pw_elements.solvers import Direct, LinearSolver, NotConverged, SingularSystem, is_matrix_free
 from pw_elements.spaces import (
@@ -110,7 +110,6 @@ class System:
         return Assembled(self._residual).mark(forces)
 
     def assemble(self) -> None:
-        """Assembles the tangent, without any conditions."""
         self.matrix.zeroEntries()
         petsc.assemble_matrix(self.matrix, self._tangent)
         self.matrix.assemble()
@@ -218,7 +217,6 @@ class Newton:
             raise NotConverged(words)
 
     def _relative_residual(self, snes: PETSc.SNES) -> float:
-        """The residual of the last equations over the tangent's norm times that of u."""
         residual = _largest(snes.getFunction()[0])
         scale = self._norm * _largest(snes.getSolution())
         return 0.0 if residual == 0 else residual / (scale or np.nan)
@@ -340,7 +338,7 @@ class PetrovGalerkinProblem:
             TypeError, ValueError: for an invalid load, or conditions that contradict each
                 other or are not finite.
         """
-        whole("increments", increments, 1)
+        arguments.whole("increments", increments, 1)
         path = self._path(load)
         total, size, done = increments * _MOST_PARTS, _MOST_PARTS, 0
         self.increments = ()

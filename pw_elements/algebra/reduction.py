@@ -24,6 +24,9 @@ from pw_elements.solvers import (
     Projection,
     SingularSystem,
     Supports,
+    add,
+    block_diagonal,
+    diagonal_blocks,
     python_matrix,
     selection,
     unbalanced,
@@ -91,7 +94,6 @@ def prescribed(
 
 
 def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> None:
-    """Raises ValueError for a condition on another mesh, or on a space with other nodes; local."""
     arguments.of_type("a condition", condition, fem.DirichletBC, "`prescribe` makes one")
     theirs = condition.function_space
     other, own = theirs.dofmap.index_map, space.dofmap.index_map
@@ -104,40 +106,31 @@ def _check_condition(condition: fem.DirichletBC, space: fem.FunctionSpace) -> No
 
 
 def check_any(chosen: Mask, space: fem.FunctionSpace, otherwise: str) -> None:
-    """Raises ValueError if no degree of freedom of any process is chosen."""
     if space.mesh.comm.allreduce(int(chosen.sum()), MPI.SUM) == 0:
         raise ValueError(otherwise)
 
 
 def _inner_flexibility(K: PETSc.Mat, inner: Mask, block: int) -> PETSc.Mat:
     """Q (n, n): inverse of K_ii, whose blocks belong to one node each, and zeros."""
-    comm: MPI.Comm = K.comm.tompi4py()
     chosen = selection(inner, K.createVecLeft())
     K_ii = chosen.transposeMatMult(K.matMult(chosen))
-    first, last = K_ii.getOwnershipRange()
-    indptr, column, value = K_ii.getValuesCSR()
-    row = np.repeat(np.arange(first, last), np.diff(indptr))
-    own = row // block == column // block
-    blocks = np.zeros(((last - first) // block, block, block))
-    blocks[(row[own] - first) // block, row[own] % block, column[own] % block] = value[own]
-    size = comm.allreduce(np.abs(blocks).max(initial=0.0), MPI.MAX)
-    with collective(comm):
-        if not np.isfinite(value).all():
-            raise ValueError("the stiffness of a node that is to be condensed is not finite")
-        if np.abs(value[~own]).max(initial=0.0) > _ZERO_ENTRY * size:
+    (nodes, own), (sizes, _) = diagonal_blocks(K_ii, block), K_ii.getSizes()
+    blocks = np.zeros((sizes[0] // block, block, block))
+    blocks[nodes] = own
+    largest = PETSc.NormType.INFINITY
+    size = K_ii.norm(largest)
+    add(K_ii, -1.0, block_diagonal(blocks, sizes, K.comm))
+    coupled = K_ii.norm(largest) > _ZERO_ENTRY * size
+    with collective(K.comm.tompi4py()):
+        if coupled:
             raise ValueError(
                 "the stiffness couples nodes that are to be condensed: no two of them may share a "
                 "cell"
             )
         if len(blocks) and not np.all(np.linalg.cond(blocks) < 1 / _ZERO_ENTRY):
             raise SingularSystem("a node that is to be condensed has no stiffness")
-    inverse = np.linalg.inv(blocks)
-
-    width = np.where(inner, block, 0)
-    indptr = np.concatenate(([0], np.cumsum(width))).astype(PETSc.IntType)
-    dofs = np.flatnonzero(inner).reshape(-1, block) + K.getOwnershipRange()[0]
-    indices = np.repeat(dofs, block, axis=0).ravel().astype(PETSc.IntType)
-    return PETSc.Mat().createAIJ(K.getSizes(), csr=(indptr, indices, inverse.ravel()), comm=comm)
+    inverse = block_diagonal(np.linalg.inv(blocks), sizes, K.comm)
+    return chosen.matMult(inverse).matMult(chosen.transpose(PETSc.Mat()))
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,6 @@ def flag(name: str, value: object) -> None:
 
 
 def matrix(name: str, value: object) -> None:
-    """Raises unless it is a square matrix, set up and assembled; local."""
     of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
     _set_up(name, value, "matrix")
@@ -198,7 +197,6 @@ def same_sizes(
 
 
 def described(value: object) -> str:
-    """A value in short: a plain one itself, anything else by its type."""
     if value is None or isinstance(value, str | bytes | bool | int | float | complex):
         return repr(value)
     if isinstance(value, type):

@@ -209,7 +209,10 @@ def _parts(value: Any) -> Iterator[object]:  # noqa: ANN401
         yield str(value).encode()
     elif isinstance(value, bytes):
         yield value
-    elif isinstance(value, np.ndarray | np.generic | int | float) and _real(value):
+    elif (
+        isinstance(value, np.ndarray | np.generic | int | float)
+        and np.asarray(value).dtype.kind in "biuf"
+    ):
         numbers = np.asarray(value, dtype=float) + 0.0  # zero has one sign
         yield from (repr(numbers.shape).encode(), numbers.tobytes())
     elif isinstance(value, np.ndarray):
@@ -266,7 +269,3 @@ def _told(value: Any) -> Iterator[object]:  # noqa: ANN401
             plain = own or isinstance(part, str | int | float | np.generic)
             if plain and name not in _LOCAL and not name.startswith("_"):
                 yield from (name, part)
-
-
-def _real(value: object) -> bool:
-    return np.asarray(value).dtype.kind in "biuf"

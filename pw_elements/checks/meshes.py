@@ -32,6 +32,7 @@ from scipy.spatial import cKDTree
 
 from pw_elements._compat import cell_nodes
 from pw_elements.arrays import Array, Indices, Mask
+from pw_elements.progress import told
 
 # Smallest Jacobian determinant over the dim-th power of a cell's size
 _FLAT_DETERMINANT = 1e-10
@@ -44,7 +45,6 @@ _CELLS_AT_ONCE = 20_000
 # Its axes are such that no facet is likely to be parallel to one, nor a ray to meet an edge
 _TURN = np.sin(np.arange(9.0).reshape(3, 3) ** 2 + 1)
 
-logger = logging.getLogger("pw_elements")
 _checked: WeakKeyDictionary[Mesh, int] = WeakKeyDictionary()
 
 
@@ -263,14 +263,13 @@ class _Surface:
         number, _ = pieces_of(mesh.comm, mesh.geometry.index_map(), cells.vertices)
         piece = self._gathered(number[cells.vertices[self._cell, 0]])[pairs]
         crack = piece[:, 0] == piece[:, 1]
-        if mesh.comm.rank == 0:
-            for which, level, what in (
-                (crack, logging.WARNING, "a crack in one piece of the mesh"),
-                (~crack, logging.INFO, "two pieces of the mesh that touch"),
-            ):
-                if which.any():
-                    places = listed(self._middle[pairs[which, 0]])
-                    logger.log(level, "facets coincide, but share no nodes: %s at %s", what, places)
+        for which, level, what in (
+            (crack, logging.WARNING, "a crack in one piece of the mesh"),
+            (~crack, logging.INFO, "two pieces of the mesh that touch"),
+        ):
+            if which.any():
+                places = listed(self._middle[pairs[which, 0]])
+                told(mesh.comm, level, f"facets coincide, but share no nodes: {what} at {places}")
 
 
 def _cofactors(jacobian: Array) -> Array:

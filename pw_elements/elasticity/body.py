@@ -25,18 +25,8 @@ from ufl.core.expr import Expr
 
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import check_problem
-from pw_elements.arrays import Array, Local
-from pw_elements.checks import (
-    arguments,
-    check_mesh,
-    collective,
-    is_number,
-    listed,
-    number,
-    same_everywhere,
-    vector,
-    whole,
-)
+from pw_elements.arrays import Array
+from pw_elements.checks import arguments, check_mesh, listed, same_everywhere
 from pw_elements.progress import told
 from pw_elements.spaces import (
     STATE,
@@ -49,7 +39,6 @@ from pw_elements.spaces import (
     check_parts,
     exterior_facets,
     is_hybrid,
-    numbered,
     some_nodes_of,
     with_cell_rules,
 )
@@ -151,8 +140,10 @@ class Material:
         for tag, one in materials.items():
             of = f"the material of tag {tag}"
             arguments.of_type(of, one, Material, "Material(E, nu) makes one")
-            constants[tag] = [number(f"{name} of {of}", getattr(one, name)) for name in names]
-        return cls(*by_cell_tag(mesh, cell_tags, constants, "material"))
+            constants[tag] = [
+                arguments.number(f"{name} of {of}", getattr(one, name)) for name in names
+            ]
+        return cls(*by_cell_tag(mesh, cell_tags, constants))
 
 
 @dataclass(frozen=True)
@@ -201,11 +192,6 @@ class Body:
             raise ValueError(f"state {self.state!r}: the states are {names}") from None
         mesh = self.spaces.mesh
         dimension = mesh.geometry.dim
-        if mesh.topology.dim != dimension:
-            raise ValueError(
-                f"a mesh of {mesh.topology.dim}-D cells in {dimension}-D space is no body: give "
-                "its nodes as many coordinates as its cells have dimensions"
-            )
         if (self.state is StressState.SOLID) != (dimension == 3) or dimension == 1:
             raise ValueError(f"a {dimension}-D mesh cannot be in the state {self.state.value!r}")
         shape = self.spaces.trial.ufl_element().reference_value_shape
@@ -231,7 +217,9 @@ class Body:
                 )
             below = "has to be positive in hybrid spaces, the pressure being -lambda div u"
             arguments.coefficient("poissons_ratio", nu, lambda values: values > 0, below, mesh.comm)
-            varies = not (is_number(nu) and is_number(self.material.youngs_modulus))
+            varies = not (
+                arguments.is_number(nu) and arguments.is_number(self.material.youngs_modulus)
+            )
             if varies and self.spaces.parts is None:
                 told(mesh.comm, logging.WARNING, _JUMPS)
         elif self.state is not StressState.PLANE_STRESS:
@@ -245,16 +233,12 @@ class Body:
         thickness = arguments.positive_coefficient("thickness", self.thickness, mesh.comm)
         _set(self, "thickness", thickness)
         if self.quadrature_degree is not None:
-            whole("quadrature_degree", self.quadrature_degree, 0)
+            arguments.whole("quadrature_degree", self.quadrature_degree, 0)
 
     @classmethod
     @same_everywhere
     def on(
-        cls,
-        mesh: Mesh,
-        material: Material,
-        state: StressState | str,
-        parts: MeshTags | None = None,
+        cls, mesh: Mesh, material: Material, state: StressState | str, parts: MeshTags | None = None
     ) -> "Body":
         """Makes a body with the element that its material needs.
 
@@ -465,7 +449,6 @@ class Body:
         return with_cell_rules(integrand * self._depth() * self._stated(dx))
 
     def _stated(self, measure: ufl.Measure) -> ufl.Measure:
-        """The measure, which says in what state of stress it is taken."""
         return measure.reconstruct(metadata={**measure.metadata(), STATE: self.state.value})
 
     def _sufficient_degree(self, exact_degree: int, in_box: int) -> int:
@@ -480,7 +463,7 @@ class Body:
 
     def _value(self, value: Scalar) -> Expr:
         """A number as a constant of the form, so that a new number compiles nothing anew."""
-        if not is_number(value):
+        if not arguments.is_number(value):
             return value
         return fem.Constant(self.spaces.mesh, float(value))
 
@@ -516,7 +499,7 @@ def boundary_measure(mesh: Mesh, where: Part, quadrature_degree: int = 4) -> ufl
             values, or a number does not belong to a facet.
     """
     arguments.mesh(mesh)
-    whole("quadrature_degree", quadrature_degree, 0)
+    arguments.whole("quadrature_degree", quadrature_degree, 0)
     dimension = mesh.topology.dim - 1
     facets = exterior_facets(mesh, where)
     if mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
@@ -559,15 +542,19 @@ def prescribe(
     fluid = hybrid and component == "pressure"
     field = SubSpace.pressure(space) if fluid else SubSpace.displacements(space)
     components = field.unknowns.shape[1]
-    if not (fluid or (is_number(component) and component in range(components))):
+    if not (fluid or (arguments.is_number(component) and component in range(components))):
         raise ValueError(f"component {component}: the space has {components}, counted from 0")
     held = value if isinstance(value, fem.Constant) else None
-    now = number("the prescribed value", value if held is None else held.value)
+    now = arguments.number("the prescribed value", value if held is None else held.value)
     axis = 0 if fluid else int(component)
     if callable(where):
         nodes = some_nodes_of(field.space, "the prescribed nodes", where)
     else:
-        nodes = _nodes_on(field.space, where)
+        # nodes given in place of facets are hardly ever all of the boundary's
+        facets = exterior_facets(space.mesh, where, inner=False)
+        if space.mesh.comm.allreduce(len(facets), MPI.SUM) == 0:
+            raise ValueError("the prescribed part has no facet")
+        nodes = fem.locate_dofs_topological(field.space, space.mesh.topology.dim - 1, facets)
     dofs = field.unknowns[nodes, axis]
     part = space.sub(int(fluid)) if hybrid else space
     if part.num_sub_spaces:
@@ -593,7 +580,7 @@ def nodal_load(space: fem.FunctionSpace, where: Marker, force: Sequence[float]) 
     """
     arguments.space(space)
     comm, field = space.mesh.comm, SubSpace.displacements(space)
-    vector("nodal force", force, field.unknowns.shape[1])
+    arguments.vector("nodal force", force, field.unknowns.shape[1])
     nodes = some_nodes_of(field.space, "the loaded nodes", where)
     nodes = nodes[nodes < len(field.owned)]
     values = np.zeros(field.owned.shape)
@@ -644,33 +631,13 @@ def lumped_mass(M: PETSc.Mat, space: fem.FunctionSpace) -> PETSc.Mat:
     return replace(Assembled.of(M), lumped=True).mark(lumped)
 
 
-def _nodes_on(space: fem.FunctionSpace, where: Part) -> Local:
-    """Nodes on facets of the boundary; nodes given in their place are hardly ever all such."""
-    mesh, dim = space.mesh, space.mesh.topology.dim - 1
-    outer = exterior_facets(mesh, where)
-    index_map = mesh.topology.index_map(dim)
-    with collective(mesh.comm):
-        count = index_map.size_local + index_map.num_ghosts
-        given = numbered(mesh.comm, "the prescribed facets", where, count)
-        if np.setdiff1d(given[given < index_map.size_local], outer).size:
-            raise ValueError(
-                "the prescribed part has facets within the body: numbers are those of facets of "
-                "its boundary, tags.find(value); for nodes there is fem.dirichletbc"
-            )
-    if mesh.comm.allreduce(len(outer), MPI.SUM) == 0:
-        raise ValueError("the prescribed part has no facet")
-    return fem.locate_dofs_topological(space, dim, outer)
-
-
 def _constant(value: Scalar) -> bool:
-    """Whether a value is one number in each cell."""
     if isinstance(value, fem.Function):
         return value.function_space.ufl_element().embedded_superdegree == 0
-    return is_number(value) or isinstance(value, fem.Constant)
+    return arguments.is_number(value) or isinstance(value, fem.Constant)
 
 
 def _largest(ratio: Scalar, comm: MPI.Comm) -> float:
-    """The largest value of a coefficient, as far as its values are known."""
     values = arguments.known_values(ratio)
     return float(comm.allreduce(values.max(initial=-np.inf), MPI.MAX))
 

@@ -25,7 +25,6 @@ is one. T evens them out afterwards, see `force_transfer`.
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import basix
@@ -49,6 +48,7 @@ from pw_elements.spaces import (
     assemble_vector,
     exterior_facets,
     is_hybrid,
+    of_owners,
     quadratic_element,
     scalar_space,
     some_nodes_of,
@@ -162,17 +162,12 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
             the vector does not belong to the space.
     """
     arguments.space(space)
-    index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
-    comm, x = space.mesh.comm, space.tabulate_dof_coordinates()
-    with collective(comm):
+    with collective(space.mesh.comm):
         arguments.petsc_vector("the vector of forces", forces)
         arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
     nodes = some_nodes_of(space, "the line", where)
-    nodes = nodes[nodes < index_map.size_local]
-    position = np.concatenate(comm.allgather(x[nodes]))
-    force = np.concatenate(comm.allgather(forces.array_r.reshape(-1, block)[nodes]))
-    order = by_position(position)
-    return BoundaryForces(position[order], force[order])
+    values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
+    return BoundaryForces(*_in_order(space, nodes, values)[:2])
 
 
 @dataclass(frozen=True)
@@ -374,14 +369,12 @@ def by_position(position: Array, beside: Array | None = None) -> npt.NDArray[np.
 
 def facet_nodes(space: fem.FunctionSpace, facets: Local) -> Local:
     """Local numbers (f, k) of the nodes of exterior facets, in the order of Basix' own facets."""
-    cells, _, places = facets_in_cells(space, facets)
+    cells, places = facets_in_cells(space, facets)
     return np.asarray(space.dofmap.list[cells[:, None], places])
 
 
-def facets_in_cells(
-    space: fem.FunctionSpace, facets: Local
-) -> tuple[Local, npt.NDArray[np.intp], Local]:
-    """Cell (f,) of each exterior facet, its side (f,), and places (f, k) of its nodes there."""
+def facets_in_cells(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Local]:
+    """Cell (f,) of each exterior facet, and places (f, k) of its nodes there."""
     dim = space.mesh.topology.dim
     topology, layout = space.mesh.topology, space.dofmap.dof_layout
     topology.create_connectivity(dim - 1, dim)
@@ -392,7 +385,7 @@ def facets_in_cells(
     cells = of_facet.array[of_facet.offsets[facets]]
     local = (of_cell.array.reshape(-1, count)[cells] == facets[:, None]).argmax(axis=1)
     closure = np.array([layout.entity_closure_dofs(dim - 1, k) for k in range(count)])
-    return cells, local, closure[local]
+    return cells, closure[local]
 
 
 def facets_between(space: fem.FunctionSpace, nodes: npt.NDArray[np.int64]) -> Local:
@@ -415,13 +408,21 @@ def _areas(
     area = assemble_vector(weights).array_r
     facets = exterior_facets(mesh, where)
     nodes = fem.locate_dofs_topological(space, mesh.topology.dim - 1, facets)
-    nodes = nodes[nodes < space.dofmap.index_map.size_local]
-    x = space.tabulate_dof_coordinates()[nodes, : mesh.geometry.dim]
-    numbers = nodes + np.int64(space.dofmap.index_map.local_range[0])
-    found = (np.concatenate(mesh.comm.allgather(own)) for own in (x, area[nodes], numbers))
-    position, areas, node = found
+    position, areas, node = _in_order(space, nodes, area)
+    return position[:, : mesh.geometry.dim], areas, node
+
+
+def _in_order(
+    space: fem.FunctionSpace, nodes: Local, values: Array
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Positions (m, 3) of all processes' nodes, owners' values there, and global numbers."""
+    index_map = space.dofmap.index_map
+    nodes = nodes[nodes < index_map.size_local]
+    numbers = nodes + np.int64(index_map.local_range[0])
+    own = space.tabulate_dof_coordinates()[nodes], values[nodes], numbers
+    position, *rest = (np.concatenate(space.mesh.comm.allgather(part)) for part in own)
     order = by_position(position)
-    return position[order], areas[order], node[order]
+    return position[order], rest[0][order], rest[1][order]
 
 
 def _facets(space: fem.FunctionSpace, where: Part, node: npt.NDArray[np.int64]) -> Indices:
@@ -462,11 +463,7 @@ class NodalFlux:
 
 @same_everywhere
 def nodal_flux(
-    spaces: Spaces,
-    reactions: PETSc.Vec,
-    where: Part,
-    area: Area = "geometric",
-    depth: Scalar = 1.0,
+    spaces: Spaces, reactions: PETSc.Vec, where: Part, area: Area = "geometric", depth: Scalar = 1.0
 ) -> NodalFlux:
     """Flux into a body at the nodes of a boundary where its field is prescribed.
 
@@ -504,7 +501,8 @@ def nodal_flux(
     if not is_finite(reactions):
         raise ValueError("the vector of reactions is not finite")
     surface = SurfaceNodes.scalar(_scalar(spaces), where, depth)
-    reaction = _at(reactions, surface.node, space.dofmap.index_map_bs)
+    values = reactions.array_r.reshape(-1, space.dofmap.index_map_bs)
+    reaction = of_owners(space, surface.node, values)
     if not space.num_sub_spaces:
         reaction = reaction[:, 0]
     read = surface.pressure if area == "own" else surface.tributary_pressure
@@ -517,13 +515,3 @@ def _scalar(spaces: Spaces) -> Spaces:
         return spaces
     trial = scalar_space(spaces.trial)
     return Spaces(trial, trial if spaces.test is spaces.trial else scalar_space(spaces.test))
-
-
-def _at(vector: PETSc.Vec, node: npt.NDArray[np.int64], block: int) -> Array:
-    """Entries (m, block) of nodes (m,) by global numbers, on every process."""
-    first, last = (end // block for end in vector.getOwnershipRange())
-    own = (first <= node) & (node < last)
-    values = np.zeros((len(node), block))
-    values[own] = vector.array_r.reshape(-1, block)[node[own] - first]
-    vector.comm.tompi4py().Allreduce(MPI.IN_PLACE, values)
-    return values

@@ -19,8 +19,7 @@ import numpy as np
 
 from pw_elements._compat import option_used
 from pw_elements.arrays import Indices
-from pw_elements.checks import collective, flag, of_type, processes, same_everywhere
-from pw_elements.checks import matrix as check_matrix
+from pw_elements.checks import arguments, collective, processes, same_everywhere
 from pw_elements.progress import told
 
 Options: TypeAlias = Mapping[str, str | int | float | bool]
@@ -105,17 +104,14 @@ class PreparedSolver(Protocol):
     @property
     def report(self) -> SolverReport:
         """What has been done so far."""
-        ...
 
     @property
     def orientations(self) -> tuple[int, ...]:
         """Signs of the determinants met so far, in order; none if the solver knows none."""
-        ...
 
     @property
     def negative_pivots(self) -> int | None:
         """Number of negative eigenvalues of a symmetric matrix; None if the solver knows not."""
-        ...
 
     def set_up(self) -> None:
         """Makes ready for the matrix as it is now; `ksp` then solves with it.
@@ -123,7 +119,6 @@ class PreparedSolver(Protocol):
         Raises:
             SingularSystem: if there is no unique solution.
         """
-        ...
 
     def solve(self, right: PETSc.Vec) -> PETSc.Vec:
         """Solution (n,) for the matrix as it is now.
@@ -131,7 +126,6 @@ class PreparedSolver(Protocol):
         Raises:
             SingularSystem: if there is no unique one.
         """
-        ...
 
     def solve_changed(self, right: PETSc.Vec, rows: Indices) -> PETSc.Vec | None:
         """Solution after rows have changed since `solve`, if that is cheaper; or None.
@@ -140,11 +134,9 @@ class PreparedSolver(Protocol):
             right: (n,).
             rows: global numbers of those of this process.
         """
-        ...
 
     def release(self) -> None:
         """Frees what it holds, on all processes."""
-        ...
 
 
 class LinearSolver(Protocol):
@@ -157,7 +149,6 @@ class LinearSolver(Protocol):
             matrix: square (n, n).
             symmetric: whether it is.
         """
-        ...
 
 
 class MatrixFree(Protocol):
@@ -183,7 +174,6 @@ class MatrixFree(Protocol):
             symmetric: whether it is.
             supports: of `Reduction.dirichlet`; None where the reduction is another one.
         """
-        ...
 
 
 def is_matrix_free(solver: object) -> TypeGuard[MatrixFree]:
@@ -221,9 +211,9 @@ class Direct:
         Raises:
             TypeError, ValueError: if it is not such a matrix, or PETSc refuses the options.
         """
-        flag("symmetric", symmetric)
+        arguments.flag("symmetric", symmetric)
         with collective(processes(matrix)):
-            check_matrix("the matrix", matrix)
+            arguments.matrix("the matrix", matrix)
         with said_clearly(self.options):
             return Factors(matrix, symmetric, self.options)
 
@@ -238,10 +228,7 @@ class Factors:
     """
 
     def __init__(
-        self,
-        matrix: PETSc.Mat,
-        symmetric: bool = False,
-        options: Options | None = None,
+        self, matrix: PETSc.Mat, symmetric: bool = False, options: Options | None = None
     ) -> None:
         self._options = options or {}
         self._orientations: list[int] = []
@@ -403,13 +390,13 @@ class Factors:
 
 
 def check_options(options: object) -> None:
-    of_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
+    arguments.of_type("options", options, Mapping, "give PETSc options such as {'ksp_view': ''}")
     assert isinstance(options, Mapping)
     for name, value in options.items():
         if not isinstance(name, str) or not name.strip("- "):
             raise ValueError(f"option {name!r}: its name has to be a string")
         kinds = (str, int, float, np.number)
-        of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
+        arguments.of_type(f"option {name!r}", value, kinds, "it has to be a string, number or bool")
 
 
 @contextmanager
@@ -425,7 +412,6 @@ def said_clearly(options: Options) -> Iterator[None]:
 
 
 def refuse_unused(ksp: PETSc.KSP, options: Options) -> None:
-    """Raises ValueError for options that a method has not asked for in a solution."""
     prefix = ksp.getOptionsPrefix()
     unused = [name for name in options if not option_used(f"{prefix}{name.lstrip('-')}")]
     if unused:

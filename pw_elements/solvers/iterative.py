@@ -28,12 +28,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.sparse as sp
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix, assemble_vector
 
 from pw_elements.arrays import Array, Indices
-from pw_elements.checks import arguments, collective, same_everywhere, sizes_of
+from pw_elements.checks import arguments, collective, pieces_of, same_everywhere, sizes_of
 from pw_elements.progress import told
 from pw_elements.solvers.direct import (
     Direct,
@@ -53,10 +54,11 @@ from pw_elements.solvers.matrices import (
     Masked,
     Projection,
     Supports,
-    connected_pieces,
     destroy,
     galerkin_product,
+    null_space,
     python_matrix,
+    triangle,
 )
 from pw_elements.solvers.multigrid import Multigrid, linear_interpolation
 from pw_elements.spaces import NOTHING, SubSpace, equilibration, is_hybrid
@@ -86,10 +88,7 @@ _LEVELS = re.compile(r"-?(pc_type|pc_mg_levels|mg_levels_(1_)?(pc_type|ksp_type)
 _MOST_ITERATIONS = 1000
 _KEPT_VECTORS = 100
 # Stiffnesses that differ by more than 1e5 make vectors lose their orthogonality
-_GMRES: Options = {
-    "ksp_converged_maxits": True,
-    "ksp_gmres_cgs_refinement_type": "refine_ifneeded",
-}
+_GMRES: Options = {"ksp_converged_maxits": True, "ksp_gmres_cgs_refinement_type": "refine_ifneeded"}
 # The true residual over what the method takes it for
 _DRIFT = 10
 _EPSILON = float(np.finfo(float).eps)
@@ -159,12 +158,10 @@ class SaddlePoint:
         return A
 
     def renew(self) -> None:
-        """Has everything made anew of what K has become."""
         self._blocks(self.elastic[0])
         self.levels.renew()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
-        """Makes a preconditioner this one; its options prefix is the multigrid's, too."""
         self.inner.setOptionsPrefix(preconditioner.getOptionsPrefix())
         self.inner.setOperators(self.levels.operator)
         self.levels.set_up(self.inner)
@@ -239,7 +236,6 @@ def _mass(
 
 
 def _chebyshev(matrix: PETSc.Mat, cell: str) -> PETSc.KSP:
-    """A polynomial for a mass matrix over its diagonal."""
     least, largest, degree = _MASS[cell]
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setOperators(matrix)
@@ -327,11 +323,7 @@ class Krylov:
     negative_pivots: ClassVar[None] = None
 
     def __init__(
-        self,
-        matrix: PETSc.Mat,
-        supports: Supports,
-        how: Iterative,
-        foreign: _Iterate | None = None,
+        self, matrix: PETSc.Mat, supports: Supports, how: Iterative, foreign: _Iterate | None = None
     ) -> None:
         self._how, self._matrix, self._foreign = how, matrix, foreign
         self.options, self.foreign = how.options, foreign is not None
@@ -505,7 +497,7 @@ class Pieces:
     @classmethod
     def of(cls, space: fem.FunctionSpace) -> "Pieces":
         comm, dim, block = space.mesh.comm, space.mesh.geometry.dim, space.dofmap.index_map_bs
-        number, count = connected_pieces(space)
+        number, count = pieces_of(comm, space.dofmap.index_map, space.dofmap.list)
         owned = number[: space.dofmap.index_map.size_local]
 
         def total(values: Array) -> Array:
@@ -527,18 +519,14 @@ class Pieces:
         order = np.lexsort(np.round(np.column_stack([length, centre[:, ::-1]]) / length.max(), 9).T)
         return cls(np.argsort(order)[number], centre[order], length[order], motion, comm)
 
-    def triangles(self, rows: Array) -> Array:
-        """R (pieces, k, k) of each piece's rows, of `rows` (owned nodes, block, k) that see it."""
-        k, piece = rows.shape[2], self.number[: len(rows)]
-        ends = np.cumsum(np.bincount(piece, minlength=len(self.centre)))[:-1]
-        own = np.zeros((len(self.centre), k, k))
-        for of_piece, part in zip(
-            own, np.split(rows[np.argsort(piece, kind="stable")], ends), strict=True
-        ):
-            triangle = np.linalg.qr(part.reshape(-1, k), mode="r")
-            of_piece[: len(triangle)] = triangle
-        every = np.concatenate(self.comm.allgather(own), axis=1)
-        return np.asarray(np.linalg.qr(every, mode="r"))
+    def matrix(self, values: Array, others: int = 0) -> sp.csr_array:
+        """Values (owned nodes, block, k) in their pieces' modes: (owned dofs, modes and others)."""
+        n, block, k = values.shape
+        mode = np.broadcast_to(self.number[:n, None, None] * k + np.arange(k), values.shape)
+        known = values != 0
+        pointers = np.append(0, np.cumsum(known.sum(axis=2)))
+        shape = n * block, len(self.centre) * k + others
+        return sp.csr_array((values[known], mode[known], pointers), shape)
 
 
 def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
@@ -552,8 +540,7 @@ def free_motion(K: PETSc.Mat, supports: Supports) -> bool:
         motion.setArray(np.where(free, modes[:, :, k], 0.0).ravel())
         K.mult(motion, image)
         rows[free, k] = image.array_r.reshape(free.shape)[free] / size
-    least = np.linalg.svd(pieces.triangles(rows), compute_uv=False)[:, -1]
-    return bool(np.any(least < _FREE_STIFFNESS * np.sqrt(modes.shape[2])))
+    return len(null_space(triangle(pieces.matrix(rows), pieces.comm), _FREE_STIFFNESS)) > 0
 
 
 def memory_of_factors(dofs: int) -> float:

@@ -1,4 +1,4 @@
-"""Matrix formats and products that petsc4py has not, connected pieces, and what is held.
+"""Matrix formats and products that petsc4py has not, null spaces, and what is held.
 
 What supports or contact hold is taken out of vectors; nothing of K is changed or copied.
 
@@ -13,11 +13,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
 from dolfinx import fem
+from scipy.sparse.csgraph import connected_components
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import pieces_of
-from pw_elements.spaces import Assembled
+from pw_elements.spaces import Assembled, single_entries
 
 Sizes = tuple[int, int]
 
@@ -25,6 +27,8 @@ Sizes = tuple[int, int]
 # and the most parts in which it is done, for their sum takes time
 _ROWS_AT_ONCE = 12_000
 _MOST_PARTS = 32
+# Rows that are factorised as dense ones at once, to save memory
+_DENSE_AT_ONCE = 20_000
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
@@ -116,14 +120,9 @@ def selection(free: Mask, rows: PETSc.Vec, renumbered: bool = True) -> PETSc.Mat
     """Columns of the identity of the owned rows that are free; others are left out, or zero."""
     comm = rows.comm.tompi4py()
     count = int(free.sum()) if renumbered else len(free)
-    first = comm.scan(count) - count
-    indptr = np.concatenate(([0], np.cumsum(free))).astype(PETSc.IntType)
-    columns = np.arange(count) if renumbered else np.flatnonzero(free)
-    return PETSc.Mat().createAIJ(
-        (rows.getSizes(), (count, PETSc.DETERMINE)),
-        csr=(indptr, (first + columns).astype(PETSc.IntType), np.ones(len(columns))),
-        comm=rows.comm,
-    )
+    number = np.cumsum(free) - 1 if renumbered else np.arange(count)
+    column = np.where(free, comm.scan(count) - count + number, -1)
+    return single_entries(column, (rows.getSizes(), (count, PETSc.DETERMINE)), rows.comm)
 
 
 def python_matrix(
@@ -148,9 +147,42 @@ def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     return r
 
 
-def connected_pieces(space: fem.FunctionSpace) -> tuple[Indices, int]:
-    """Number of the connected piece of the mesh that each node (ghosts too) belongs to."""
-    return pieces_of(space.mesh.comm, space.dofmap.index_map, space.dofmap.list)
+def triangle(rows: sp.csr_array, comm: MPI.Comm) -> sp.csr_array:
+    """R of QR factorisations of all processes' rows (n, modes): of modes that hang together.
+
+    A Gram matrix would lose what is small.
+    """
+    rows.eliminate_zeros()
+    found = [sp.csr_array((0, rows.shape[1]))]
+    for modes in together(sum(comm.allgather(abs(rows).T @ abs(rows)))):
+        own = rows[:, modes]
+        own, R = own[np.diff(own.indptr) > 0], np.zeros((0, len(modes)))
+        for first in range(0, own.shape[0], _DENSE_AT_ONCE):
+            some = own[first : first + _DENSE_AT_ONCE].toarray()
+            R = np.asarray(np.linalg.qr(np.vstack([R, some]), mode="r"))
+        R = np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
+        places = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
+        found.append(sp.csr_array((R.ravel(), places), (len(R), rows.shape[1])))
+    return sp.vstack(found, "csr")
+
+
+def null_space(rows: sp.csr_array, tolerance: float) -> Array:
+    """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
+    n = rows.shape[1]
+    found = [np.zeros((0, n))]
+    for modes in together(abs(rows).T @ abs(rows)):
+        dense = np.vstack([rows[:, modes].toarray(), np.zeros((len(modes), len(modes)))])
+        _, values, vectors = np.linalg.svd(dense, full_matrices=False)
+        none = vectors[values < tolerance * np.sqrt(n)]
+        found.append(np.zeros((len(none), n)))
+        found[-1][:, modes] = none
+    return np.concatenate(found)
+
+
+def together(graph: npt.ArrayLike) -> list[Indices]:
+    """Nodes of each connected part of a graph, given by a matrix (nodes, nodes)."""
+    count, part = connected_components(graph, directed=False)
+    return [np.flatnonzero(part == k) for k in range(count)]
 
 
 def diagonal_blocks(matrix: PETSc.Mat, block: int) -> tuple[Indices, Array]:
@@ -223,46 +255,38 @@ class Projection:
         return every
 
 
+@dataclass(eq=False)
 class Masked:
     """Pi s (K + B) s Pi + (1 - Pi), for `PETSc.Mat.createPython`; B are springs, if there are any.
 
     The scales s are one where none are given.
     """
 
-    def __init__(
-        self, K: PETSc.Mat, projection: Projection, scale: PETSc.Vec | None = None
-    ) -> None:
-        self._K, self._projection, self._scale = K, projection, scale
-        self.springs: PETSc.Mat | None = None
+    K: PETSc.Mat
+    projection: Projection
+    scales: PETSc.Vec | None = None
+    springs: PETSc.Mat | None = None
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        kept = self._kept(x)
-        self._K.mult(kept, y)
-        if self.springs is not None:
-            self.springs.multAdd(kept, y, y)
-        self._finish(x, y)
+        self._apply("mult", x, y)
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        kept = self._kept(x)
-        self._K.multTranspose(kept, y)
-        if self.springs is not None:
-            self.springs.multTransposeAdd(kept, y, y)
-        self._finish(x, y)
+        self._apply("multTranspose", x, y)
 
-    def _kept(self, x: PETSc.Vec) -> PETSc.Vec:
+    def _apply(self, product: str, x: PETSc.Vec, y: PETSc.Vec) -> None:
         kept = self._work
         x.copy(kept)
-        self._projection.take_out(kept.array)
-        if self._scale is not None:
-            kept.array *= self._scale.array_r
-        return kept
-
-    def _finish(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._projection.take_out(y.array)
-        if self._scale is not None:
-            y.array *= self._scale.array_r
-        self._projection.put_back(y.array, x.array_r)
+        self.projection.take_out(kept.array)
+        if self.scales is not None:
+            kept.array *= self.scales.array_r
+        getattr(self.K, product)(kept, y)
+        if self.springs is not None:
+            getattr(self.springs, f"{product}Add")(kept, y, y)
+        self.projection.take_out(y.array)
+        if self.scales is not None:
+            y.array *= self.scales.array_r
+        self.projection.put_back(y.array, x.array_r)
 
     @cached_property
     def _work(self) -> PETSc.Vec:
-        return self._K.createVecRight()  # contact hardly needs it
+        return self.K.createVecRight()  # contact hardly needs it

@@ -10,7 +10,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
+import scipy.sparse as sp
 from dolfinx import fem, la
+from dolfinx.fem.petsc import interpolation_matrix
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import sizes_of
@@ -27,6 +29,7 @@ from pw_elements.solvers.matrices import (
     is_blocked,
     python_matrix,
 )
+from pw_elements.spaces import scalar_space
 
 # Part of the held nodes whose change is worth a new coarse level, and new aggregates below it
 _RENEWED = 0.1
@@ -38,7 +41,7 @@ _TURNED = 0.3
 def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, Indices, PETSc.Mat]:
     """Linear functions on a space's mesh, and the matrix of their values at its nodes.
 
-    Between them the local node at each owned vertex. DOLFINx's matrix has a cell's zeros, too.
+    Between them the local node at each owned vertex.
     """
     mesh, cells, block = space.mesh, space.dofmap.list, space.dofmap.index_map_bs
     shape = tuple(space.ufl_element().reference_value_shape)
@@ -47,28 +50,17 @@ def linear_interpolation(space: fem.FunctionSpace) -> tuple[fem.FunctionSpace, I
     node = np.empty(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
     corner = [dofs[0] for dofs in space.element.basix_element.entity_dofs[0]]
     node[linear.dofmap.list] = cells[:, corner]
-    element, corners = space.element.basix_element, linear.element.basix_element
-    values = corners.tabulate(0, np.asarray(element.points))[0, :, :, 0]
-    weights: Array = np.round(np.asarray(element.interpolation_matrix) @ values, 12)
-    owned = space.dofmap.index_map.size_local
-    entry = np.empty(owned + space.dofmap.index_map.num_ghosts, dtype=np.int64)
-    entry[cells] = np.arange(cells.size).reshape(cells.shape)
-    cell, place = np.divmod(entry[:owned], cells.shape[1])
-    vertices = linear.dofmap.list[cell]
-    columns = index_map.local_to_global(vertices.ravel()).reshape(vertices.shape)
-    columns = columns.astype(PETSc.IntType)
-    order = np.argsort(columns, axis=1)
-    columns = np.take_along_axis(columns, order, axis=1)
-    weight = np.take_along_axis(weights[place], order, axis=1)
-    every = (owned, block, columns.shape[1])
-    some = np.broadcast_to((weight != 0)[:, None], every)
-    components = np.arange(block, dtype=PETSc.IntType)[:, None]
-    indices = (columns[:, None] * block + components)[some]
-    data = np.broadcast_to(weight[:, None], every)[some]
-    indptr = np.zeros(owned * block + 1, dtype=PETSc.IntType)
-    np.cumsum(some.sum(axis=2).ravel(), out=indptr[1:])
-    sizes = sizes_of(space), sizes_of(linear)
-    P = PETSc.Mat().createAIJ(sizes, csr=(indptr, indices, data), comm=mesh.comm)
+    fine, coarse = (scalar_space(each) if block > 1 else each for each in (space, linear))
+    every = interpolation_matrix(coarse, fine)
+    every.assemble()
+    indptr, indices, data = every.getValuesCSR()
+    shape = len(indptr) - 1, index_map.size_global
+    rows = sp.csr_array((np.round(data, 12), indices, indptr), shape)
+    rows.eliminate_zeros()  # at corners that a node does not see
+    rows = sp.kron(rows, sp.eye_array(block), "csr")
+    csr = *(part.astype(PETSc.IntType) for part in (rows.indptr, rows.indices)), rows.data
+    P = PETSc.Mat().createAIJ((sizes_of(space), sizes_of(linear)), csr=csr, comm=mesh.comm)
+    destroy(every)
     return linear, node[: index_map.size_local], P
 
 
@@ -140,9 +132,12 @@ class LinearLevel:
             part = galerkin_product(self.springs, self._P)
             add(self._matrix, 1.0, part, last=False, within=again)
         elif near is not None:
-            P = self._moved_near(near, free)
+            left = block_diagonal(self._fine.blocks_at(near.nodes), near.P.getSizes()[0], comm)
+            right = block_diagonal(free, columns, comm)
+            half = left.matMult(near.P)
+            P = half.matMult(right)  # what linear functions move near contact
             part = galerkin_product(near.K, P)
-            destroy(P)
+            destroy(left, right, half, P)
             add(self._matrix, 1.0, part, last=False, within=again)
         size = self._matrix.getDiagonal().sum() / columns[1]
         rest = block_diagonal(size * (np.eye(self._block) - free), columns, comm)
@@ -154,16 +149,6 @@ class LinearLevel:
         if self._near_null is not None:
             self._matrix.setNearNullSpace(self._near_null)
         return self._matrix
-
-    def _moved_near(self, near: "_Near", coarse: Array) -> PETSc.Mat:
-        """What linear functions, (vertices, block, block) of which are free, move near contact."""
-        columns, comm = self._P.getSizes()[1], self._K.comm
-        left = block_diagonal(self._fine.blocks_at(near.nodes), near.P.getSizes()[0], comm)
-        right = block_diagonal(coarse, columns, comm)
-        half = left.matMult(near.P)
-        P = half.matMult(right)
-        destroy(left, right, half)
-        return P
 
 
 class _Interpolation:
@@ -328,7 +313,6 @@ class Multigrid:
         self.ready()
 
     def set_up(self, preconditioner: PETSc.PC) -> None:
-        """Makes a preconditioner one of these levels; its options prefix has been set."""
         preconditioner.setType("mg")
         preconditioner.setUseAmat(True)
         preconditioner.setMGLevels(2)

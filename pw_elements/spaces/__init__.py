@@ -7,10 +7,7 @@ from pw_elements.spaces.assembly import (
     assemble_vector,
     compiled_form,
 )
-from pw_elements.spaces.elements import (
-    macro_element,
-    quadratic_element,
-)
+from pw_elements.spaces.elements import macro_element, quadratic_element
 from pw_elements.spaces.hybrid import (
     NOTHING,
     SubSpace,
@@ -18,6 +15,7 @@ from pw_elements.spaces.hybrid import (
     fields_of,
     is_hybrid,
     is_split,
+    single_entries,
     tied,
 )
 from pw_elements.spaces.parts import (
@@ -32,10 +30,10 @@ from pw_elements.spaces.parts import (
 )
 from pw_elements.spaces.quadrature import STATE, cell_measure, with_cell_rules, with_degrees
 from pw_elements.spaces.spaces import (
-    NumberingError,
     Spaces,
     as_function,
     check_parts,
+    of_owners,
     scalar_space,
     split,
     test_space,

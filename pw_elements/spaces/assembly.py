@@ -30,7 +30,6 @@ class Assembled:
 
     @classmethod
     def made_of(cls, form: fem.Form, stated: ufl.Form) -> "Assembled":
-        """A compiled form, with what it was compiled from."""
         states = {integral.metadata().get(STATE) for integral in stated.integrals()}
         return cls(form, states=frozenset(states - {None}))
 

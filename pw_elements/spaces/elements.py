@@ -51,7 +51,7 @@ def twelve_cell_rule(degree: int) -> tuple[Array, Array]:
     if not _within(points).all():
         points, weights = basix.make_quadrature(_CELL, degree, rule=QuadratureType.xiao_gimbutas)
     hats = np.column_stack([1 - points.sum(axis=1), points])
-    corners = _corners()
+    corners, _, _ = _twelve_cells()
     size = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
     return (hats @ corners).reshape(-1, 3), np.outer(size, weights).ravel()
 
@@ -83,7 +83,7 @@ class TwelveCellElement(basix.ufl._BasixElement):
         of `vertex_rule` means. Points of rules that are not equally many in each of the twelve
         cells are a ValueError.
         """
-        inverse, nodal = _linear_on_cells()
+        _, inverse, nodal = _twelve_cells()
         hats = np.einsum("cij,qi->cqj", inverse, np.column_stack([np.ones(len(points)), points]))
         depth = hats.min(axis=2)
         _check_points(nderivs, points, depth)
@@ -104,7 +104,10 @@ def _check_points(nderivs: int, points: Array, depth: Array) -> None:
     """Depth (12, n): least barycentric coordinate of the points in each of the twelve cells."""
     within = _within(points)
     # values may be asked for anywhere, by an interpolation say
-    if not (within.any() if nderivs else _is_rule(points)):
+    # rules that FFCx takes, of the cell or of the one-cut one
+    rules = [] if nderivs else _rules().get(len(points), [])
+    taken = any(np.allclose(points, rule, atol=_ON_SIDE) for rule in rules)
+    if not (within.any() if nderivs else taken):
         return
     inner = depth[:, within] > _ON_SIDE
     counts = inner.sum(axis=1)
@@ -122,11 +125,6 @@ def _within(points: Array) -> Mask:
     return np.minimum(points.min(axis=1), 1 - points.sum(axis=1)) > _ON_SIDE
 
 
-def _is_rule(points: Array) -> bool:
-    """Whether these are the points of a rule that FFCx takes, of the cell or of the one-cut one."""
-    return any(np.allclose(points, rule, atol=_ON_SIDE) for rule in _rules().get(len(points), []))
-
-
 @functools.cache
 def _rules() -> dict[int, list[Array]]:
     rules: dict[int, list[Array]] = {}
@@ -139,8 +137,11 @@ def _rules() -> dict[int, list[Array]]:
 
 
 @functools.cache
-def _cells() -> tuple[tuple[int, ...], ...]:
-    """Nodes of the twelve cells; 10 is the octahedron's centre."""
+def _twelve_cells() -> tuple[Array, Array, Array]:
+    """Corners (12, 4, 3), maps (12, 4, 4) from (1, x) to barycentric coordinates; weights there.
+
+    The ten weights are (12, 4, 10); node 10 is the octahedron's centre.
+    """
     edges = [frozenset(edge) for edge in basix.topology(_CELL)[1]]
     middle = {edge: 4 + number for number, edge in enumerate(edges)}
     centre, cells = 10, []
@@ -149,23 +150,10 @@ def _cells() -> tuple[tuple[int, ...], ...]:
         around = tuple(middle[frozenset((v, w))] for w in others)
         opposite = tuple(middle[frozenset(pair)] for pair in itertools.combinations(others, 2))
         cells += [(v, *around), (centre, *around), (centre, *opposite)]
-    return tuple(cells)
-
-
-@functools.cache
-def _corners() -> Array:
-    """Corners (12, 4, 3) of the twelve cells."""
     nodes = basix.create_element(ElementFamily.P, _CELL, 2).points
-    centre = nodes[4:].mean(axis=0)
-    return np.vstack([nodes, centre])[np.array(_cells())]
-
-
-@functools.cache
-def _linear_on_cells() -> tuple[Array, Array]:
-    """Maps (12, 4, 4) from (1, x) to barycentric coordinates; the ten weights (12, 4, 10) there."""
-    centre = np.repeat([0.0, 1 / 6], (4, 6))
-    weights = np.vstack([np.eye(10), centre])[np.array(_cells())]
-    return np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), _corners()], axis=2)), weights
+    corners = np.vstack([nodes, nodes[4:].mean(axis=0)])[np.array(cells)]
+    weights = np.vstack([np.eye(10), np.repeat([0.0, 1 / 6], (4, 6))])[np.array(cells)]
+    return corners, np.linalg.inv(np.concatenate([np.ones((12, 4, 1)), corners], axis=2)), weights
 
 
 def macro_element(cell: str, shape: tuple[int, ...] = ()) -> basix.ufl._ElementBase:

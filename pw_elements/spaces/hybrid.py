@@ -6,10 +6,12 @@ Bercovier and Pironneau's: piecewise-linear weights beside the same P1.
 
 from dataclasses import dataclass
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import basix.ufl
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
@@ -18,6 +20,20 @@ from pw_elements.checks import collective, sizes_of
 
 # What a constant pressure does, over the largest stiffness, that is round-off
 NOTHING = 1e-10
+
+
+def single_entries(
+    column: npt.NDArray[np.integer],
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    comm: MPI.Comm | PETSc.Comm,
+    value: Array | float = 1.0,
+) -> PETSc.Mat:
+    """Matrix whose rows here have one entry each, at a global column; none where that is -1."""
+    stated = column >= 0
+    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
+    values = np.broadcast_to(value, column.shape)[stated]
+    csr = (pointers, column[stated].astype(PETSc.IntType), values)
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
 
 def mixed_element(
@@ -115,10 +131,8 @@ class SubSpace:
 
     def selection(self) -> PETSc.Mat:
         """Matrix (field's, unknowns) of ones that does what `part` does."""
-        comm, columns = self.space.mesh.comm, self.numbers().getIndices()
-        pointers = np.arange(len(columns) + 1, dtype=PETSc.IntType)
-        csr = (pointers, columns, np.ones(len(columns)))
-        return PETSc.Mat().createAIJ((self.sizes, self.rows), csr=csr, comm=comm)
+        columns = self.numbers().getIndices()
+        return single_entries(columns, (self.sizes, self.rows), self.space.mesh.comm)
 
 
 def equilibration(space: fem.FunctionSpace, K: PETSc.Mat) -> PETSc.Vec:
@@ -180,7 +194,4 @@ def tied(space: fem.FunctionSpace, parts: MeshTags | None, free: Mask) -> PETSc.
     column = np.full(len(free), -1, dtype=np.int64)
     column[moved] = first + np.arange(len(moved))
     column[rows] = sums[corners, part, 0].astype(np.int64)
-    stated = column >= 0
-    pointers = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
-    csr = (pointers, column[stated].astype(PETSc.IntType), np.ones(int(stated.sum())))
-    return PETSc.Mat().createAIJ((field.rows, (count, PETSc.DETERMINE)), csr=csr, comm=comm)
+    return single_entries(column, (field.rows, (count, PETSc.DETERMINE)), comm)

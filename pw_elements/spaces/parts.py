@@ -1,18 +1,18 @@
 """Parts of a body as users name them: by a marker, by local numbers, or by a mask of these."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeAlias
 
 from mpi4py import MPI
 
-import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.mesh import Mesh, MeshTags, entities_to_geometry, exterior_facet_indices
+from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, locate_entities_boundary
 
 from pw_elements.arrays import Array, Local, Mask
-from pw_elements.checks import answer, arguments, collective, field
+from pw_elements.checks import answer, arguments, collective
 from pw_elements.spaces.hybrid import SubSpace
 
 # of points as columns (3, n): True or False for each, (n,)
@@ -32,7 +32,9 @@ def marked(comm: MPI.Comm, whose: str, where: Marker, x: Array) -> Mask:
     if n == 0:
         return np.zeros(0, dtype=bool)
     layout = "it takes points as columns (3, n) and gives True or False for each, (n,)"
-    return field(whose, answer(comm, whose, where, np.array(x, order="C")), (n,), layout, bool)
+    return arguments.field(
+        whose, answer(comm, whose, where, np.array(x, order="C")), (n,), layout, bool
+    )
 
 
 def numbered(comm: MPI.Comm, whose: str, given: Any, count: int) -> Local:  # noqa: ANN401
@@ -97,32 +99,34 @@ def some_nodes_of(space: fem.FunctionSpace, whose: str, where: Part) -> Local:
     return nodes
 
 
-def exterior_facets(mesh: Mesh, where: Part) -> Local:
-    """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices."""
+def exterior_facets(mesh: Mesh, where: Part, inner: bool = True) -> Local:
+    """Local numbers of a part of the boundary's facets; a marker has to hold at all vertices.
+
+    Numbers of `inner` facets are left out, or refused.
+    """
     topology, dimension = mesh.topology, mesh.topology.dim - 1
     topology.create_connectivity(dimension, topology.dim)
     topology.create_connectivity(topology.dim, dimension)
-    facets = exterior_facet_indices(topology)
-    count = len(basix.topology(mesh.basix_cell())[dimension][0])
-    corners = np.zeros((0, count), dtype=np.int32)
-    if len(facets):  # DOLFINx divides by it
-        corners = entities_to_geometry(mesh, dimension, facets)[:, :count]
-    vertices, places = np.unique(corners, return_inverse=True)
     index_map = topology.index_map(dimension)
     with collective(mesh.comm):
         if callable(where):
-            holds = marked(
-                mesh.comm, "the marker of the boundary", where, mesh.geometry.x[vertices].T
-            )
-            return facets[holds[places.reshape(corners.shape)].all(axis=1)]
+            holds = partial(marked, mesh.comm, "the marker of the boundary", where)
+            return locate_entities_boundary(mesh, dimension, holds)
         count = index_map.size_local + index_map.num_ghosts
-        return np.intersect1d(numbered(mesh.comm, "facets", where, count), facets)
+        given = numbered(mesh.comm, "facets", where, count)
+        outer = np.intersect1d(given, exterior_facet_indices(topology))
+        if not inner and np.sum(given < index_map.size_local) > len(outer):
+            raise ValueError(
+                "the prescribed part has facets within the body: numbers are those of facets of "
+                "its boundary, tags.find(value); for nodes there is fem.dirichletbc"
+            )
+    return outer
 
 
 def by_cell_tag(
-    mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]], what: str
+    mesh: Mesh, cell_tags: MeshTags, values: Mapping[int, Sequence[float]]
 ) -> list[fem.Function]:
-    """Functions that are constant in each cell, by the cells' tags; collective."""
+    """Functions that are constant in each cell, of its material's numbers, by tags; collective."""
     comm, dim = mesh.comm, mesh.topology.dim
     mesh.topology.create_entities(dim)
     owned = mesh.topology.index_map(dim).size_local
@@ -137,12 +141,12 @@ def by_cell_tag(
         mine = cell_tags.indices < owned
         cells, tags = cell_tags.indices[mine], cell_tags.values[mine]
         if len(cells) < owned:
-            raise ValueError(f"{owned - len(cells)} of {owned} cells have no tag, so no {what}")
+            raise ValueError(f"{owned - len(cells)} of {owned} cells have no tag, so no material")
     found = set().union(*comm.allgather(set(tags.tolist())))
     if missing := sorted(found - set(values)):
-        raise ValueError(f"no {what} is given for the tags {missing}, which cells have")
+        raise ValueError(f"no material is given for the tags {missing}, which cells have")
     if unknown := sorted(set(values) - found):
-        raise ValueError(f"a {what} is given for the tags {unknown}, which no cell has")
+        raise ValueError(f"a material is given for the tags {unknown}, which no cell has")
     space = fem.functionspace(mesh, ("DG", 0))
     functions = [fem.Function(space) for _ in next(iter(values.values()))]
     for tag, numbers in values.items():

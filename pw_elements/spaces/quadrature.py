@@ -3,7 +3,7 @@
 Stiffnesses need four points instead of twelve: stresses of quadratic displacements are linear in
 straight cells, and the means of slopes at the vertices integrate their products exactly.
 
-For all other elements FFCx tak the right rule by itself: that of the halved cell wherever a
+For all other elements FFCx takes the right rule by itself: that of the halved cell wherever a
 test or trial function is piecewise linear. So it does on the faces of tetrahedra.
 """
 
@@ -49,11 +49,10 @@ def cell_measure(space: fem.FunctionSpace, degree: int) -> ufl.Measure:
 
 def with_cell_rules(form: ufl.Form) -> ufl.Form:
     """The form with such points in its integrals over tetrahedra, if its functions need them."""
-    return _with(form, lambda part: _rule(part) if _lacks_rule(part) else part.metadata())
+    return _with(form, _ruled)
 
 
 def without_states(form: ufl.Form) -> ufl.Form:
-    """The form without states of stress, which are no matter of its compilation."""
     return _with(form, lambda part: {k: v for k, v in part.metadata().items() if k != STATE})
 
 
@@ -76,17 +75,13 @@ def _with(form: ufl.Form, metadata: Callable[[ufl.Integral], dict[str, Any]]) ->
     return ufl.Form([part.reconstruct(metadata=metadata(part)) for part in form.integrals()])
 
 
-def _lacks_rule(integral: ufl.Integral) -> bool:
-    return (
-        integral.integral_type() == "cell"
-        and integral.metadata().get("quadrature_rule") != "custom"
-        and any(map(_halved_tetrahedra, extract_elements(integral)))
-    )
-
-
-def _rule(integral: ufl.Integral) -> dict[str, Any]:
-    metadata = integral.metadata()
+def _ruled(integral: ufl.Integral) -> dict[str, Any]:
+    """The metadata of an integral, with points on sub-cells if it needs and has none."""
+    metadata: dict[str, Any] = integral.metadata()
     rule = metadata.get("quadrature_rule", "default")
+    halved = any(map(_halved_tetrahedra, extract_elements(integral)))
+    if integral.integral_type() != "cell" or rule == "custom" or not halved:
+        return metadata
     if rule != "default":
         raise ValueError(
             f"the measure's quadrature_rule {rule!r} is one of the whole tetrahedron, but weights "

@@ -12,14 +12,12 @@ from petsc4py import PETSc
 import basix
 import basix.ufl
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.mesh import Mesh, MeshTags
 
-from pw_elements.checks import arguments, collective, same_everywhere, whole
-from pw_elements.spaces.elements import (
-    macro_element,
-    quadratic_element,
-)
+from pw_elements.checks import arguments, collective, same_everywhere
+from pw_elements.spaces.elements import macro_element, quadratic_element
 from pw_elements.spaces.hybrid import SubSpace, is_hybrid, is_split, mixed_element
 
 
@@ -171,10 +169,7 @@ test_space.__test__ = False  # type: ignore[attr-defined]  # no test, whatever p
 
 @same_everywhere
 def as_function(
-    space: fem.FunctionSpace,
-    values: PETSc.Vec,
-    name: str = "f",
-    out: fem.Function | None = None,
+    space: fem.FunctionSpace, values: PETSc.Vec, name: str = "f", out: fem.Function | None = None
 ) -> fem.Function:
     """Turns a vector (n,) in a space's numbering into a function, for forms and files.
 
@@ -251,6 +246,18 @@ def scalar_space(space: fem.FunctionSpace) -> fem.FunctionSpace:
     return scalars
 
 
+def of_owners(
+    space: fem.FunctionSpace, nodes: npt.NDArray[np.int64], values: npt.NDArray
+) -> npt.NDArray:
+    """Rows (k, ...) of global nodes, on all processes, of the owners' values (owned nodes, ...)."""
+    own = nodes - space.dofmap.index_map.local_range[0]
+    mine = (own >= 0) & (own < len(values))
+    found = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
+    found[mine] = values[own[mine]]
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, found, MPI.SUM)
+    return found
+
+
 def check_parts(parts: object) -> None:
     kinds = (MeshTags, type(None))
     arguments.of_type("parts", parts, kinds, "dolfinx.mesh.meshtags makes them")
@@ -258,7 +265,9 @@ def check_parts(parts: object) -> None:
 
 def _trial_element(mesh: Mesh, components: int | None = None) -> basix.ufl._ElementBase:
     arguments.mesh(mesh)
-    count = whole("components", mesh.geometry.dim if components is None else components, 0)
+    count = arguments.whole(
+        "components", mesh.geometry.dim if components is None else components, 0
+    )
     return quadratic_element(mesh.topology.cell_name(), (count,) if count else ())
 
 

@@ -157,17 +157,17 @@ def test_law_holds_at_random_points(name):
     after = motion + step**2 * found.force / mass[:, None]
     reached = gap + np.sum(normal * after, axis=1)
     slip = after - shift - np.sum(normal * (after - shift), axis=1)[:, None] * normal
-    falling = 0.9 / (1 + found.pressed / half)
-    limit = (mu if name == "Coulomb's" else falling) * found.pressed
-    assert (found.pressed >= 0).all()
+    falling = 0.9 / (1 + found.force_normal / half)
+    limit = (mu if name == "Coulomb's" else falling) * found.force_normal
+    assert (found.force_normal >= 0).all()
     assert reached.min() > -1e-12
     assert found.gap == pytest.approx(reached, abs=1e-12)
-    assert np.minimum(found.pressed, reached) == pytest.approx(0.0, abs=1e-12)
-    size, slides = (np.linalg.norm(part, axis=1) for part in (found.friction, slip))
+    assert np.minimum(found.force_normal, reached) == pytest.approx(0.0, abs=1e-12)
+    size, slides = (np.linalg.norm(part, axis=1) for part in (found.force_tangential, slip))
     assert (size <= limit * (1 + 1e-12)).all()
-    closed = found.pressed > 0
+    closed = found.force_normal > 0
     assert found.slip == pytest.approx(slip, abs=1e-12)
-    work = np.sum(found.friction * slip, axis=1)
+    work = np.sum(found.force_tangential * slip, axis=1)
     assert work == pytest.approx(-limit * slides, abs=1e-9)
     assert 0 < (slides[closed] < 1e-12).sum() < closed.sum()
 

@@ -20,6 +20,5 @@ from pw_elements.contact.interface.operators import (
     ROUND_OFF,
     Interface,
     NoContactStated,
-    of_owners,
 )
 from pw_elements.contact.interface.sliding import SlidingMortar

@@ -18,16 +18,9 @@ from scipy.spatial import cKDTree
 from pw_elements._compat import cell_nodes
 from pw_elements.algebra import Reduction
 from pw_elements.arrays import Array, Indices, Local, Mask
-from pw_elements.checks import answer, collective, field, is_number, listed
+from pw_elements.checks import answer, arguments, collective, listed
 from pw_elements.contact.interface.mortar import Overlap, Trace, gathered_trace
-from pw_elements.contact.interface.operators import (
-    DEFORMABLE,
-    RIGID,
-    Interface,
-    Points,
-    extents,
-    of_owners,
-)
+from pw_elements.contact.interface.operators import DEFORMABLE, RIGID, Interface, Points, extents
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import (
     Cone,
@@ -47,6 +40,7 @@ from pw_elements.spaces import (
     exterior_facets,
     is_hybrid,
     nodes_of,
+    of_owners,
 )
 
 # What surfaces have one component of per dimension
@@ -100,7 +94,6 @@ class BodyNodes:
         self.diagonal = float(np.linalg.norm(extents(mesh.comm, mesh.geometry.x)))
 
     def owned(self, whose: str, nodes: Part) -> Local:
-        """Local numbers of the nodes that this process owns; refuses what names no nodes."""
         given = nodes_of(self.given, whose, nodes)
         return given[given < self.space.dofmap.index_map.size_local]
 
@@ -232,9 +225,11 @@ def _at_nodes(
     points = np.zeros((3, len(x)))
     points[: x.shape[1]] = x.T
     given = answer(comm, whose, function, points) if len(x) else points[0]
-    if is_number(given):  # the same everywhere
+    if arguments.is_number(given):  # the same everywhere
         given = np.full(len(x), given, dtype=float)
-    return field(whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)")
+    return arguments.field(
+        whose, given, (len(x),), "it takes points as columns (3, n) and gives (n,)"
+    )
 
 
 def _revolved(number: int, master: DeformableSurface, known: Assembled, dim: int) -> bool:
@@ -310,12 +305,7 @@ def _points(body: BodyNodes, node: Local, cone: Cone, opposite: Indices | None) 
 
 
 def opposite_nodes(
-    number: int,
-    matching: MatchingNodes,
-    node: Local,
-    theirs: Local,
-    rough: Mask,
-    body: BodyNodes,
+    number: int, matching: MatchingNodes, node: Local, theirs: Local, rough: Mask, body: BodyNodes
 ) -> Indices:
     """Global number (m,) of the node of the opposite side that each of a pair's nodes faces.
 
@@ -359,7 +349,6 @@ class InitialGap:
         return self.initial + np.sum(self.direction * (x - self.position), axis=1)
 
     def normal(self, x: Array) -> Array:  # noqa: ARG002
-        """Averaged normals (m, dim), out of the master, wherever the points are."""
         return self.direction
 
 
@@ -411,12 +400,7 @@ _APART = (
 
 
 def sliding_points(
-    number: int,
-    pair: ContactPair,
-    node: Local,
-    cone: Cone,
-    body: BodyNodes,
-    revolved: bool,
+    number: int, pair: ContactPair, node: Local, cone: Cone, body: BodyNodes, revolved: bool
 ) -> tuple[Points, InitialGap, SlidingMortar]:
     """Points at the owned nodes (m,) of a pair of bodies that slide, as they are at first."""
     own, one, other = _sides(number, pair, node, body)

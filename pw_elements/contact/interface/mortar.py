@@ -63,7 +63,7 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from pw_elements.arrays import Array, Indices, Local
-from pw_elements.elasticity import facet_nodes
+from pw_elements.elasticity import facets_in_cells
 
 # Nodes of the sub-facets of a facet of so many nodes: vertices first, then the middles of edges,
 # and a quadrilateral's own
@@ -75,11 +75,7 @@ _PARTS = {
 # Corners of the simplices that make up a sub-facet with so many
 _SIMPLICES = {2: ([0, 1],), 3: ([0, 1, 2],), 4: ([0, 1, 3], [0, 3, 2])}
 # Sub-facets of so many corners
-_CELLS = {
-    2: basix.CellType.interval,
-    3: basix.CellType.triangle,
-    4: basix.CellType.quadrilateral,
-}
+_CELLS = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
 # Cosine between the normals of facets that meet, below which they have an edge between them
 _EDGE = float(np.cos(np.pi / 4)) - 1e-9
 
@@ -195,12 +191,11 @@ def gathered_trace(space: fem.FunctionSpace, facets: Local) -> Trace:
 
 def flat_facets(space: fem.FunctionSpace, facets: Local) -> tuple[Local, Array, Array]:
     """Nodes (f, k) of exterior facets, their positions, and outward unit normals as if flat."""
-    mesh = space.mesh
-    dim = mesh.topology.dim
-    nodes = facet_nodes(space, facets)
-    behind = mesh.topology.connectivity(dim - 1, dim)
+    dim, (cells, places) = space.mesh.topology.dim, facets_in_cells(space, facets)
+    behind = space.dofmap.list[cells]
+    nodes = np.take_along_axis(behind, places, axis=1)
     x = space.tabulate_dof_coordinates()[:, :dim]
-    inside = x[space.dofmap.list[behind.array[behind.offsets[facets]]]].mean(axis=1)
+    inside = x[behind].mean(axis=1)
     flat = across(x[nodes[:, :dim]])
     flat *= np.sign(np.sum(flat * (x[nodes[:, 0]] - inside), axis=1))[:, None]
     return nodes, x[nodes], flat

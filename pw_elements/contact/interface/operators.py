@@ -27,15 +27,13 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from dolfinx import fem
 
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import answer, collective, listed
-from pw_elements.checks import field as checked_field
+from pw_elements.checks import answer, arguments, collective, listed
 from pw_elements.contact.interface.sliding import SlidingMortar
 from pw_elements.contact.model import Cone, NotFound, Surface
 from pw_elements.elasticity import by_position
-from pw_elements.spaces import SubSpace
+from pw_elements.spaces import SubSpace, of_owners
 
 # What the point faces in place of a node of a body: nothing that moves by itself, or many nodes
 RIGID, DEFORMABLE = -1, -2
@@ -192,7 +190,6 @@ class Interface:
             raise NoContactStated(f"contact nodes at {listed(places)} {what}")
 
     def gathered(self, values: npt.NDArray) -> npt.NDArray:
-        """Rows of all processes, on each of them."""
         return np.concatenate(self.comm.allgather(values))
 
     def in_order(self, pair: int, values: npt.NDArray) -> npt.NDArray:
@@ -216,11 +213,6 @@ class Interface:
         matrix = PETSc.Mat().createAIJ(sizes, csr=csr, comm=self.comm)
         return matrix if self.field.is_all else matrix.matMult(self.field.selection())
 
-    def of_unknowns(self, rows: sp.csr_matrix) -> PETSc.Mat:
-        """A matrix (n, n) with these rows of this process' displacements by displacements."""
-        matrix = self.rows(rows)
-        return matrix if self.field.is_all else self.field.selection().transposeMatMult(matrix)
-
     @cached_property
     def _order(self) -> list[npt.NDArray[np.intp]]:
         """Order by position of each pair's points as they are gathered."""
@@ -234,7 +226,6 @@ class Interface:
 
     @cached_property
     def extent(self) -> float:
-        """Largest extent of the points along an axis."""
         return float(extents(self.comm, self.position).max())
 
     def on_opposite(self, pair: int, force: Array) -> Array:
@@ -318,17 +309,7 @@ class Interface:
                     each = given if len(answers) > 1 else (given,)
                     for values, known in zip(answers, each, strict=True):
                         shape = (int(mine.sum()), *values.shape[1:])
-                        values[mine] = checked_field(whose, known, shape, layout)
-
-
-def of_owners(space: fem.FunctionSpace, nodes: Indices, values: npt.NDArray) -> npt.NDArray:
-    """Rows (k, ...) of global nodes, on all processes, of the owners' values (owned nodes, ...)."""
-    own = nodes - space.dofmap.index_map.local_range[0]
-    mine = (own >= 0) & (own < len(values))
-    found = np.zeros((len(nodes), *values.shape[1:]), dtype=values.dtype)
-    found[mine] = values[own[mine]]
-    space.mesh.comm.Allreduce(MPI.IN_PLACE, found, MPI.SUM)
-    return found
+                        values[mine] = arguments.field(whose, known, shape, layout)
 
 
 def extents(comm: MPI.Comm, x: Array) -> Array:

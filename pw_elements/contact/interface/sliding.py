@@ -299,7 +299,6 @@ class SlidingMortar:
         return met.rows + sp.csr_array((value, (np.tile(lone, 3), column)), met.rows.shape)
 
     def _unit(self, across: Vector, node: Any) -> Vector:  # noqa: ANN401
-        """Unit normals at slave nodes."""
         kept = across[0] * self.kept[node, 0], across[1] * self.kept[node, 1]
         over = _dot(kept, kept) ** -0.5
         return kept[0] * over, kept[1] * over

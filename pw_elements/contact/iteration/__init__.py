@@ -28,16 +28,6 @@ from pw_elements.contact.iteration.newton import (
     Reference,
     newton,
 )
-from pw_elements.contact.iteration.policy import (
-    Policy,
-    initial_active_set,
-    resumed,
-    same,
-)
+from pw_elements.contact.iteration.policy import Policy, initial_active_set, resumed, same
 from pw_elements.contact.iteration.results import contact_state, pair_states, undeformed
-from pw_elements.contact.iteration.system import (
-    ContactSystem,
-    Tangent,
-    border_columns,
-    local_rows,
-)
+from pw_elements.contact.iteration.system import ContactSystem, Tangent, border_columns, local_rows

@@ -119,7 +119,8 @@ class Sliding:
             mine = (row >= 0) & (row < rows[0])
             place = row[mine], dofs[part.col[mine]]
             total += sp.csr_matrix((part.data[mine], place), rows)
-        return interface.of_unknowns(total)
+        matrix, field = interface.rows(total), interface.field
+        return matrix if field.is_all else field.selection().transposeMatMult(matrix)
 
     def into(self, place: Place, force: Array) -> Place:
         """A place (m) with the points of these pairs in it, under forces (m, dim)."""
@@ -423,7 +424,6 @@ class FiniteEquilibrium:
         return ROUND_OFF * float(volumes.norm(PETSc.NormType.INFINITY))
 
     def _arrive(self) -> None:
-        """Takes the residual where the body is."""
         self._forces = self._body.forces()
         self._size = self._field.part(self._forces).norm(PETSc.NormType.INFINITY)
         self._residual = self._reduction.left.createVecRight()

@@ -33,13 +33,13 @@ from pw_elements.contact.iteration.law import TOLERANCE, Accuracy, LinearisedLaw
 from pw_elements.contact.model import Free
 from pw_elements.solvers import (
     MatrixFree,
+    Pieces,
     PreparedSolver,
     SingularSystem,
     Supports,
     add,
     block_diagonal,
     collect_garbage,
-    connected_pieces,
     destroy,
     free_motion,
     python_matrix,
@@ -143,14 +143,22 @@ class Unassembled:
 
     def of_motion(self, x: PETSc.Vec) -> Array:
         """C G a - D U, (m, dim): what the law says of a motion, without its forces."""
-        return self._of_motion(x, self._unsupported(x))
+        points, motion = self._points, self._motion
+        motion.array[:] = x.array_r[: self._K.getLocalSize()[1]]
+        motion.array[self._prescribed] = 0.0
+        points.motion.mult(motion, self._moved)
+        moved = self._moved.array_r.reshape(points.own.shape)
+        law: Array = np.einsum("nab,nb->na", self._C, moved)
+        if points.translations:
+            n, last = self._K.getLocalSize()[1], self._comm.size - 1
+            U = np.append(self._comm.bcast(x.array_r[n:].copy(), last), 0.0)
+            law -= np.einsum("nab,nb->na", self._D, U[points.moved])
+        return law
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         points, n = self._points, self._K.getLocalSize()[1]
-        given, motion = x.array_r, self._unsupported(x)
-        law = self._of_motion(x, motion)
-        image = self._image
-        self._K.mult(motion, image)
+        given, law, image = x.array_r, self.of_motion(x), self._image
+        self._K.mult(self._motion, image)
         self.force = force = points.read(image.array_r)
         if points.spread is not None:
             self._moved.array[:] = force.ravel()
@@ -167,23 +175,6 @@ class Unassembled:
         result[n:] = totals[: len(given) - n]
         result[self._prescribed] = given[self._prescribed]
         result[points.own[self._stated]] = law[self._stated]
-
-    def _unsupported(self, x: PETSc.Vec) -> PETSc.Vec:
-        """The motion a of x, zero where it is prescribed."""
-        self._motion.array[:] = x.array_r[: self._K.getLocalSize()[1]]
-        self._motion.array[self._prescribed] = 0.0
-        return self._motion
-
-    def _of_motion(self, x: PETSc.Vec, motion: PETSc.Vec) -> Array:
-        points = self._points
-        points.motion.mult(motion, self._moved)
-        moved = self._moved.array_r.reshape(points.own.shape)
-        law: Array = np.einsum("nab,nb->na", self._C, moved)
-        if points.translations:
-            n, last = self._K.getLocalSize()[1], self._comm.size - 1
-            U = np.append(self._comm.bcast(x.array_r[n:].copy(), last), 0.0)
-            law -= np.einsum("nab,nb->na", self._D, U[points.moved])
-        return law
 
 
 class Sprung:
@@ -298,8 +289,8 @@ class RigidHolds:
     def __init__(self, space: fem.FunctionSpace, points: NodePoints) -> None:
         nodes = points.node
         self._comm: MPI.Comm = space.mesh.comm
-        piece, self._pieces = connected_pieces(space)
-        self._piece = piece[nodes]
+        pieces = Pieces.of(space)
+        self._piece, self._pieces = pieces.number[nodes], len(pieces.centre)
         x = space.tabulate_dof_coordinates()[nodes, : space.mesh.geometry.dim]
         among = np.where(points.facing, self._piece, -1)
         every, where = (np.concatenate(self._comm.allgather(part)) for part in (x, among))
@@ -402,7 +393,6 @@ class KrylovTangent:
         self._most: int = self._ksp.getTolerances()[3]
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
-        """Begins an increment at unknowns of this process."""
         begin, local = unknowns(), self._solution.array
         local[: len(begin)] = begin
         local[len(begin) :] = translations[: len(local) - len(begin)]
@@ -566,7 +556,6 @@ class KrylovTangent:
         return float(rest.norm())
 
     def _operations(self) -> float:
-        """Floating-point operations so far, of all processes."""
         return float(self._comm.allreduce(PETSc.Log.getFlops(), MPI.SUM))
 
     def _largest(self) -> float:

@@ -12,14 +12,7 @@ import numpy as np
 from pw_elements.algebra import Reduction, scaled
 from pw_elements.arrays import Array, Mask
 from pw_elements.contact.interface import ROUND_OFF, Interface
-from pw_elements.contact.iteration.law import (
-    TOLERANCE,
-    Accuracy,
-    ActiveSet,
-    Contact,
-    Place,
-    turned,
-)
+from pw_elements.contact.iteration.law import TOLERANCE, Accuracy, ActiveSet, Contact, Place, turned
 from pw_elements.contact.iteration.policy import Policy, counted, same
 from pw_elements.contact.iteration.system import ContactSystem
 from pw_elements.contact.model import (
@@ -84,19 +77,15 @@ class Equilibrium(Protocol):
 
     def take(self, reduced: PETSc.Vec) -> float:
         """Goes to a solution of the linear equations, or the share of the way that it gives."""
-        ...
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """Forces that no load balances there, reduced: where nothing touches they vanish."""
-        ...
 
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """All unknowns (n,) there."""
-        ...
 
     def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:
         """What no contact force balances over what is allowed, of which contact is a part."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -305,7 +294,6 @@ class Increment:
         return float(comm.allreduce(worst, MPI.MAX))
 
     def _largest(self, now: Iterate) -> float:
-        """Largest component of a contact force, of all processes."""
         return float(self.system.comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX))
 
     def settled(self, now: Iterate) -> bool:
@@ -319,7 +307,6 @@ class Increment:
         return TOLERANCE * self._largest(now) + self.round_off(now)
 
     def round_off(self, now: Iterate) -> float:
-        """Force that may be nothing but round-off."""
         return sum(self._lost(now))
 
     def _lost(self, now: Iterate) -> tuple[float, float]:

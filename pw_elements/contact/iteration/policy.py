@@ -222,7 +222,6 @@ class LastHold:
         return _gripping(braking & (speed <= slowest * (1 + 1e-9)), new, contact)
 
     def _landing(self, active: ActiveSet, gap: Array) -> Mask:
-        """The nearest point of each pair that is open everywhere."""
         landing = np.zeros(len(gap), dtype=bool)
         for k in range(self._interface.pairs):
             mine = (self._interface.pair == k) & np.isfinite(gap)

@@ -33,7 +33,8 @@ from pw_elements.contact.interface import Interface
 from pw_elements.contact.iteration.krylov import KrylovTangent, NodePoints, stated_mean
 from pw_elements.contact.iteration.law import Accuracy, Levers, LinearisedLaw, Solved
 from pw_elements.contact.model import Free
-from pw_elements.solvers import LinearSolver, PreparedSolver, SolverReport, is_matrix_free
+from pw_elements.solvers import LinearSolver, PreparedSolver, SolverReport, add, is_matrix_free
+from pw_elements.spaces import single_entries
 
 # What does not count as different
 _EQUAL = 1e-12
@@ -106,24 +107,8 @@ def _spans(first: Indices, count: Indices) -> Indices:
     return np.repeat(shift, count) + np.arange(count.sum())
 
 
-def tangent_rows(
-    stiffness: PETSc.Mat,
-    force: PETSc.Mat,
-    flexible: Array,
-    spread: PETSc.Mat | None,
-    equation: Indices,
-    more: int,
-) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Rows of K' and of L K on this process, with empty columns for the free translations."""
-    forces = reading(force, flexible, equation).matMult(stiffness)
-    fixed = stiffness
-    if spread is not None:
-        fixed = spread.transposeMatMult(forces)
-        fixed.axpy(1.0, stiffness, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    return local_rows(fixed, more), local_rows(forces, more)
-
-
 def local_rows(matrix: PETSc.Mat, more: int) -> sp.csr_matrix:
+    """Rows of this process, with more columns, which are empty, for free translations."""
     indptr, indices, data = matrix.getValuesCSR()
     rows = sp.csr_matrix((data, indices, indptr), (len(indptr) - 1, matrix.getSize()[1] + more))
     rows.sort_indices()
@@ -190,15 +175,6 @@ def read_and_spread(force: PETSc.Mat, equation: Indices) -> tuple[Array, PETSc.M
     return flexible, PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
 
 
-def reading(force: PETSc.Mat, flexible: Array, equation: Indices) -> PETSc.Mat:
-    """L, (points dim, equations), of the arguments and the first result of `read_and_spread`."""
-    numbers = equation.ravel()
-    stated = numbers >= 0
-    indptr = np.concatenate([[0], np.cumsum(stated)]).astype(PETSc.IntType)
-    csr = (indptr, numbers[stated].astype(PETSc.IntType), flexible.ravel()[stated])
-    return PETSc.Mat().createAIJ(force.getSizes(), csr=csr, comm=force.comm)
-
-
 def own_entries(matrix: sp.csr_matrix, equation: Indices) -> Array:
     """Entries (m, dim) of a matrix (m dim, n) at each point's own unknowns; 1 where it has none."""
     own = equation.ravel()
@@ -229,11 +205,9 @@ class ContactTangent(Protocol):
 
     def start(self, unknowns: Callable[[], Array], translations: Array) -> None:
         """Begins an increment at unknowns of this process."""
-        ...
 
     def renew(self, rows: Callable[[], tuple[PointRows, _Csr]], another: bool) -> None:
         """Takes what K has become; `rows` makes the matrix, of another pattern perhaps."""
-        ...
 
     def solve(self, right: Array, balance: Array, law: LinearisedLaw, accuracy: Accuracy) -> Solved:
         """Solves for an active set, with right-hand sides of this process and of free translations.
@@ -241,15 +215,12 @@ class ContactTangent(Protocol):
         More than final is by factors of the very matrix. Raises SingularSystem if there is no
         unique solution, NotConverged if an iteration fails.
         """
-        ...
 
     def orientation(self) -> tuple[int, ...]:
         """Signs besides those that the solver tells by its determinants."""
-        ...
 
     def encloses(self) -> bool:
         """Whether a constant pressure in an incompressible body acts on contact points alone."""
-        ...
 
     def release(self) -> None: ...
 
@@ -313,8 +284,14 @@ class ContactSystem:
 
     def _rows(self) -> tuple[sp.csr_matrix, PointRows, _Csr]:
         """L K, the points' rows, and the matrix in which they have their places."""
-        operators = self.stiffness, self._force, self._flexible, self._spread
-        fixed, read = tangent_rows(*operators, self.interface.equation, len(self.free))
+        K, equation, sizes = self.stiffness, self.interface.equation.ravel(), self._force.getSizes()
+        L = single_entries(equation, sizes, self.comm, self._flexible.ravel())
+        forces = L.matMult(K)
+        if self._spread is not None:
+            fixed = self._spread.transposeMatMult(forces)
+            add(fixed, 1.0, K, last=False)
+            K = fixed
+        fixed, read = (local_rows(part, len(self.free)) for part in (K, forces))
         rows = PointRows(read, self._moved, self._borders, self._own)
         border = balance_rows(self._balances(read), self.springs, self.comm)
         return read, rows, with_points(fixed, rows, border)
@@ -374,11 +351,7 @@ class ContactSystem:
         return self.tangent.solver.report
 
     def solve(
-        self,
-        load: PETSc.Vec,
-        law: LinearisedLaw,
-        totals: Array,
-        accuracy: Accuracy = "final",
+        self, load: PETSc.Vec, law: LinearisedLaw, totals: Array, accuracy: Accuracy = "final"
     ) -> Solution:
         """Solves equilibrium under a reduced load with the law at every contact point."""
         self.solved += 1

@@ -10,12 +10,7 @@ from pw_elements.contact.model.errors import (
     RigidVelocity,
     SurfacePassed,
 )
-from pw_elements.contact.model.friction import (
-    Cone,
-    Coulomb,
-    Friction,
-    projected,
-)
+from pw_elements.contact.model.friction import Cone, Coulomb, Friction, projected
 from pw_elements.contact.model.pairs import ContactPair, DeformableSurface, MatchingNodes, Motion
 from pw_elements.contact.model.state import (
     NOTHING_DONE,

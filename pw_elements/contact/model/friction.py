@@ -17,7 +17,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import field
+from pw_elements.checks import arguments
 
 # Normal forces at which laws are asked whether they rise, and what of a coefficient is round-off
 _FORCES = 10.0 ** np.arange(-12, 13)
@@ -47,7 +47,6 @@ class Friction(Protocol):
         Args:
             x: positions as columns (3, n).
         """
-        ...
 
     def limit(self, at: Array, force: Array) -> tuple[Array, Array]:
         """Largest tangential force (n,) beside a normal force, and its slope (n,).
@@ -56,7 +55,6 @@ class Friction(Protocol):
             at: what the law said of these nodes (n,), which may be another process'.
             force: normal forces (n,), none of them negative.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -120,14 +118,13 @@ class Cone:
             return limit, slope
         words = "it gives the limits and their slopes, (n,) each"
         names = ("the limit of friction", limit), ("its slope", slope)
-        return tuple(field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]
+        return tuple(arguments.field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]
 
     @property
     def cannot_fail(self) -> bool:
         return all(isinstance(law, Coulomb) for law in self.laws)
 
     def tell(self) -> None:
-        """Raises what a law has raised."""
         if self.failed:
             raise self.failed.pop()
 

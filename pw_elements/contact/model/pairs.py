@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx.mesh import MeshTags
 
 from pw_elements.arrays import Array
-from pw_elements.checks import described, flag, is_function, is_number, number, of_type, vector
+from pw_elements.checks import arguments
 from pw_elements.contact.model.friction import Coulomb, Friction
 from pw_elements.contact.model.surfaces import Surface, unit
 from pw_elements.spaces import Part
@@ -54,9 +54,9 @@ class Motion:
             who, way, push = f"component {k} of a motion", "translation", "force"
             if k == len(self.translation):
                 who, way, push = "a motion", "rotation", "torque"
-            number(f"{who}'s {push}", pushed)
+            arguments.number(f"{who}'s {push}", pushed)
             if moved is not None:
-                number(f"{who}'s {way}", moved)
+                arguments.number(f"{who}'s {way}", moved)
             if moved is not None and pushed:
                 raise ValueError(
                     f"{who} has a {way} and a {push}: one of them follows from the other"
@@ -105,11 +105,11 @@ class MatchingNodes:
         _check_part("nodes", self.nodes, "MatchingNodes(nodes, shape)")
         if not _is_surface(self.shape):
             raise TypeError(
-                f"the shape of matching nodes is {described(self.shape)}: it has to be a surface, "
-                "with a gap and a normal"
+                f"the shape of matching nodes is {arguments.described(self.shape)}: it has to be a "
+                "surface, with a gap and a normal"
             )
         if self.offset is not None:
-            vector("the offset of matching nodes", self.offset)
+            arguments.vector("the offset of matching nodes", self.offset)
 
 
 @dataclass(frozen=True)
@@ -152,8 +152,8 @@ class DeformableSurface:
     def __post_init__(self) -> None:
         _check_part("facets", self.where, "DeformableSurface(where)")
         if self.revolved is not None:
-            flag("revolved", self.revolved)
-        flag("coincident", self.coincident)
+            arguments.flag("revolved", self.revolved)
+        arguments.flag("coincident", self.coincident)
 
 
 @dataclass(frozen=True)
@@ -199,17 +199,19 @@ class ContactPair:
         bodies = (MatchingNodes, DeformableSurface)
         if self.pivot is not None and isinstance(self.surface, bodies):
             raise ValueError("a body has no pivot: what turns it are its supports")
-        if (0 if self.pivot is None else len(vector("the pivot", self.pivot))) == 3:
-            unit(list(vector("the axis of a pivot in space", self.axis, 3)))
+        if (0 if self.pivot is None else len(arguments.vector("the pivot", self.pivot))) == 3:
+            unit(list(arguments.vector("the axis of a pivot in space", self.axis, 3)))
         elif self.axis is not None:
             raise ValueError("an axis belongs to a pivot in space")
         if not (isinstance(self.surface, bodies) or _is_surface(self.surface)):
             raise TypeError(
-                f"the surface of a contact pair is {described(self.surface)}: it has to have a gap "
-                "and a normal, or to be a DeformableSurface or MatchingNodes"
+                f"the surface of a contact pair is {arguments.described(self.surface)}: it has to "
+                "have a gap and a normal, or to be a DeformableSurface or MatchingNodes"
             )
         mu = self.law.mu if isinstance(self.law, Coulomb) else 0.0
-        if isinstance(mu, type) or not (callable(mu) or (is_number(mu) and 0 <= mu < np.inf)):
+        if isinstance(mu, type) or not (
+            callable(mu) or (arguments.is_number(mu) and 0 <= mu < np.inf)
+        ):
             raise ValueError(
                 f"friction = {mu!r}: it has to be a number that is finite and not negative, a "
                 "function of positions, or a law of friction"
@@ -220,11 +222,11 @@ class ContactPair:
                 "the interference is a depth where sides are coincident, whose own gaps do not "
                 "count, and True or False elsewhere"
             )
-        if not (is_function(self.interference) or isinstance(self.interference, bool)):
-            number("the interference", self.interference)
+        if not (arguments.is_function(self.interference) or isinstance(self.interference, bool)):
+            arguments.number("the interference", self.interference)
         motions = tuple(self.motions) if isinstance(self.motions, Iterable) else (self.motions,)
         for motion in motions:
-            of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
+            arguments.of_type("a motion of a contact pair", motion, Motion, "it has to be a Motion")
         object.__setattr__(self, "motions", motions)
 
     @property
@@ -263,4 +265,6 @@ def _check_part(name: Literal["nodes", "facets"], part: object, call: str) -> No
         raise TypeError(f"tags are given in place of {name}: use {use}")
     listed = isinstance(part, Sequence | np.ndarray) and not isinstance(part, str)
     if isinstance(part, type) or not (callable(part) or listed):
-        raise TypeError(f"the {name} are {described(part)}: give a marker, numbers or a mask")
+        raise TypeError(
+            f"the {name} are {arguments.described(part)}: give a marker, numbers or a mask"
+        )

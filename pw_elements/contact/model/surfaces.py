@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pw_elements.arrays import Array, Mask
-from pw_elements.checks import field, is_function, number, positive, vector
+from pw_elements.checks import arguments
 
 Points = Array
 
@@ -27,7 +27,7 @@ _STEP, _COARSER = 1e-6, 100
 
 def unit(direction: Sequence[float]) -> Array:
     """The unit vector (dim,) along a direction; a ValueError if that has no finite length."""
-    along = vector("direction", direction)
+    along = arguments.vector("direction", direction)
     length = np.linalg.norm(along)
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"direction {list(direction)}: needs a finite length")
@@ -47,11 +47,9 @@ class Surface(Protocol):
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim); negative inside, infinite where nothing faces x."""
-        ...
 
     def normal(self, x: Points) -> Points:
         """Unit vectors (n, dim) in which the surface pushes points x (n, dim), near it or not."""
-        ...
 
 
 @runtime_checkable
@@ -65,7 +63,6 @@ class RigidBody(Surface, Protocol):
             Distance (n,), negative inside, normal (n, dim), and its derivative by x (n, dim, dim);
             NaN where there is no closest point.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,7 @@ class Plane:
     direction: Sequence[float]
 
     def __post_init__(self) -> None:
-        vector("the point of a plane", self.point)
+        arguments.vector("the point of a plane", self.point)
         unit(self.direction)
 
     def gap(self, x: Points) -> Array:
@@ -123,8 +120,8 @@ class Parabola:
     radius: float
 
     def __post_init__(self) -> None:
-        vector("the apex of a parabola", self.apex)
-        if number("radius", self.radius) == 0:
+        arguments.vector("the apex of a parabola", self.apex)
+        if arguments.number("radius", self.radius) == 0:
             raise ValueError(f"radius = {self.radius}: a parabola needs one that is not zero")
 
     def gap(self, x: Points) -> Array:
@@ -155,8 +152,8 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        vector("the centre of a sphere", self.centre)
-        positive("radius", self.radius)
+        arguments.vector("the centre of a sphere", self.centre)
+        arguments.positive("radius", self.radius)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the sphere."""
@@ -198,9 +195,9 @@ class FlatPunch:
     half_width: float
 
     def __post_init__(self) -> None:
-        vector("the centre of a punch", self.centre)
+        arguments.vector("the centre of a punch", self.centre)
         unit(self.direction)
-        positive("half_width", self.half_width)
+        arguments.positive("half_width", self.half_width)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim) from the face; infinite beside it."""
@@ -240,10 +237,10 @@ class SignedDistance:
     def __post_init__(self) -> None:
         for name in ("function", "gradient"):
             given = getattr(self, name)
-            if not (is_function(given) or (name == "gradient" and given is None)):
+            if not (arguments.is_function(given) or (name == "gradient" and given is None)):
                 raise TypeError(f"{name} = {given!r}: has to be a function of points (n, dim)")
         if self.step is not None:
-            positive("step", self.step)
+            arguments.positive("step", self.step)
 
     def gap(self, x: Points) -> Array:
         """Distance (n,) of points x (n, dim), at first order."""
@@ -297,14 +294,16 @@ class SignedDistance:
 
     def _values(self, x: Points) -> Array:
         layout = f"it takes points as rows (n, {x.shape[1]}) and gives (n,)"
-        return field("the function of a signed distance", self.function(x), (len(x),), layout)
+        return arguments.field(
+            "the function of a signed distance", self.function(x), (len(x),), layout
+        )
 
     def _slope(self, x: Points) -> Points:
         """Gradient (n, dim) of the function."""
         if self.gradient is not None:
             layout = f"it takes points as rows and gives rows (n, {x.shape[1]})"
             given = self.gradient(x)
-            return field("the gradient of a signed distance", given, x.shape, layout)
+            return arguments.field("the gradient of a signed distance", given, x.shape, layout)
         step = self._step(x)
         differences = [self._values(x + h) - self._values(x - h) for h in step * np.eye(x.shape[1])]
         return np.asarray(np.array(differences).T / (2 * step), dtype=float)

@@ -17,30 +17,18 @@ import ufl
 from dolfinx import fem, io
 
 from pw_elements.arrays import Array, Indices, Local
-from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of, vector
-from pw_elements.contact.interface import (
-    Overlap,
-    SlidingMortar,
-    Trace,
-    gathered_trace,
-    of_owners,
-    whole_areas,
-)
+from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
+from pw_elements.contact.interface import Overlap, SlidingMortar, Trace, gathered_trace, whole_areas
 from pw_elements.contact.iteration import HELD, OPEN
 from pw_elements.contact.model import ContactState, PairState
 from pw_elements.contact.output.storage import checked_path
-from pw_elements.elasticity import (
-    Body,
-    StressState,
-    SurfaceNodes,
-    boundary_measure,
-    facets_between,
-)
+from pw_elements.elasticity import Body, StressState, SurfaceNodes, boundary_measure, facets_between
 from pw_elements.spaces import (
     SubSpace,
     as_function,
     assemble_vector,
     is_hybrid,
+    of_owners,
     quadratic_element,
     scalar_space,
     split,
@@ -202,7 +190,6 @@ def _fixed(
 
 
 def _surface(number: int, pair: PairState, body: Body, space: fem.FunctionSpace) -> SurfaceNodes:
-    """The surface of a pair: the facets that have all their nodes in it."""
     surface = SurfaceNodes.of(body, facets_between(space, pair.node))
     if not np.array_equal(surface.node, pair.node):
         lone = pair.position[~np.isin(pair.node, surface.node)]
@@ -493,14 +480,12 @@ def _here(space: fem.FunctionSpace, nodes: Indices) -> Local:
 
 
 def _trial(body: Body | fem.FunctionSpace) -> fem.FunctionSpace:
-    """The space of the displacements; raises TypeError for what is no body and no space."""
     kinds = (Body, fem.FunctionSpace)
     arguments.of_type("body", body, kinds, "it has to be a Body, or its trial space")
     return SubSpace.displacements(body.spaces.trial if isinstance(body, Body) else body).space
 
 
 def check_state(state: ContactState, space: fem.FunctionSpace) -> None:
-    """Raises an error on all processes if a state's nodes are not those of a space."""
     first, last = space.dofmap.index_map.local_range
     x = space.tabulate_dof_coordinates()[:, : space.mesh.geometry.dim]
     with collective(space.mesh.comm):
@@ -551,7 +536,7 @@ def write(
         for state in states:
             arguments.of_type("a state", state, ContactState, _STATE)
         increments = [float(s.increment) for s in states]
-        given = increments if times is None else list(vector("times", times))
+        given = increments if times is None else list(arguments.vector("times", times))
         _check_series(path, states, given, space)
     fields = ContactFields.of(states[0], body)
     unfinished = path.with_name(f".{comm.bcast(secrets.token_hex(8))}-{path.name}")

@@ -6,6 +6,7 @@ import os
 import secrets
 from collections.abc import Mapping, Sequence
 from hashlib import blake2b
+from itertools import product
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
-from pw_elements.arrays import Array, Indices
+from pw_elements.arrays import Array
 from pw_elements.checks import arguments, collective
 from pw_elements.contact.interface import midpoints_around
 from pw_elements.contact.model import ContactState, PairState, Residuals, Scale, Smallness
@@ -130,11 +131,9 @@ def read_state(
             raise ValueError(f"{path} has the state of a problem with another {name}")
     fields = fields_of(space)
     moved = fields[0]
-    for pair in pairs:
-        pair |= {
-            name: _numbers(pair[name], row["displacement"], moved.space)
-            for name in ("node", "faced", "opposite")
-        }
+    today = np.argsort(np.concatenate(comm.allgather(row["displacement"])))
+    for pair, name in product(pairs, ("node", "faced", "opposite")):
+        pair[name] = np.where(pair[name] < 0, pair[name], today[pair[name]])
     unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
     spread = [field.spread(own[name]) for name, field in zip(_FIELDS, fields, strict=False)]
     unknowns.setArray(np.sum(spread, axis=0))
@@ -149,7 +148,6 @@ def read_state(
 
 
 def checked_path(path: str | Path) -> Path:
-    """The path of a file."""
     arguments.of_type("the path", path, (str, Path), "give a file's name or pathlib.Path")
     return Path(path)
 
@@ -183,15 +181,6 @@ def _rows(path: Path, stored: Array, space: fem.FunctionSpace) -> npt.NDArray[np
     if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
         raise ValueError(f"{path} has the state of another mesh")
     return np.asarray(nearest)
-
-
-def _numbers(stored: Indices, row: npt.NDArray[np.intp], space: fem.FunctionSpace) -> Indices:
-    """Global numbers today of nodes (m,) with numbers of a file; negative ones stay."""
-    numbers = np.minimum(stored, -1)
-    _, mine, of_file = np.intersect1d(row, stored, return_indices=True)
-    numbers[of_file] = space.dofmap.index_map.local_range[0] + mine
-    space.mesh.comm.Allreduce(MPI.IN_PLACE, numbers, MPI.MAX)
-    return numbers
 
 
 def _places(space: fem.FunctionSpace) -> Array:

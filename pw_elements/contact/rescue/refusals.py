@@ -27,17 +27,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linprog
-from scipy.sparse.csgraph import connected_components
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
-from pw_elements.contact.iteration import (
-    TOLERANCE,
-    Increment,
-    Iterate,
-    Place,
-    contact_state,
-)
+from pw_elements.contact.iteration import TOLERANCE, Increment, Iterate, Place, contact_state
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
@@ -49,7 +42,7 @@ from pw_elements.contact.model import (
     Smallness,
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
-from pw_elements.solvers import NotConverged, SolverReport
+from pw_elements.solvers import NotConverged, SolverReport, together
 
 # Work of the loads over the sum of its parts' magnitudes: none below
 _ZERO_WORK = 1e-9
@@ -85,8 +78,7 @@ class Points:
     def clusters(self) -> list[Indices]:
         """Motions that have points in common, directly or by others."""
         moved = self._moved().astype(float)
-        count, cluster = connected_components(moved.T @ moved > 0, directed=False)
-        return [np.flatnonzero(cluster == k) for k in range(count)]
+        return together(moved.T @ moved > 0)
 
     def within(self, motions: Indices) -> "Points":
         """The points that some of the motions move, and their velocities in these."""
@@ -179,7 +171,6 @@ def gathered_points(increment: Increment, place: Place, works: Array) -> Points:
 
 
 def _turning(increment: Increment, place: Place) -> Mask:
-    """Whether points' normals change with a free translation, (m,)."""
     interface, free = increment.interface, np.isnan(increment.prescribed)
     here, turning = interface.normals(place.translations), np.zeros(len(interface.pair), dtype=bool)
     for axis in np.flatnonzero(free.any(axis=0)):

@@ -3,7 +3,6 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -13,7 +12,6 @@ import numpy as np
 import scipy.sparse as sp
 from dolfinx import fem
 from scipy.linalg import qr
-from scipy.sparse.csgraph import connected_components
 
 from pw_elements.arrays import Array, Indices
 from pw_elements.checks import listed
@@ -31,7 +29,7 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import Pieces, destroy, galerkin_product
+from pw_elements.solvers import Pieces, destroy, galerkin_product, null_space, triangle
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -46,8 +44,6 @@ _PREFERRED = 1e3
 _ZERO_STIFFNESS = 1e-11
 # The same, as good as none
 _FREE_STIFFNESS = 1e-8
-# Rows that are factorised at once, to save memory
-_AT_ONCE = 20_000
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ class RigidModes:
     def __init__(self, pieces: Pieces, free: Free, pairs: int) -> None:
         self.centre, self.length = pieces.centre, pieces.length
         self.free, self._pairs = free, pairs
-        self._pieces, self.each = pieces, pieces.motion.shape[2]
+        self.each = pieces.motion.shape[2]
         self.of_pieces = len(pieces.centre) * self.each
         self.number = self.of_pieces + len(free)
 
@@ -78,16 +74,6 @@ class RigidModes:
         pieces = len(self.centre)
         of_piece, surfaces = np.repeat(np.arange(pieces), self.each), np.arange(len(self.free))
         return np.concatenate([of_piece, pieces + surfaces])
-
-    def displacements(self) -> sp.csr_array:
-        """Displacements (owned dofs, modes) of this process' nodes in the modes."""
-        values = self._pieces.motion
-        mode = self._pieces.number[: len(values), None, None] * self.each + np.arange(self.each)
-        mode = np.broadcast_to(mode, values.shape)
-        known = values != 0
-        pointers = np.append(0, np.cumsum(known.sum(axis=2)))
-        shape = (values.shape[0] * values.shape[1], self.number)
-        return sp.csr_array((values[known], mode[known], pointers), shape)
 
     def parts(self, motion: Array) -> tuple[Array, Array, Array]:
         """Translations (pieces, dim), rotations (pieces, 1 or 3), and surfaces' (pairs, dim).
@@ -153,56 +139,19 @@ def direction(vector: Array) -> str:
     return listed(vector[None])
 
 
-def triangle(rows: sp.csr_array, comm: MPI.Comm) -> sp.csr_array:
-    """R of QR factorisations of all processes' rows (n, modes): of modes that hang together.
-
-    A Gram matrix would lose what is small.
-    """
-    rows.eliminate_zeros()
-    found = [sp.csr_array((0, rows.shape[1]))]
-    for modes in _together(comm.allgather(rows)):
-        own = rows[:, modes]
-        own, R = own[np.diff(own.indptr) > 0], np.zeros((0, len(modes)))
-        for first in range(0, own.shape[0], _AT_ONCE):
-            some = own[first : first + _AT_ONCE].toarray()
-            R = np.asarray(np.linalg.qr(np.vstack([R, some]), mode="r"))
-        R = np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
-        places = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
-        found.append(sp.csr_array((R.ravel(), places), (len(R), rows.shape[1])))
-    return sp.vstack(found, "csr")
-
-
-def null_space(rows: sp.csr_array, tolerance: float) -> Array:
-    """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
-    n = rows.shape[1]
-    found = [np.zeros((0, n))]
-    for modes in _together([rows]):
-        dense = np.vstack([rows[:, modes].toarray(), np.zeros((len(modes), len(modes)))])
-        _, values, vectors = np.linalg.svd(dense, full_matrices=False)
-        none = vectors[values < tolerance * np.sqrt(n)]
-        found.append(np.zeros((len(none), n)))
-        found[-1][:, modes] = none
-    return np.concatenate(found)
-
-
-def _together(parts: Sequence[sp.csr_array]) -> list[Indices]:
-    """Modes that hang together by rows (n, modes)."""
-    graph = sum(abs(rows).T @ abs(rows) for rows in parts)
-    count, part = connected_components(graph, directed=False)
-    return [np.flatnonzero(part == k) for k in range(count)]
-
-
 class RigidMotions:
     """Rigid motions of the pieces of a supported body, of a stiffness K (n, n), and of surfaces."""
 
     def __init__(self, system: ContactSystem, K: PETSc.Mat, space: fem.FunctionSpace) -> None:
         self._system, self._K = system, K
-        self.modes = RigidModes(Pieces.of(space), system.free, system.interface.pairs)
+        pieces = Pieces.of(space)
+        self.modes = RigidModes(pieces, system.free, system.interface.pairs)
         field, at = system.interface.field, system.interface.field.owned.ravel()
         of_owned = sp.csr_array(
             (np.ones(len(at)), (at, np.arange(len(at)))), (field.rows[0], len(at))
         )
-        self._full = sp.csr_array(of_owned @ self.modes.displacements())  # (unknowns, modes)
+        moved = pieces.matrix(pieces.motion, len(system.free))
+        self._full = sp.csr_array(of_owned @ moved)  # (unknowns, modes)
         column = free_columns(system.reduction.right)
         self._prescribed = column == -1
         kept = np.flatnonzero(column >= 0)
@@ -296,7 +245,6 @@ class RigidMotions:
         return triangle(sp.csr_array(rows), system.comm)
 
     def _matrix(self, motions: sp.csr_array) -> PETSc.Mat:
-        """Motions (rows of this process, modes) as those of all processes."""
         comm, n = self._system.comm, self.modes.number
         places = (x.astype(PETSc.IntType) for x in (motions.indptr, motions.indices))
         sizes = (motions.shape[0], PETSc.DETERMINE), (n if comm.rank == 0 else 0, n)

@@ -48,7 +48,6 @@ class Sprung(Protocol):
 
         They end where all unknowns (n,) and the surfaces' translations (pairs, dim) are given.
         """
-        ...
 
 
 def by_springs(

@@ -14,13 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import (
-    PetrovGalerkinProblem,
-    Reduction,
-    equilibrated,
-    masked,
-    prescribed,
-)
+from pw_elements.algebra import PetrovGalerkinProblem, Reduction, equilibrated, masked, prescribed
 from pw_elements.arrays import Array
 from pw_elements.checks import answer, collective
 from pw_elements.contact.interface import nodal_interface
@@ -89,7 +83,6 @@ class FiniteStepping:
     def step(
         self, state: ContactState, load: Loading | None, moved: Sequence[Motion | None]
     ) -> ContactState:
-        """The state at the end of one increment, as `ContactProblem.step` gives it."""
         begun, interface = perf_counter(), self.interface
         start = Target.reached(state, turning=True)
         end = Target.of(None, moved, interface, turning=True)
@@ -128,19 +121,13 @@ class FiniteStepping:
         return found
 
     def release(self) -> None:
-        """Frees what the solver holds, on all processes; the next step makes it anew."""
         if self._system is not None:
             self._system.tangent.release()
             self._system = None
 
     def _solved(
-        self,
-        state: ContactState,
-        goal: Target,
-        system: ContactSystem,
-        reporter: Reporter,
+        self, state: ContactState, goal: Target, system: ContactSystem, reporter: Reporter
     ) -> ContactState:
-        """The state at a target, in one piece."""
         interface, translations = self.interface, goal.translations
         increment, _, kinematics = self._begun(state, goal, system, state.unknowns)
         past = increment.past
@@ -183,11 +170,9 @@ class FiniteStepping:
         return increment, equilibrium, kinematics
 
     def _reference(self, state: ContactState) -> Reference:
-        """Points and surfaces in a state, with their angles."""
         return replace(Reference.of(state, self.interface), translations=state.placements)
 
     def prescribed(self) -> PETSc.Vec:
-        """Prescribed displacements (n,) as conditions have them now."""
         return prescribed(self._whole, self._conditions)[1]
 
     def linearised(self, part: Part) -> Linearised:
@@ -208,7 +193,6 @@ class FiniteStepping:
         return Linearised(increment, found, equilibrium.tangent, self._reduction, by_start)
 
     def _bound(self, free: Free) -> ContactSystem:
-        """The system for these free translations; one factorisation is kept."""
         if self._system is None or self._system.free != free:
             self.release()
             K = self._body.matrix
@@ -231,7 +215,6 @@ class FiniteStepping:
             same["the constants and conditions"] = self._constants, self._conditions
 
     def _updated(self) -> tuple[Array, ...]:
-        """The history at the end of an increment, brought up to date."""
         if self._update is not None:
             with collective(self.interface.comm):
                 answer(self.interface.comm, "the update of the history", self._update)

@@ -22,26 +22,13 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
-from pw_elements.algebra import Reduction, check_problem, critical_step, diagonal_mass
+from pw_elements.algebra import Reduction, check_load, check_problem, critical_step, diagonal_mass
 from pw_elements.arrays import Array, Indices, Mask
-from pw_elements.checks import (
-    answer,
-    check_mesh,
-    collective,
-    positive,
-    same_everywhere,
-    vector,
-    whole,
-)
+from pw_elements.checks import answer, arguments, check_mesh, collective, same_everywhere
 from pw_elements.contact.interface import Interface, free_columns, nodal_interface
 from pw_elements.contact.iteration import OPEN, SLIP, STICK, pair_states
 from pw_elements.contact.model import Cone, ContactPair, ContactState, Residuals, Smallness
-from pw_elements.contact.steps.problem import (
-    PathInTime,
-    check_nodal_load,
-    checked_paths,
-    checked_problem,
-)
+from pw_elements.contact.steps.problem import PathInTime, checked_paths, checked_problem
 from pw_elements.contact.steps.smallness import Gradients, SmallnessCheck, log_large
 from pw_elements.progress import doing
 from pw_elements.solvers import is_blocked
@@ -63,8 +50,8 @@ _ROUND_OFF_DEPTH = 1e-6
 class NodalContact:
     """Contact in one step, at the points (m) of this process."""
 
-    pressed: Array  # (m,), normal force
-    friction: Array  # (m, dim), the rest of the force
+    force_normal: Array  # (m,)
+    force_tangential: Array  # (m, dim)
     gap: Array  # (m,), at the end of the step
     normal: Array  # (m, dim)
     slip: Array  # (m, dim), of the step
@@ -72,7 +59,7 @@ class NodalContact:
     @property
     def force(self) -> Array:
         """Force (m, dim) of the surface on the body."""
-        return self.pressed[:, None] * self.normal + self.friction
+        return self.force_normal[:, None] * self.normal + self.force_tangential
 
 
 def nodal_contact(
@@ -257,11 +244,11 @@ def solve_impact(
     constant = {} if load is None or callable(load) else {"the load": load}
     check_problem({"the stiffness": K, "the mass": M}, start, constant, (reduction,), space)
     comm = space.mesh.comm
-    positive("duration", duration)
+    arguments.positive("duration", duration)
     if step is not None:
-        positive("step", step)
-    whole("frames", frames, 0)
-    whole("max_steps", max_steps, 1)
+        arguments.positive("step", step)
+    arguments.whole("frames", frames, 0)
+    arguments.whole("max_steps", max_steps, 1)
     check_mesh(space.mesh)
     critical = critical_step(K, M, reduction)
     if step is None:
@@ -399,30 +386,23 @@ class _March:
         self._K.mult(self._u, self._inner)
 
         half = (self._u.array_r - self._before) / 2
-        pushes = contact.pressed[:, None] * normal, contact.friction
+        pushes = contact.force_normal[:, None] * normal, contact.force_tangential
         self._before = now
         self._keep(np.array([load @ half, *(np.sum(push * half[self._rows]) for push in pushes)]))
         self.forces.append(contact.force)
         return contact
 
     def frame(self, displacement: PETSc.Vec, contact: NodalContact) -> ContactState:
-        """The state after a step, with true displacements (n,)."""
-        interface = self._interface
-        slips = np.linalg.norm(contact.slip, axis=1) > 0
-        status = np.where(contact.pressed > 0, np.where(slips, SLIP, STICK), OPEN).astype(np.int8)
-        pairs = pair_states(
-            interface,
-            self.places[-1],
-            contact.force,
-            normal=contact.normal,
-            force_normal=contact.pressed,
-            force_tangential=contact.friction,
-            gap=contact.gap,
-            slip=np.where((status == OPEN)[:, None], 0.0, contact.slip),
-            friction=interface.cone.coefficient(contact.pressed),
-            status=status,
-            displacement=displacement.array_r[self._rows],
-        )
+        interface, closed = self._interface, contact.force_normal > 0
+        slip = np.where(closed[:, None], contact.slip, 0.0)
+        status = np.where(closed, np.where(slip.any(axis=1), SLIP, STICK), OPEN).astype(np.int8)
+        known = {
+            **vars(replace(contact, slip=slip)),
+            "friction": interface.cone.coefficient(contact.force_normal),
+            "status": status,
+            "displacement": displacement.array_r[self._rows],
+        }
+        pairs = pair_states(interface, self.places[-1], contact.force, **known)
         none = Residuals(*[np.nan] * 8)
         steps = len(self.forces)
         return ContactState(displacement, pairs, residuals=none, increment=steps, converged=False)
@@ -453,7 +433,7 @@ class _March:
             return np.zeros_like(self._mass) if given is None else np.asarray(given.array_r)
         with collective(self._comm):
             load = answer(self._comm, "the load", given, time)
-        check_nodal_load(f"the load at the time {time:.6g}", load, self._K)
+        check_load(f"the load at the time {time:.6g}", load, self._K)
         return np.asarray(load.array_r)
 
     def _translations(self, time: float) -> Array:
@@ -466,7 +446,7 @@ class _March:
             for k, path in enumerate(self._paths):
                 if path is not None:
                     whose = f"the path of contact pair {k}"
-                    each[k] = vector(whose, answer(comm, whose, path, time), dim)
+                    each[k] = arguments.vector(whose, answer(comm, whose, path, time), dim)
             same["the paths"] = each
         return each
 

@@ -14,15 +14,9 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from pw_elements.algebra import (
-    PetrovGalerkinProblem,
-    Reduction,
-    check_load,
-    check_problem,
-    is_finite,
-)
+from pw_elements.algebra import PetrovGalerkinProblem, Reduction, check_load, check_problem
 from pw_elements.arrays import Array
-from pw_elements.checks import arguments, check_mesh, collective, positive, same_everywhere, whole
+from pw_elements.checks import arguments, check_mesh, collective, same_everywhere
 from pw_elements.contact.interface import check_weights
 from pw_elements.contact.iteration import undeformed
 from pw_elements.contact.model import (
@@ -76,7 +70,7 @@ def checked_problem(
 ) -> tuple[ContactPair, ...]:
     """The pairs of a problem, one or several, that make one with all else."""
     arguments.space(space)
-    whole("max_iterations", max_iterations, 1)
+    arguments.whole("max_iterations", max_iterations, 1)
     with collective(space.mesh.comm):  # only some processes may have one
         _check_function("callback", callback, "it has to be a function")
     stated = _each(pairs, ContactPair, "a contact pair")
@@ -111,33 +105,7 @@ def checked_remedies(remedies: Remedies) -> dict[Remedy, float]:
     if not named or any(one not in REMEDIES for one in remedies):
         raise ValueError(f"remedies {remedies!r}: give some of {', '.join(map(repr, REMEDIES))}")
     some = remedies if isinstance(remedies, Mapping) else dict.fromkeys(remedies, MULTIPLE)
-    return {k: positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
-
-
-def checked_step(
-    pairs: Sequence[ContactPair],
-    own: ContactState,
-    state: ContactState,
-    motions: Motion | Sequence[Motion | None] | None,
-    guess: ContactState | None,
-) -> list[Motion | None]:
-    """The motion of each pair in an increment of a problem, of which `own` is a state."""
-    check_belongs(state, own, "the state")
-    if not state.converged:
-        raise ValueError("the state at the start is no solution: it can be a guess only")
-    if guess is not None:
-        _check_guess(guess, len(pairs))
-    moved = _of_pairs("motions", () if motions is None else motions, len(pairs))
-    _check_motions(moved, pairs, len(own.pairs[0].translation))
-    return moved
-
-
-def check_nodal_load(what: str, load: object, K: PETSc.Mat) -> None:
-    """Raises an error for what is no load (n,) of a stiffness (n, n)."""
-    with collective(K.comm.tompi4py()):
-        check_load(what, load, K)
-    if not is_finite(load):
-        raise ValueError(f"{what} is not finite")
+    return {k: arguments.positive(f"the multiple of {k}", some[k]) for k in REMEDIES if k in some}
 
 
 def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> None:
@@ -166,36 +134,6 @@ def check_deformed(pairs: Sequence[ContactPair], space: fem.FunctionSpace) -> No
             )
         if wrong:
             raise ValueError(f"contact pair {k}: {wrong}")
-
-
-def checked_increments(
-    K: PETSc.Mat,
-    loads: PETSc.Vec | Sequence[PETSc.Vec],
-    pairs: Sequence[ContactPair],
-    start: ContactState | Sequence[ContactState],
-    dim: int,
-) -> list[tuple[PETSc.Vec, list[Motion | None], ContactState | None]]:
-    """Load, motion of each pair, and state to start from, of each increment."""
-    given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
-    if not given:
-        raise ValueError("there is no load increment")
-    for k, load in enumerate(given):
-        check_nodal_load(f"the load of increment {k}", load, K)
-    motions = [_each(pair.motions, Motion, "a motion") or [None] * len(given) for pair in pairs]
-    for k, moved in enumerate(motions):
-        if len(moved) != len(given):
-            raise ValueError(
-                f"contact pair {k} has {len(moved)} motions for {len(given)} increments"
-            )
-    guesses = _each(start, ContactState, "a state to start from")
-    if guesses and len(guesses) != len(given):
-        raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
-    steps = list(map(list, zip(*motions, strict=True)))
-    for guess in guesses:
-        _check_guess(guess, len(pairs))
-    for moved in steps:
-        _check_motions(moved, pairs, dim)
-    return list(zip(given, steps, guesses or [None] * len(given), strict=True))
 
 
 def check_belongs(state: ContactState, own: ContactState, what: str) -> None:
@@ -431,7 +369,13 @@ class ContactProblem:
                 "auto" then goes on with factors if there is memory for them, and stays with them.
                 With a residual smaller parts are tried, and it is a NotFound.
         """
-        moved = checked_step(self.pairs, self.undeformed, state, motions, guess)
+        check_belongs(state, self.undeformed, "the state")
+        if not state.converged:
+            raise ValueError("the state at the start is no solution: it can be a guess only")
+        if guess is not None:
+            _check_guess(guess, len(self.pairs))
+        moved = _of_pairs("motions", () if motions is None else motions, len(self.pairs))
+        _check_motions(moved, self.pairs, self._space.mesh.geometry.dim)
         if self._finite is not None:
             remedy = "give a function of the share (0, 1] of the increment, which sets what changes"
             _check_function("the load of a residual", load, remedy)
@@ -439,7 +383,7 @@ class ContactProblem:
                 raise ValueError("a problem of a residual starts from its state: it takes no guess")
             return self._finite.step(state, load, moved)
         load = self._K.createVecRight() if load is None else load
-        check_nodal_load("the load", load, self._K)
+        check_load("the load", load, self._K)
         self._renew()
 
         def stepped(solver: LinearSolver) -> ContactState:
@@ -539,7 +483,6 @@ class ContactProblem:
 
     @property
     def _histories(self) -> list[fem.FunctionSpace]:
-        """Spaces of the functions that belong to the state."""
         return [] if self._finite is None else [f.function_space for f in self._finite.history]
 
     def _fingerprint(self) -> dict[str, np.ndarray]:
@@ -628,12 +571,33 @@ def solve_contact(
             They name the increment, counted from 0, and have the states before it as `states`.
     """
     problem = ContactProblem(K, reduction, pairs, space, solver, max_iterations, callback, remedies)
-    increments = checked_increments(K, loads, problem.pairs, start, space.mesh.geometry.dim)
+    given = _each([loads] if isinstance(loads, PETSc.Vec) else loads, PETSc.Vec, "a load")
+    if not given:
+        raise ValueError("there is no load increment")
+    for k, load in enumerate(given):
+        check_load(f"the load of increment {k}", load, K)
+    motions = [
+        _each(pair.motions, Motion, "a motion") or [None] * len(given) for pair in problem.pairs
+    ]
+    for k, of_pair in enumerate(motions):
+        if len(of_pair) != len(given):
+            raise ValueError(
+                f"contact pair {k} has {len(of_pair)} motions for {len(given)} increments"
+            )
+    guesses = _each(start, ContactState, "a state to start from")
+    if guesses and len(guesses) != len(given):
+        raise ValueError(f"{len(guesses)} states to start from for {len(given)} increments")
+    moves = list(map(list, zip(*motions, strict=True)))
+    for guess in guesses:
+        _check_guess(guess, len(problem.pairs))
+    for moved in moves:
+        _check_motions(moved, problem.pairs, space.mesh.geometry.dim)
+    increments = zip(given, moves, guesses or [None] * len(given), strict=True)
     states = [problem.undeformed]
-    for k, (load, motions, guess) in enumerate(increments):
+    for k, (load, moved, guess) in enumerate(increments):
         try:
-            with doing(space.mesh.comm, f"{k} of {len(increments)} increments done"):
-                states.append(problem.step(states[-1], load, motions, guess))
+            with doing(space.mesh.comm, f"{k} of {len(given)} increments done"):
+                states.append(problem.step(states[-1], load, moved, guess))
         except ContactFailed as error:
             error.args = (f"increment {k}: {error}",)
             error.states = states[1:]

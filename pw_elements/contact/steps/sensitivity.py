@@ -229,36 +229,27 @@ class Residual(Protocol):
 
     def prescribed(self) -> PETSc.Vec:
         """Prescribed displacements (n,), as conditions have them now."""
-        ...
 
 
+@dataclass(frozen=True)
 class Derivatives:
-    """Derivatives of outputs by parameters with their rates (states, ...), both of them checked.
+    """Derivatives of outputs by parameters, both of them checked."""
 
-    The equations at the end of a part are `linearised` where this leaves u, constants, conditions.
-    """
-
-    def __init__(
-        self,
-        interface: Interface,
-        linearised: Callable[[Part], Linearised],
-        residual: Residual | None,
-        parts: Sequence[Part],
-        outputs: Sequence[Output],
-        parameters: Sequence[tuple[Parameter, Array]],
-    ) -> None:
-        self._interface, self._at_end = interface, linearised
-        self._residual, self._parts = residual, parts
-        self._outputs, self._parameters = outputs, parameters
+    interface: Interface
+    at_end: Callable[[Part], Linearised]  # of a part, where it leaves u, constants, conditions
+    residual: Residual | None
+    parts: Sequence[Part]
+    outputs: Sequence[Output]
+    parameters: Sequence[tuple[Parameter, Array]]  # with their rates (states, ...)
 
     def direct(self) -> Array:
         """All derivatives, (increments, outputs, parameters)."""
-        shape = self._parts[-1].number + 1, len(self._outputs), len(self._parameters)
-        found, changes = np.zeros(shape), [self._none()] * len(self._parameters)
-        for part in self._parts:
+        shape = self.parts[-1].number + 1, len(self.outputs), len(self.parameters)
+        found, changes = np.zeros(shape), [self._none()] * len(self.parameters)
+        for part in self.parts:
             here, each = self._linearised(part), self._given(part)
             changes = [here.change(one, before) for one, before in zip(each, changes, strict=True)]
-            for i, output in enumerate(self._outputs if part.share == 1 else ()):
+            for i, output in enumerate(self.outputs if part.share == 1 else ()):
                 weights = self._weights(output)
                 found[part.number, i] = [weights.weighing(change) for change in changes]
                 found[part.number, i] += self._explicit(output, part)
@@ -266,10 +257,10 @@ class Derivatives:
 
     def adjoint(self, weights: Array) -> Array:
         """Gradient (parameters,) of the sum of all outputs by weights (increments, outputs)."""
-        found, carried = np.zeros(len(self._parameters)), self._none()
-        for part in reversed(self._parts):
+        found, carried = np.zeros(len(self.parameters)), self._none()
+        for part in reversed(self.parts):
             here, each = self._linearised(part), self._given(part)
-            for i, output in enumerate(self._outputs if part.share == 1 else ()):
+            for i, output in enumerate(self.outputs if part.share == 1 else ()):
                 weight = weights[part.number, i]
                 carried = carried.plus(weight, self._weights(output))
                 found += weight * self._explicit(output, part)
@@ -279,24 +270,24 @@ class Derivatives:
 
     def _linearised(self, part: Part) -> Linearised:
         try:
-            return self._at_end(part)
+            return self.at_end(part)
         except ValueError as error:
             where = "" if part.share == 1 else f", at {part.share:.4g} of its increment,"
             raise ValueError(f"state {part.number + 1}{where} {error}") from error
 
     def _nothing(self) -> PETSc.Vec:
-        nothing = self._parts[0].start.unknowns.duplicate()
+        nothing = self.parts[0].start.unknowns.duplicate()
         nothing.set(0.0)
         return nothing
 
     def _none(self) -> Change:
-        start, position = self._parts[0].start, self._interface.position
+        start, position = self.parts[0].start, self.interface.position
         return Change(self._nothing(), np.zeros_like(start.translations), np.zeros_like(position))
 
     def _given(self, part: Part) -> list[Given]:
         """Rates of each parameter at the end of a part."""
         each, k, share = [], part.number, part.share
-        for parameter, rates in self._parameters:
+        for parameter, rates in self.parameters:
             rate = (1 - share) * rates[k] + share * rates[k + 1]
             load, offset = self._nothing(), self._nothing()
             motions = np.zeros_like(part.state.translations)
@@ -315,7 +306,7 @@ class Derivatives:
 
     def _by(self, constant: fem.Constant, rate: Array) -> tuple[PETSc.Vec, PETSc.Vec]:
         """Changes of the load, and of prescribed displacements, along the rate of a constant."""
-        residual = self._residual
+        residual = self.residual
         assert residual is not None  # others have no constants
         change, load = _by_constant(residual.form, constant, rate), self._nothing()
         if not change.empty():
@@ -334,8 +325,8 @@ class Derivatives:
         """What makes an output of changes, where u is now."""
         weights = self._none()
         if isinstance(output, ufl.Form):
-            assert self._residual is not None
-            u = self._residual.u
+            assert self.residual is not None
+            u = self.residual.u
             weight = ufl.TestFunction(u.function_space)
             form = expand_derivatives(ufl.derivative(output, u, weight))
             return weights if form.empty() else replace(weights, unknowns=assemble_vector(form))
@@ -345,14 +336,14 @@ class Derivatives:
         if what == "translation":
             weights.translations[pair, axis] = 1.0
         else:
-            weights.force[self._interface.pair == pair, axis] = 1.0
+            weights.force[self.interface.pair == pair, axis] = 1.0
         return weights
 
     def _explicit(self, output: Output, part: Part) -> Array:
         """Derivatives (parameters,) of an output's own constants."""
-        found = np.zeros(len(self._parameters))
+        found = np.zeros(len(self.parameters))
         if isinstance(output, ufl.Form):
-            for i, (parameter, rates) in enumerate(self._parameters):
+            for i, (parameter, rates) in enumerate(self.parameters):
                 if isinstance(thing := _thing(parameter), fem.Constant):
                     change = _by_constant(output, thing, rates[part.number + 1])
                     found[i] = 0.0 if change.empty() else assemble_scalar(change)

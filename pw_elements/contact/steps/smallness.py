@@ -101,8 +101,6 @@ def log_large(smallness: Smallness, before: Smallness, when: str, comm: MPI.Comm
 
 
 class SmallnessCheck:
-    """Checks that displacements stay small and surfaces outside of the body."""
-
     def __init__(self, interface: Interface, space: fem.FunctionSpace) -> None:
         self._interface, self._comm = interface, interface.comm
         self._gradients = Gradients(space)

@@ -41,7 +41,6 @@ from pw_elements.contact.iteration import (
     ActiveSet,
     ContactSystem,
     Increment,
-    Iterate,
     LinearEquilibrium,
     Place,
     Policy,
@@ -145,7 +144,6 @@ class Target:
 
     @property
     def totals(self) -> Array:
-        """Forces of the free translations."""
         return np.array([self.forces[at] for at in self.free])
 
 
@@ -264,7 +262,6 @@ class Reporter:
         self._tell(logging.DEBUG, words, now)
 
     def ended(self, state: ContactState, seconds: float) -> None:
-        """Tells of the end of the increment, which took some seconds."""
         status = np.concatenate([pair.status for pair in state.pairs])
         counts, report = np.bincount(status, minlength=HELD + 1), state.report
         now = self._progress(state.iterations, self.violation, counts, state)
@@ -332,7 +329,6 @@ class Stepping:
         moved: Sequence[Motion | None],
         guess: ContactState | None = None,
     ) -> ContactState:
-        """The state at the end of one increment, as `ContactProblem.step` gives it."""
         begun = perf_counter()
         end = Target.of(load, moved, self.interface)
         comm, what = self.interface.comm, f"contact increment {state.increment}"
@@ -419,7 +415,11 @@ class Stepping:
                 lambda: self._spent(target.free, before),
             )
         reporter.violation = increment.violation(now)
-        return self._ended(increment, now, state, before)
+        self.interface.check_supports(now.translations)
+        smallness = self._watch.after(increment, now, state)
+        iterations, report = self._spent(target.free, before)
+        slides = rigid.slides(now.contact, increment.allowed(now))
+        return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
 
     def _sprung(
         self,
@@ -453,7 +453,6 @@ class Stepping:
         return Increment(self._soft, equilibrium, target.translations, totals, past, target.stated)
 
     def linearised(self, part: Part) -> Linearised:
-        """The equations at the end of a part."""
         state, interface = part.state, self.interface
         goal = held_by(state, self._K, interface).leaving(state.free)
         system, _ = self._bound(state.free)
@@ -483,17 +482,6 @@ class Stepping:
         place = increment.kinematics(translations, past.displacement, past.force)
         return increment, place, policy
 
-    def _ended(
-        self, increment: Increment, now: Iterate, state: ContactState, before: Spent
-    ) -> ContactState:
-        """The state that a solution is."""
-        self.interface.check_supports(now.translations)
-        smallness = self._watch.after(increment, now, state)
-        iterations, report = self._spent(increment.system.free, before)
-        _, rigid = self._bound(increment.system.free)
-        slides = rigid.slides(now.contact, increment.allowed(now))
-        return contact_state(increment, now, iterations, state, report, smallness, slides=slides)
-
     def _spent(self, free: Free, before: Spent = (0, NOTHING_DONE)) -> Spent:
         """Linear systems since before, with springs and without, and what they took."""
         system, _ = self._bound(free)
@@ -503,7 +491,6 @@ class Stepping:
         return solved - before[0], report.since(before[1])
 
     def release(self) -> None:
-        """Frees what the solver holds, on all processes; the next step makes it anew."""
         if self._system is not None:
             self._system[0].tangent.release()
             self._system = self._soft = None
