@@ -4,10 +4,11 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
 
-from pw_elements import Reduction, Spaces, prescribe, split
+from pw_elements import Reduction, Spaces, assemble_vector, prescribe, split
 from pw_elements.contact import (
     ContactFields,
     ContactPair,
@@ -18,7 +19,10 @@ from pw_elements.contact import (
     Sphere,
     write,
 )
+from pw_elements.contact.interface import ROUND_OFF
+from pw_elements.contact.steps.stepping import Target
 from pw_elements.meshes import triangles
+from pw_elements.spaces import SubSpace
 from study.elements import taylor_hood
 from tests.contact.cases import PW, Elastic, at, at_large_strains
 
@@ -117,6 +121,30 @@ def test_tagged_facets_name_contact_nodes_supports_and_measures(on, finite):
     assert np.array_equal(u.x.array, by_tag.displacement.array_r)
     with pytest.raises(ValueError, match=r"split\(U, state\) has the pressure"):
         split(U, by_tag.displacement)
+
+
+def test_round_off_of_volumes_is_allowed_in_the_equations_of_pressures_alone():
+    """Each equation alone is violated: by how much it may be, over the volume around its vertex."""
+    mesh = triangles(COMM, (0.0, 0.0), (2.0, 1.0), (2, 1), "crossed")
+    U = (spaces := HYBRID(mesh)).trial
+    w, residual = at_large_strains(spaces)
+    held = [prescribe(U, k, at(1, 0.0)) for k in (0, 1)]
+    pair = ContactPair(at(1, 1.0), Sphere((1.0, 2.0), 1.0))
+    stepping = (problem := ContactProblem.of_residual(residual, w, held, pair))._finite
+    goal = Target.of(None, [Motion((0.0, 0.0))], stepping.interface, turning=True)
+    state, system = problem.undeformed, stepping._bound(goal.free)
+    _, equilibrium, _ = stepping._begun(state, goal, system, state.unknowns)
+    alone = np.eye(equilibrium.load.getLocalSize())
+    allowed = 1 / np.array([equilibrium.violation(one, 0.0, None) for one in alone])
+
+    q, pressure = ufl.TestFunctions(U)[1], SubSpace.pressure(U)
+    volumes = system.reduction.left.createVecRight()
+    system.reduction.left.multTranspose(assemble_vector(q * ufl.dx), volumes)
+    known = volumes.array_r > 0
+    assert known.sum() == pressure.sizes[0]
+    assert np.ptp(allowed[~known]) == 0
+    more = allowed[known] - allowed[~known][0]
+    assert more / volumes.array_r[known] == pytest.approx(np.full(len(more), 2 * ROUND_OFF))
 
 
 def test_numbers_that_are_not_those_of_the_hybrid_space_are_refused():

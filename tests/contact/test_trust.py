@@ -118,7 +118,7 @@ def test_no_state_is_accepted_that_its_residuals_reject(accepted, name):
         small, now = share * largest, right
         force, gap, slip = contact.force.copy(), contact.gap.copy(), contact.slip.copy()
         if name == "equilibrium":
-            now = replace(right, unbalanced=small)
+            now = replace(right, unbalanced=np.array([small]))
         elif name == "balance":
             pushed = right.force.copy()
             pushed[first[OPEN], 1] += small

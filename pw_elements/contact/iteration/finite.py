@@ -356,7 +356,7 @@ class FiniteEquilibrium:
         # coordinates' round-off, as forces
         self._lost = ROUND_OFF * float(system.scale.max(initial=0.0)) * guard.extent
         self._lost = system.comm.allreduce(self._lost, MPI.MAX) or np.finfo(float).tiny
-        self._lost_volume = 0.0
+        self._lost_volumes: Array | float = 0.0
         body.take(start)
         if guard.smallest() <= 0:
             raise NotFound.at("cells at {} are turned inside out at the start", guard.places())
@@ -391,13 +391,13 @@ class FiniteEquilibrium:
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:  # noqa: ARG002
         return self._at
 
-    def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002
+    def violation(self, unbalanced: Array, contact: float, full: PETSc.Vec) -> float:  # noqa: ARG002
         """Unbalanced forces over those of contact and supports; infinite before all is applied.
 
         Equations of pressures are volumes, whose round-off is allowed for, too.
         """
-        allowed = TOLERANCE * self._size + self._lost + self._lost_volume
-        return unbalanced / allowed if self._reached else np.inf
+        allowed = TOLERANCE * self._size + self._lost + self._lost_volumes
+        return float(np.max(unbalanced / allowed, initial=0.0)) if self._reached else np.inf
 
     @property
     def load(self) -> PETSc.Vec:
@@ -410,8 +410,8 @@ class FiniteEquilibrium:
         self._linear()
         return self._tangent
 
-    def _round_off_of_volumes(self, K: PETSc.Mat) -> float:
-        """What round-off of coordinates leaves in the equations of pressures, reduced."""
+    def _round_off_of_volumes(self, K: PETSc.Mat) -> Array | float:
+        """What round-off leaves in the reduced equations (n_r,): nothing but in pressures'."""
         if not is_hybrid(self._body.u.function_space):
             return 0.0
         (x, image), own = K.createVecs(), self._field.owned
@@ -421,7 +421,7 @@ class FiniteEquilibrium:
         image.array[own.ravel()] = 0.0
         volumes = self._reduction.left.createVecRight()
         self._reduction.left.multTranspose(image, volumes)
-        return ROUND_OFF * float(volumes.norm(PETSc.NormType.INFINITY))
+        return ROUND_OFF * np.abs(volumes.array_r)
 
     def _arrive(self) -> None:
         self._forces = self._body.forces()
@@ -442,7 +442,7 @@ class FiniteEquilibrium:
                 more.axpy(1.0, K, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
                 K, motion = more, self._sliding.motion
             self._system.renew(K, motion)
-            self._tangent, self._lost_volume = K, self._round_off_of_volumes(K)
+            self._tangent, self._lost_volumes = K, self._round_off_of_volumes(K)
             load = K.createVecLeft()
             K.mult(self._at, load)
             load.axpy(-1.0, self._forces)

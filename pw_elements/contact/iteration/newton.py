@@ -43,7 +43,7 @@ class Iterate:
     translations: Array  # of the surfaces, (pairs, dim)
     displacement: Array  # motion of the points, (m, dim)
     force: Array  # of the surfaces on the points, (m, dim)
-    unbalanced: float  # largest force on this process that is no contact force
+    unbalanced: Array  # size of what is no contact force in each equation of this process
     contact: Contact  # gaps, slips and forces in the frames
     place: Place  # of linearisation, through which it is seen
     exact: bool  # whether the same system, solved again, would give nothing better
@@ -84,7 +84,7 @@ class Equilibrium(Protocol):
     def expanded(self, reduced: PETSc.Vec) -> PETSc.Vec:
         """All unknowns (n,) there."""
 
-    def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:
+    def violation(self, unbalanced: Array, contact: float, full: PETSc.Vec) -> float:
         """What no contact force balances over what is allowed, of which contact is a part."""
 
 
@@ -111,11 +111,12 @@ class LinearEquilibrium:
     def take(self, reduced: PETSc.Vec) -> float:  # noqa: ARG002
         return 1.0
 
-    def violation(self, unbalanced: float, contact: float, full: PETSc.Vec) -> float:
+    def violation(self, unbalanced: Array, contact: float, full: PETSc.Vec) -> float:
         """The rest are the loads' tolerance, and round-off over stiffness x displacement."""
         load, moved = (each.norm(PETSc.NormType.INFINITY) for each in (self.load, full))
         allowed = contact + TOLERANCE * load + _LOST * self.largest * moved
-        return unbalanced / allowed if unbalanced else 0.0
+        largest = float(unbalanced.max(initial=0.0))
+        return largest / allowed if largest else 0.0
 
     def residual(self, reduced: PETSc.Vec) -> PETSc.Vec:
         residual = self.load.duplicate()
@@ -266,7 +267,7 @@ class Increment:
         unbalanced = self.system.totals(now.place.levers.forces(now.force)) - self.totals
         unbalanced += self.system.springs * [now.translations[at] for at in self.system.free]
         return now.contact.residuals(force, length) | {
-            "equilibrium": np.array([now.unbalanced / force]),
+            "equilibrium": np.asarray(now.unbalanced / force, dtype=float),
             "balance": np.abs(unbalanced) / (force * self.system.arms(now.place.levers)),
         }
 
@@ -285,7 +286,7 @@ class Increment:
         loose = contact.limits[1] * contact.scale * gap
         loose = np.where(contact.force[:, 0] > placed, loose, placed)
         wrong = self.residuals(now, 1.0, 1 / contact.scale)
-        worst = self.equilibrium.violation(wrong.pop("equilibrium")[0], allowed + placed, now.full)
+        worst = self.equilibrium.violation(wrong.pop("equilibrium"), allowed + placed, now.full)
         for name, values in wrong.items():
             lost = loose if name in ("cone", "stick", "direction") else placed
             values = np.nan_to_num(values, nan=np.inf)

@@ -381,12 +381,11 @@ class ContactSystem:
         """What this process' equations have at those of the points, (m, dim); 0 without any."""
         return np.where(self._own >= 0, equations[self._own], 0.0)
 
-    def forces(self, residual: PETSc.Vec) -> tuple[Array, float]:
-        """Forces r (m, dim) at the points, and the largest unbalanced one elsewhere here."""
-        force = self._read(residual)
+    def forces(self, residual: PETSc.Vec) -> tuple[Array, Array]:
+        """Forces r (m, dim) at the points, and sizes of what is unbalanced in all equations."""
         rest = np.abs(self._spread_load(residual))
         rest[self._own[self._own >= 0]] = 0.0
-        return force, float(rest.max(initial=0.0))
+        return self._read(residual), rest
 
     def motions(self, displacement: PETSc.Vec) -> Array:
         """G a, (m, dim), of a full displacement vector (n,)."""
