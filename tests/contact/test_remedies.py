@@ -4,7 +4,6 @@ from collections import Counter
 
 import pytest
 
-from pw_elements.contact import NotFound
 from pw_elements.contact.iteration import ContactSystem
 from pw_elements.contact.iteration.system import Tangent
 from pw_elements.contact.steps.stepping import Stepping
@@ -23,19 +22,13 @@ LOST = [667, 1441]
 
 
 @pytest.mark.parametrize("seed", [*FAILING, *LOST])
-def test_cycling_and_crawling_problems_are_solved_by_springs(seed):
+def test_cycling_and_crawling_problems_are_solved_by_springs_and_say_so(seed, caplog):
     stated = problem(seed)
-    with pytest.raises(NotFound):
-        stated.solve(remedies=())
-    states = stated.solve(remedies=("springs",))
-    assert worst(residuals(stated, [Step.of(state) for state in states])) < 1e-8
-
-
-def test_springs_say_what_they_do(caplog):
     with caplog.at_level("INFO", "pw_elements.contact"):
-        problem(158).solve()
+        states = stated.solve(remedies=("springs",))
     assert "by springs, for what 150 linear systems take at most" in caplog.text
-    assert "solved by springs of 4e-07" in caplog.text
+    assert "solved by springs of " in caplog.text
+    assert worst(residuals(stated, [Step.of(state) for state in states])) < 1e-8
 
 
 # -- increments in parts ---------------------------------------------------------------------
