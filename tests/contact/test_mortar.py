@@ -113,7 +113,7 @@ def test_patch_on_quadrilaterals_of_any_shape(slave, bend):
 
 
 @pytest.mark.parametrize("slave", ["upper", "lower"])
-@pytest.mark.parametrize("cell", ["triangle", "tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_patch_where_facets_are_covered_in_part(cell, slave):
     """The upper block ends inside of facets; what it leaves of the lower is pressed by loads."""
     end, h = (0.81, 0.1) if cell in PLANE else (0.83, 1 / 6)
@@ -140,35 +140,14 @@ def test_patch_where_facets_are_covered_in_part(cell, slave):
 
 
 def weights_beyond(corners, end):
-    """Integrals (s, k) of the hats of sub-facets (s, k, dim) over what has x > end.
-
-    By cutting polygons off and the values at a triangle's corners; in the plane a trapezium, and
-    on rectangles along the axes a product.
-    """
-    result = np.zeros(corners.shape[:2])
-    if corners.shape[1] == 4:
-        low, wide = corners[:, 0], corners[:, 3] - corners[:, 0]
-        u = np.clip((end - low[:, 0]) / wide[:, 0], 0.0, 1.0)
-        along = np.stack([(1 - u) ** 2 / 2, (1 - u**2) / 2], axis=1)
-        return np.tile(along, 2) * (wide[:, 0] * wide[:, 1] / 2)[:, None]
-    for k, corner in enumerate(corners):
-        polygon = [(x, hats) for x, hats in zip(corner, np.eye(len(corner)), strict=True)]
-        kept = []
-        for (a, va), (b, vb) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-            if a[0] > end:
-                kept.append((a, va))
-            if (a[0] > end) != (b[0] > end):
-                t = (end - a[0]) / (b[0] - a[0])
-                kept.append((a + t * (b - a), va + t * (vb - va)))
-        if corners.shape[2] == 2:
-            if len(kept) > 1:
-                (a, va), (b, vb) = kept[:2]
-                result[k] = np.linalg.norm(b - a) * (va + vb) / 2
-            continue
-        for i in range(1, len(kept) - 1):
-            (a, va), (b, vb), (c, vc) = kept[0], kept[i], kept[i + 1]
-            result[k] += np.linalg.norm(np.cross(b - a, c - a)) / 2 * (va + vb + vc) / 3
-    return result
+    """Integrals (s, k) of the hats of sub-facets (s, k, dim) along the axes over x > end."""
+    ends = corners[:, [0, -1]]
+    low, wide = ends[:, :, 0].min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
+    u = np.clip((end - low) / wide[:, 0], 0.0, 1.0)
+    along = np.stack([(1 - u) ** 2 / 2, (1 - u**2) / 2], axis=1) * wide[:, :1]
+    backwards = ends[:, 1, 0] < ends[:, 0, 0]
+    along[backwards] = along[backwards, ::-1]
+    return along if corners.shape[1] == 2 else np.tile(along, 2) * wide[:, 1:2] / 2
 
 
 @pytest.mark.parametrize(
