@@ -137,7 +137,7 @@ def at_large_strains(comm, folder):
         found[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
     case = Rubber(0, comm=comm)
     problem, states = case.solve()
-    given = states, case.outputs, list(case.parameters().values()), case.loads
+    given = states, case.outputs, list(case.parameters.values()), case.loads
     found["derivatives"] = problem.sensitivity(*given)
     weights = np.cos(np.arange(15.0)).reshape(3, 5)
     return found | {"adjoint": problem.sensitivity(*given, weights)}
