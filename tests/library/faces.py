@@ -90,7 +90,7 @@ def calls(comm):
     rectangle = {"comm": comm, "lower": (0, 0), "upper": (1, 1), "divisions": (4, 3)}
     system = {"K": w.K, "M": w.M, "reduction": w.held, "count": 1, "symmetrised": False}
     contact = {"K": w.K, "reduction": block.free, "pairs": w.pair, "space": w.U}
-    shared = {"max_iterations": 50, "solver": None, "remedies": ("condensed",)}
+    shared = {"max_iterations": 50, "solver": None, "remedies": ("springs",)}
     steel = {"mesh": w.mesh, "material": Material(1.0, 0.3), "state": "plane strain"}
     impact = {"K": S, "M": lumped, "reduction": sibling.dirichlet([]), "pairs": floor, "space": V}
     return {
