@@ -207,20 +207,6 @@ def test_lumped_mass_of_standard_elements_is_refused():
             lumped_mass(body.M, body.space)
 
 
-def test_frequencies_refuse_what_has_none():
-    body = Elastic(square(2), PW, "plane stress")
-    K, M, free = body.K, body.M, body.held()
-    for options, kind, words in (
-        ({"count": 0}, ValueError, "count = 0: has to be a whole number, 1 at least"),
-        ({"count": 60}, NoModes, "60 eigenvalues of 50 degrees of freedom"),
-    ):
-        with pytest.raises(kind, match=words):
-            vibration_modes(K, M, free, **options)
-    M.scale(0.0)
-    with pytest.raises(NoModes, match="zero or not finite"):
-        vibration_modes(K, M, free)
-
-
 def test_says_when_a_symmetrised_body_is_unstable():
     mesh = triangles(COMM, (0.0, -0.5), (4.0, 0.5), (2, 4), "crossed")
     body = Elastic(mesh, PW, "plane stress")

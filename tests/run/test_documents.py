@@ -12,7 +12,6 @@ from study.judge.claims import GRADES, PAPER, load_claims
 from study.judge.facts import load_facts
 from study.judge.measures.beam import computed_ratio, exact_ratio
 from study.paper.items import TABLE_2
-from tests.study.computed_results import ComputedResults
 
 PROJECT = Path(__file__).parents[2]
 CENTRE = 0.0736713  # of -Δu = 1 on the unit square with u = 0 around, the classical value
@@ -66,8 +65,7 @@ def test_the_readme_has_the_differences_of_table_2():
     assert "in the paper's Table 2 it is lower by {:.1f} % and {:.1f} %".format(*lower) in readme
 
 
-def test_the_readme_has_the_computed_differences_of_critical_stresses(tmp_path):
-    results = ComputedResults(tmp_path)
+def test_the_readme_has_the_computed_differences_of_critical_stresses(results):
     readme = " ".join((PROJECT / "README.md").read_text().split())
     lower = [-computed_ratio(results, "pw-T6", "galerkin-T6", mode) for mode in (1, 2)]
     exact = [-exact_ratio(results, "G", "euler", mode) for mode in (1, 2)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from study.verification.v13_graded import Graded, Sourced, Trefftz, polynomial_error
-from study.verification.v14_moment import linear_stress, moments, moments_of_triangles
+from study.verification.v14_moment import moments, moments_of_triangles
 from study.verification.v14_rubber import DEGREE, _Block
 
 RATIO = 20.0
@@ -88,10 +88,3 @@ def test_the_moment_of_nodal_forces_is_what_curved_stresses_of_triangles_add():
     total = moments(block.x + block.displacement, forces)[:, 2].sum()
     assert total == pytest.approx(added, abs=1e-14)
     assert abs(added) > 1e-5
-
-
-def test_triangles_whose_stress_is_linear_add_nothing():
-    block = _Block("pw-T6", 6, linear_stress)
-    forces = block.press().reactions()
-    assert block.moment_defect(forces) < 1e-14
-    assert np.abs(moments_of_triangles(block.u, DEGREE[2], linear_stress)).max() < 1e-15

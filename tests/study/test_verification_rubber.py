@@ -11,15 +11,11 @@ from pw_elements import assemble_matrix
 from pw_elements.contact import ContactPair, Motion, Plane
 from pw_elements.elasticity import StressState
 from study.discretisation import spaces
+from study.matrices import dense
 from study.verification import v15_seal
 from study.verification.v15_meshes import moved_mesh
 from study.verification.v15_stability import infsup
 from tests.contact.cases import Elastic, at
-
-
-def dense(matrix):
-    rows, columns = matrix.getSize()
-    return matrix.getValues(range(rows), range(columns))
 
 
 @pytest.mark.parametrize("element", ["pw-hybrid-T6", "galerkin-hybrid-Q9", "pw-hybrid-T10"])
