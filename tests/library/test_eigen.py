@@ -12,7 +12,6 @@ from pw_elements import (
     Material,
     NoModes,
     Reduction,
-    SingularSystem,
     assemble_matrix,
     buckling,
     lumped_mass,
@@ -33,13 +32,13 @@ COMM, LENGTH, E = MPI.COMM_SELF, 4.0, 3.0
 METHODS = [GALERKIN, PW]
 
 
-def strip(method, stress=-1.0, divisions=(16, 4), held=True):
+def strip(method, stress=-1.0, divisions=(16, 4)):
     """Simply supported strip under a given uniform axial stress: K, K_sigma, supports."""
     mesh = create_rectangle(COMM, [(0.0, -0.5), (LENGTH, 0.5)], list(divisions))
     body = Elastic(mesh, method, "plane stress", E, 0.2)
     centre = (0, lambda x: np.isclose(x[0], 0.0) & np.isclose(x[1], 0.0))
     S = fem.Constant(mesh, np.array([[stress, 0.0], [0.0, 0.0]]))
-    supports = body.held((1, at(0, 0.0)), (1, at(0, LENGTH)), *[centre] * held)
+    supports = body.held((1, at(0, 0.0)), (1, at(0, LENGTH)), centre)
     return body.K, assemble_matrix(body.body.initial_stress(S)), supports
 
 
@@ -70,10 +69,6 @@ def test_against_dense_eigenvalues():
 def test_refuses_what_cannot_buckle():
     with pytest.raises(NoModes, match="pulls"):
         buckling(*strip(GALERKIN, stress=1.0))
-    with pytest.raises(NoModes, match="no prestress"):
-        buckling(*strip(GALERKIN, stress=0.0))
-    with pytest.raises(SingularSystem):
-        buckling(*strip(GALERKIN, held=False))
 
 
 def square(n=6):

@@ -21,7 +21,6 @@ from dolfinx.mesh import (
 import pw_elements
 from pw_elements import (
     Reduction,
-    Spaces,
     assemble_matrix,
     assemble_vector,
     boundary_measure,
@@ -89,15 +88,6 @@ def meshes():
     yield create_rectangle(comm, UNIT_SQUARE, [4, 3], CellType.quadrilateral)
     yield create_box(comm, UNIT_CUBE, [2, 3, 2], CellType.tetrahedron)
     yield create_box(comm, UNIT_CUBE, [2, 3, 2], CellType.hexahedron)
-
-
-@pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())
-def test_one_numbering_and_one_place_per_node(mesh):
-    for components in (0, mesh.geometry.dim):
-        spaces = Spaces.petrov_galerkin(mesh, components)
-        assert np.array_equal(spaces.trial.dofmap.list, spaces.test.dofmap.list)
-        trial, test = (V.tabulate_dof_coordinates() for V in (spaces.trial, spaces.test))
-        assert np.abs(trial - test).max() < 1e-14
 
 
 @pytest.mark.parametrize("mesh", list(meshes()), ids=lambda mesh: mesh.topology.cell_name())

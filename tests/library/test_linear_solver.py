@@ -37,17 +37,12 @@ def test_prescribed_values_against_dense_algebra(square):
 
 @pytest.mark.parametrize("components", [(), (0,), (1,)])
 def test_missing_supports_end_in_an_error(square, components):
+    """A balanced load does not hide one, though the residual alone would be small."""
     supports = square.held(*((i, at(0, 0.0)) for i in components))
-    with pytest.raises(SingularSystem, match="rigid motion"):
-        solve(square.K, square.load((1.0, 0.2), at(0, 1.0)), supports)
-
-
-def test_a_balanced_load_does_not_hide_a_missing_support():
-    """The right-hand side is consistent, so the residual alone would be small."""
-    square = unit_square(n=4)
-    f = square.load((1.0, 0.0), at(0, 1.0)) + square.load((-1.0, 0.0), at(0, 0.0))
-    with pytest.raises(SingularSystem):
-        solve(square.K, f, square.held())
+    pull = square.load((1.0, 0.0), at(0, 1.0))
+    for f in (pull, pull + square.load((-1.0, 0.0), at(0, 0.0))):
+        with pytest.raises(SingularSystem, match="rigid motion"):
+            solve(square.K, f, supports)
 
 
 def test_bad_conditioning_alone_is_no_singularity():

@@ -33,9 +33,8 @@ from pw_elements.algebra import symmetric_part
 from pw_elements.contact import ContactPair, Plane, Sphere, solve_contact, solve_impact
 from pw_elements.contact.iteration import krylov
 from pw_elements.elasticity import StressState, nodal_load
-from pw_elements.meshes import curved, mapped, quadrilaterals, triangles
+from pw_elements.meshes import mapped, quadrilaterals, triangles
 from pw_elements.solvers import iterative
-from pw_elements.spaces import macro_element
 from study.discretisation import discretise, mass_left
 from study.verification.t_identity import distorted
 from study.verification.v15_layers import error, layered
@@ -142,15 +141,6 @@ def solid(comm):
         "rigid": free.rigid,
         "frequencies": free.eigenvalues[6:],
     }
-
-
-def tube(comm):
-    mesh = curved(triangles(comm, (1.0, 0.0), (2.0, 1.0), (6, 5)), distorted)
-    body = Elastic(mesh, PW, "axisymmetric", 1.0)
-    w = fem.Function(fem.functionspace(mesh, macro_element("triangle")))
-    w.interpolate(lambda x: np.sin(x[0]) * x[1])
-    integral = assemble_scalar(w**2 * ufl.dx)
-    return {"stiffness": body.K.norm(), "mass": body.M.norm(), "macro integral": integral}
 
 
 def rubber(comm):
@@ -290,7 +280,7 @@ def named(cases):
 def direct_numbers(comm):
     return named(
         {"galerkin": beam(comm, GALERKIN), "pw": beam(comm, PW)}
-        | {"identity": identity(comm), "solid": solid(comm), "tube": tube(comm)}
+        | {"identity": identity(comm), "solid": solid(comm)}
         | {name: element(comm, name) for name in ("pw-Q8", "pw-Q9", "composite-T6")}
         | {"rubber": rubber(comm), "impact": impact(comm)}
         | {f"hybrid {s}": hybrid(comm, s) for s in ("plane strain", "axisymmetric", "solid")}

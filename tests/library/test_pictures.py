@@ -2,7 +2,6 @@
 
 from mpi4py import MPI
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import ufl
@@ -97,9 +96,5 @@ def test_a_label_makes_a_colour_bar_and_limits_are_kept():
     mesh = triangles(COMM, (0.0, 0.0), (1.0, 1.0), (2, 2))
     x = ufl.SpatialCoordinate(mesh)
     axes = draw(mesh, x[0], label="x [m]", limits=(-1, 3))
-    try:
-        bar = axes.figure.axes[1]
-        assert bar.get_ylabel() == "x [m]"
-        assert bar.get_ylim() == (-1, 3)
-    finally:
-        plt.close(axes.figure)
+    bar = axes.figure.axes[1]
+    assert (bar.get_ylabel(), bar.get_ylim()) == ("x [m]", (-1, 3))

@@ -210,14 +210,6 @@ def test_an_even_flux_is_exact_at_every_node(cell, components):
         assert np.abs(heat.flux[inside] - expected).max() < 1e-12, (method, area)
 
 
-def test_corners_of_standard_tetrahedra_have_no_flux_over_own_areas():
-    spaces, r, _ = solved(CellType.tetrahedron, GALERKIN)
-    heat = nodal_flux(spaces, r, side, area="own")
-    vertices = np.unique(heat.surface.edges[:, 1:])
-    assert np.isnan(heat.flux[vertices]).all()
-    assert np.isnan(heat.flux).sum() == len(vertices)
-
-
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_all_that_enters_is_what_the_source_takes(method):
     def field(x):

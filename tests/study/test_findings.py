@@ -27,7 +27,7 @@ V2: nafems-.* force-order approach
 V3: forces-.* depth shear far-field transfer composite
 V4: held sawtooth-pw
 V5: held pressure shear
-V6: sawtooth-pw
+V6: sawtooth-pw prototype
 V7: holds slides
 V8: tube tube-composite strip rod order-rod order-strip better-square quadrature-galerkin
 V9: consistent sibling sibling-spectrum positive grows

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from pw_elements import Material
 from pw_elements.elasticity import StressState
-from study.verification import friction, v4_spence, v6_greco
+from study.verification import friction, v4_spence
 from study.verification import v10_partial_slip as v10
 from study.verification.half_space import (
     BondedLine,
@@ -22,7 +22,6 @@ from study.verification.half_space_shear import MindlinSphere, _cerruti, hertz_f
 from study.verification.mesh_lines import graded
 from study.verification.solid_meshes import box, quarter_disc, with_mirror_image
 from study.verification.v8_exact import Rod, wave_speeds_squared
-from study.vocabulary import OPEN, SLIP, STICK
 
 BODY = Elastic(1000.0, 0.3)
 KNOWN = [
@@ -179,21 +178,6 @@ def test_meshes_have_their_volume_and_their_edge(cell):
 
 def volume(mesh):
     return fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx))
-
-
-@pytest.mark.parametrize("element", ["galerkin-T6", "pw-T6"])
-def test_greco_plate_has_the_published_displacements_and_three_zones(element):
-    result = v6_greco.plate(element, 16)
-    u = [result.scalars[f"u_{i}"] for i in range(1, 6)]
-    assert u == pytest.approx(friction.GRECO_PUBLISHED, rel=0.05)
-    assert u == pytest.approx(friction.GRECO_PROTOTYPE, rel=2e-3)
-    x, status = result.curves["x"], result.curves["status"]
-    assert list(status[np.flatnonzero(np.diff(status, prepend=-1))]) == [OPEN, SLIP, STICK]
-    assert x[status == OPEN].max() == pytest.approx(3.3e-3, abs=1.25e-3)
-    assert x[status == STICK].min() == pytest.approx(29.8e-3, abs=1.25e-3)
-    total = v6_greco.PRESSURE_TOP * v6_greco.SIDE
-    assert result.scalars["force_normal"] == pytest.approx(total, rel=1e-10)
-    assert result.scalars["residual"] < 1e-10
 
 
 def test_partial_slip_formulas_balance_the_forces():
