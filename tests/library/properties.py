@@ -1,10 +1,14 @@
-"""What the property-based tests share: small problems, dense matrices and bounds of round-off."""
+"""What tests of elements share: small problems, dense matrices and bounds of round-off."""
 
 import functools
 from dataclasses import dataclass, field
 
+from mpi4py import MPI
+
 import numpy as np
 import scipy.linalg
+from dolfinx import fem
+from dolfinx.mesh import create_box, create_rectangle, exterior_facet_indices
 
 from pw_elements import (
     Body,
@@ -17,10 +21,26 @@ from pw_elements import (
     reactions,
     solve,
 )
+from pw_elements.meshes import mapped
 from study.matrices import dense
+from study.verification.t_identity import distorted
 from tests.library.random_meshes import Grid, Placement
 
 METHODS = {"galerkin": Spaces.galerkin, "pw": Spaces.petrov_galerkin}
+
+
+def unit_mesh(cell, n):
+    """A square or cube of n cells a side, whose inner vertices are moved."""
+    dim = 2 if cell.name in ("triangle", "quadrilateral") else 3
+    build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
+    return mapped(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
+
+
+def rim_of(space):
+    """Unknowns of a space at the boundary."""
+    topology = space.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    return fem.locate_dofs_topological(space, topology.dim - 1, exterior_facet_indices(topology))
 
 
 def dense_solution(K, f, conditions):

@@ -11,7 +11,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import interpolation_matrix
-from dolfinx.mesh import CellType, create_box, create_mesh, exterior_facet_indices
+from dolfinx.mesh import CellType, create_box, create_mesh
 from scipy.linalg import block_diag
 
 from pw_elements import (
@@ -40,6 +40,7 @@ from study.elements import composite
 from study.inner_nodes import centre_nodes
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
 from tests.contact.iterative import Solid, nearly_sliding
+from tests.library.properties import rim_of
 
 
 def box(cell, n=2, comm=MPI.COMM_SELF):
@@ -184,9 +185,7 @@ def test_a_scalar_field():
     u, v = ufl.TrialFunction(V), ufl.TestFunction(test_space(V))
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     f = assemble_vector(v * ufl.dx)
-    mesh.topology.create_connectivity(2, 3)
-    rim = fem.locate_dofs_topological(V, 2, exterior_facet_indices(mesh.topology))
-    held = Reduction.dirichlet(V, [fem.dirichletbc(0.5, rim, V)])
+    held = Reduction.dirichlet(V, [fem.dirichletbc(0.5, rim_of(V), V)])
     assert difference(solve(K, f, held, Iterative()), solve(K, f, held, Direct())) < 1e-10
     with pytest.raises(SingularSystem):
         solve(K, f, Reduction.dirichlet(V, []), Iterative())

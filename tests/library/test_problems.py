@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
+from dolfinx.mesh import CellType, create_rectangle
 
 from pw_elements import (
     Direct,
@@ -24,30 +24,16 @@ from pw_elements import (
     solve,
     test_space,
 )
-from pw_elements.meshes import mapped
-from study.verification.t_identity import distorted
 from tests.contact.cases import at, at_large_strains
+from tests.library.properties import rim_of, unit_mesh
 
 DX = ufl.dx(metadata={"quadrature_degree": 6})
 A = np.array([[1.3, 0.2, -0.1], [-0.15, 0.8, 0.1], [0.05, -0.2, 1.1]])
 
 
-def unit_mesh(cell, n):
-    dim = 2 if cell in (CellType.triangle, CellType.quadrilateral) else 3
-    build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    return mapped(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
-
-
 def scalar_problem(mesh):
     V = fem.functionspace(mesh, ("Lagrange", 2))
-    rim = rim_of(V)
-    return V, fem.Function(V), ufl.TestFunction(test_space(V)), rim
-
-
-def rim_of(V):
-    topology = V.mesh.topology
-    topology.create_connectivity(topology.dim - 1, topology.dim)
-    return fem.locate_dofs_topological(V, topology.dim - 1, exterior_facet_indices(topology))
+    return V, fem.Function(V), ufl.TestFunction(test_space(V)), rim_of(V)
 
 
 def interpolated(V, field):

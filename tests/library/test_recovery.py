@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_rectangle, exterior_facet_indices
+from dolfinx.mesh import CellType, create_box, create_rectangle
 
 from pw_elements import (
     Reduction,
@@ -19,9 +19,10 @@ from pw_elements import (
 )
 from pw_elements.elasticity import by_position
 from pw_elements.meshes import mapped, quadrilaterals, triangles
-from study.verification.t_identity import distorted
 from tests.contact.cases import GALERKIN, PW, Q8, Elastic, at
+from tests.library.properties import rim_of, unit_mesh
 
+CELLS = [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
 PLANE = [
     (triangles, GALERKIN, "plane stress"),
     (triangles, PW, "plane strain"),
@@ -101,7 +102,7 @@ def test_measures_leave_out_open_and_rim_nodes():
     assert surface.unevenness(np.arange(11.0)) == pytest.approx(0)
 
 
-@pytest.mark.parametrize("cell", [CellType.tetrahedron, CellType.hexahedron])
+@pytest.mark.parametrize("cell", CELLS[:2])
 @pytest.mark.parametrize("method", [GALERKIN, PW])
 def test_faces_in_space(cell, method):
     mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (3, 2, 1)], [4, 4, 1], cell)
@@ -125,11 +126,9 @@ def test_faces_in_space(cell, method):
         assert surface.tributary_pressure(force)[corner] == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "cell", [CellType.tetrahedron, CellType.hexahedron, CellType.triangle, CellType.quadrilateral]
-)
+@pytest.mark.parametrize("cell", CELLS)
 def test_transferred_loads_are_those_of_the_weights(cell):
-    dim = 3 if cell in (CellType.tetrahedron, CellType.hexahedron) else 2
+    dim = 3 if cell in CELLS[:2] else 2
     if dim == 3:
         mesh = create_box(MPI.COMM_SELF, [(0, 0, 0), (1, 2, 1)], (2, 3, 2), cell)
     else:
@@ -156,12 +155,6 @@ def test_edges_and_rim_of_a_line():
     assert surface.tributary_area == pytest.approx(np.convolve(halves, [1, 1]))
 
 
-CELLS = {
-    CellType.triangle: 2,
-    CellType.quadrilateral: 2,
-    CellType.tetrahedron: 3,
-    CellType.hexahedron: 3,
-}
 SLOPE = np.array([1.3, -0.7, 0.4])
 
 
@@ -169,27 +162,22 @@ def side(x):
     return np.isclose(x[0], 0.0)
 
 
-def solved(cell, method, components=0, n=3, field=None, source=0.0):
+def solved(cell, method, components=0, field=None, source=0.0):
     """Reactions of div grad u = -source with u prescribed all around, u linear unless given."""
-    dim = CELLS[cell]
-    build, corners = (create_rectangle if dim == 2 else create_box), [(0.0,) * dim, (1.0,) * dim]
-    mesh = mapped(build(MPI.COMM_SELF, corners, [n] * dim, cell), distorted)
-    spaces = method(mesh, components)
+    spaces = method(mesh := unit_mesh(cell, 3), components)
     U = spaces.trial
     u, v = ufl.TrialFunction(U), ufl.TestFunction(spaces.test)
     g = fem.Function(U)
 
     def linear(x):
-        value = SLOPE[:dim] @ x[:dim]
+        value = SLOPE[: mesh.geometry.dim] @ x[: mesh.geometry.dim]
         return np.array([(k + 1) * value for k in range(components)]) if components else value
 
     g.interpolate(field or linear)
-    mesh.topology.create_connectivity(dim - 1, dim)
-    rim = fem.locate_dofs_topological(U, dim - 1, exterior_facet_indices(mesh.topology))
     K = assemble_matrix(ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
     q = fem.Constant(mesh, np.full(components, source) if components else np.float64(source))
     f = assemble_vector(ufl.inner(q, v) * ufl.dx)
-    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, rim)))
+    a = solve(K, f, Reduction.dirichlet(U, fem.dirichletbc(g, rim_of(U))))
     return spaces, reactions(K, a, f), f
 
 
@@ -197,17 +185,17 @@ def solved(cell, method, components=0, n=3, field=None, source=0.0):
 @pytest.mark.parametrize("components", [0, 2])
 def test_an_even_flux_is_exact_at_every_node(cell, components):
     expected = -SLOPE[0] * np.arange(1, components + 1) if components else -SLOPE[0]
-    ways = [(PW, "geometric"), (PW, "own"), (GALERKIN, "geometric")]
+    new, r_new, _ = solved(cell, PW, components)
+    standard, r, _ = solved(cell, GALERKIN, components)
+    ways = [(new, r_new, "geometric"), (new, r_new, "own")]
+    ways.append((standard, force_transfer(standard.trial) * r, "geometric"))
     if cell != CellType.tetrahedron:
-        ways.append((GALERKIN, "own"))
-    for method, area in ways:
-        spaces, r, _ = solved(cell, method, components)
-        if (method, area) == (GALERKIN, "geometric"):
-            r = force_transfer(spaces.trial) * r
-        heat = nodal_flux(spaces, r, side, area)
+        ways.append((standard, r, "own"))
+    for spaces, forces, area in ways:
+        heat = nodal_flux(spaces, forces, side, area)
         inside = ~heat.surface.rim
         assert inside.any()
-        assert np.abs(heat.flux[inside] - expected).max() < 1e-12, (method, area)
+        assert np.abs(heat.flux[inside] - expected).max() < 1e-12, area
 
 
 @pytest.mark.parametrize("method", [GALERKIN, PW])
