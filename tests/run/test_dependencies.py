@@ -251,8 +251,3 @@ def test_the_judge_asks_results_and_printed_numbers_only():
     for name in modules("study"):
         if name.startswith(("study.judge", "study.report", "study.texts")):
             assert not tops(imported(name)) & SOLVER, name
-
-
-def test_the_check_above_sees_a_solver_where_there_is_one():
-    names = reached("study.paper.s7_1_two_triangles")
-    assert any(tops(imported(name)) & SOLVER for name in names)

@@ -16,7 +16,6 @@ from study.core.cases import SECTIONS
 from study.core.store import Results
 from study.site import evidence, gallery, reference
 from study.texts import HEADS
-from tests.study.browser import dead
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"
@@ -110,23 +109,6 @@ def test_sections_that_a_text_names_are_links():
         'see sections <a href="V1.html">V1</a>, <a href="7.2.html">7.2</a> and C; section 8'
     )
     assert evidence._linked('<a href="x">section V1</a>') == '<a href="x">section V1</a>'
-
-
-def test_links_that_lead_nowhere_are_found(tmp_path):
-    (tmp_path / "a.html").write_text(
-        '<p id="here"><a href="#here">1</a><a href="b/c.html#x%20y">2</a><img src="d.png" alt="">'
-        '<a href="https://example.org/none">3</a><a href="b/c.html#nowhere">4</a>'
-    )
-    (tmp_path / "b").mkdir()
-    (tmp_path / "b" / "d.html").write_text('<script src="https://example.org/x.js"></script>')
-    (tmp_path / "b" / "c.html").write_text('<b id="x y"></b><a href="../a.html#gone">5</a>')
-    assert dead(tmp_path) == [
-        "a.html: no alternative text: d.png",
-        "a.html: b/c.html#nowhere",
-        "a.html: d.png",
-        "b/c.html: ../a.html#gone",
-        "b/d.html: https://example.org/x.js comes from elsewhere",
-    ]
 
 
 def luminance(colour):
