@@ -42,20 +42,27 @@ ON_PRINT = [
     and re.match("printed|gap_left|computed_over", claim.judgement.measure)
 ]
 FACTS = load_facts()
+LONG = re.compile("7[25]-even-shear.*")  # on fine meshes; that of 7.4 is measured alike
+
+
+def given(claims):
+    assert claims
+    marks = {True: [pytest.mark.slow], False: []}
+    named = [pytest.param(c, id=c.id, marks=marks[bool(LONG.match(c.id))]) for c in claims]
+    return pytest.mark.parametrize("claim", named)
 
 
 def graded(grade, *bases):
-    found = [c for c in STATEMENTS if c.grade == grade and (not bases or c.basis in bases)]
-    assert found
-    return pytest.mark.parametrize("claim", found, ids=lambda claim: claim.id)
+    return given([c for c in STATEMENTS if c.grade == grade and (not bases or c.basis in bases)])
 
 
 @pytest.fixture(scope="session")
-def turned(results):
+def turned(results, request):
     """What turns each statement: found once for all workers, for it takes long."""
-    path = results.folder / "turned.json"
+    path, quick = results.folder / "turned.json", "not slow" in request.config.option.markexpr
     if not path.exists():
-        write_json(path, turned_by(judge(STATEMENTS + ON_PRINT, results), results))
+        taken = [c for c in STATEMENTS + ON_PRINT if not (quick and LONG.match(c.id))]
+        write_json(path, turned_by(judge(taken, results), results))
     return json.loads(path.read_text())
 
 
@@ -69,7 +76,7 @@ def verdict(claim, results):
     return one
 
 
-@pytest.mark.parametrize("claim", STATEMENTS, ids=lambda claim: claim.id)
+@given(STATEMENTS)
 def test_statement_has_the_verdict_of_its_grade(claim, results):
     one = verdict(claim, results)
     assert not one.differs, (one.verdict, one.measured)
@@ -141,7 +148,7 @@ def test_identity_gives_a_simple_fraction_to_round_off(claim, results):
 OTHER_INPUTS = {
     "study.paper.s7_2_block.DIVISIONS": {"divisions": (18, 10)},
     "study.paper.s7_3_parabolic_punch.RADIUS": {"radius": 10.0},
-    "study.paper.s7_3_parabolic_punch.DIVISIONS": {"divisions": (18, 4)},
+    "study.paper.s7_3_parabolic_punch.DIVISIONS": {"divisions": (18, 4), "increments": 1},
     "study.paper.s7_4_rigid_plate.FORCE": 41.0,
     "study.paper.s7_5_profiles.PROFILES": "first",
     "study.paper.s7_6_buckling.LENGTH": 9.0,
@@ -158,11 +165,8 @@ def test_what_was_put_in_or_fitted_decides_the_verdict(claim, monkeypatch, tmp_p
         case dict(parameters):
             pass
         case str(name):
-            profile = PROFILES[name]
-            wider = tuple(1.1 * radius for radius in profile.radii)
-            higher = tuple(1.1 * height for height in profile.heights)
-            other = replace(profile, radii=wider, heights=higher, ring_divisions=(4, 1, 7, 4))
-            monkeypatch.setitem(PROFILES, name, other)
+            coarse = {"ring_divisions": (2, 1, 2, 1), "height_divisions": (6, 4, 5, 2)}
+            monkeypatch.setitem(PROFILES, name, replace(PROFILES[name], **coarse))
         case constant:
             monkeypatch.setattr(claim.chosen, constant)
     assert verdict(claim, ComputedResults(tmp_path, parameters)).verdict == "fails"

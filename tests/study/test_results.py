@@ -30,7 +30,7 @@ I: factors-galerkin-T6 dip-galerkin-T6
 7.2: pw-T6
 7.3: galerkin-T6-mu0
 7.4: galerkin-Q8
-7.5: pw-T6-gaps0.0-0.0 galerkin-Q8-SI
+7.5: pw-T6 galerkin-Q8-SI
 7.6: galerkin-Q8 exact
 C: pwsym-T6-modes-square galerkin-T6-nu-plane-strain galerkin-Q8-plane-stress
 P: block-even beam-16x4-mode2 block-native buckling-CPE6 two-triangles
@@ -59,21 +59,22 @@ V15: hertz-pw-hybrid-T6-32 identity-pw-hybrid-T6 infsup-pw-hybrid-T10-2 layers-p
 V15: presses-pw-hybrid-T6-32 sphere-pw-hybrid-H27-3
 V15: enclosed-pw-hybrid-H27-0.4999-4 cube-pw-hybrid-H27-0.4999-12
 V16: shear-pw-T10 steps-pw-T6-1-1 compression-pw-T6 cylinder-pw-T6-8 energy-pw-T6-4 hertz-pw-T6-4
-V16: calculix-pw-T6-cylinder-8-0.0 bush-pw-T6
-V17: turned-pw-T6-90 fit-pw-hybrid-T6 rings-pw-T6 die-pw-T6-coarser
-V17: ironed-pw-T6 calculix-pw-T6-die-8-6
+V16: calculix-pw-T6-cylinder-8-0.0
+V17: turned-pw-T6-90 fit-pw-hybrid-T6 ironed-pw-T6
 Q: pw-T6-4-0.375 offsets-pw-T6 calculix-4-0.375 seconds-pw-T6-16
 W: wear-pw-T6-4-own friction-pw-T6-4-own conductance-pw-T6-4-own impact-sibling-T6-4-none
 W: submodel-pw-T6-4-own wear-pw-T10-8-own
 """)
 ]
 LONG = [
-    "V10/mindlin-pw-T10-2",
-    "V14/punch-pw-T10-2",
-    "V15/pushed-pw-hybrid-T6-30",
-    "V15/seal-pw-hybrid-T6-8",
-    "V16/sphere-galerkin-T10-6",
-    "V16/wheel-pw-hybrid-T6-4",
+    f"{section}/{name}"
+    for section, name in listed("""
+V10: mindlin-pw-T10-2
+V14: punch-pw-T10-2
+V15: pushed-pw-hybrid-T6-30 seal-pw-hybrid-T6-8
+V16: sphere-galerkin-T10-6 wheel-pw-hybrid-T6-4 bush-pw-T6
+V17: rings-pw-T6 die-pw-T6-coarser calculix-pw-T6-die-8-6
+""")
 ]
 SLOW = {("7.6", "mesh_scan")}
 
