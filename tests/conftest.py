@@ -46,7 +46,7 @@ def pytest_addoption(parser):
         action="store_true",
         help="1 600 random contact problems in place of 60, 400 for the second solver in place of "
         "24, 200 at large strains in place of 10, 100 that slide in place of 4, 60 pairs of blocks "
-        "in place of 6, 5 000 examples of each property, new ones each time, in place of 40, "
+        "in place of 6, 5 000 examples of each property, new ones each time, in place of 25, "
         "the study interrupted 80 times and killed 50 times, and contact with half a million "
         "unknowns at large strains",
     )
@@ -55,7 +55,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     slow = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much]
     common = {"deadline": None, "database": None, "suppress_health_check": slow}
-    settings.register_profile("suite", max_examples=40, derandomize=True, **common)
+    settings.register_profile("suite", max_examples=25, derandomize=True, **common)
     settings.register_profile("nightly", max_examples=5000, print_blob=True, **common)
     settings.load_profile("nightly" if config.getoption("--nightly") else "suite")
     if not hasattr(config, "workerinput"):

@@ -361,8 +361,11 @@ def ends(comm, call):
 
 @pytest.mark.random
 def test_an_error_on_one_process_ends_all_with_the_same_words(request):
-    errors = ERRORS if request.config.getoption("--nightly") else ERRORS[:1]
-    assert run_on(3, said, errors, limit=len(errors) * WAITING) == [[]] * 3
+    errors, processes = ERRORS[:1], 2
+    if request.config.getoption("--nightly"):
+        errors, processes = ERRORS, 3
+    told = run_on(processes, said, errors, limit=len(errors) * WAITING)
+    assert told == [[]] * processes
 
 
 def differing(comm, most):
@@ -380,12 +383,9 @@ def differing(comm, most):
 
 
 @pytest.mark.random
-@pytest.mark.parametrize("processes", [2, 3])
-def test_processes_that_are_given_different_arguments_are_told(processes, request):
-    nightly = request.config.getoption("--nightly")
-    if processes > 2 and not nightly:
-        pytest.skip("with --nightly")
-    for wrong, count in run_on(processes, differing, 10 if nightly else 1, limit=WAITING):
+def test_processes_that_are_given_different_arguments_are_told(request):
+    processes, most = (3, 10) if request.config.getoption("--nightly") else (2, 1)
+    for wrong, count in run_on(processes, differing, most, limit=WAITING):
         assert wrong == []
         assert count > 200
 
