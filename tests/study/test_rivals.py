@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import ufl
 
-from study.core.cases import load_section
 from study.rivals import q_compare
 from study.rivals.problem import RADIUS, NoSolution, line
 
@@ -28,15 +27,6 @@ def test_each_method_is_one_file_of_forty_lines_at_most():
         module = import_module(f"study.rivals.{name.replace('-', '_').lower()}")
         with open(module.__file__, encoding="utf-8") as file:
             assert len(file.readlines()) <= 40, name
-
-
-def test_cases_are_at_least_twelve_methods_on_three_meshes():
-    plane = [case for case in load_section("Q").cases if case.run is q_compare.plane]
-    meshes = {}
-    for case in plane:
-        meshes.setdefault(case.parameters["method"], set()).add(case.parameters["edges"])
-    assert len(meshes) >= 12
-    assert all(of == {4, 8, 16} for of in meshes.values())
 
 
 @pytest.mark.parametrize("method", q_compare.METHODS)
