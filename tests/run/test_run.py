@@ -67,22 +67,16 @@ def test_a_script_elsewhere_finds_the_library_and_packages_of_its_own(tmp_path):
     assert (script.parent / "out").read_text() == f"from {ROOT}/pw_elements/__init__.py"
 
 
-def test_study_and_tests_start_in_the_project_from_anywhere(tmp_path):
-    process = run("test", "--collect-only", "-q", "tests/run/test_run.py", cwd=tmp_path)
-    assert process.returncode == 0, process.stderr
+def test_the_study_takes_folders_as_they_are_meant_where_it_is_called(tmp_path):
     process = run("study", "check", "--out", "mine", cwd=tmp_path)
     assert process.stderr == f"study: there are no results in {tmp_path}/mine: run ./run study\n"
-    assert run("study", "check", "--out", "mine").stderr == process.stderr.replace(
-        f"{tmp_path}/", ""
-    )
 
 
-def test_tests_first_tell_their_number_and_a_pipe_has_it_at_once(tmp_path):
+def test_tests_start_in_the_project_tell_their_number_and_a_pipe_has_it_at_once(tmp_path):
     (tmp_path / "test_toy.py").write_text("import time\ndef test_it(): time.sleep(120)\n")
     options = ["-c", "pyproject.toml", "--rootdir", ROOT, "-p", "tests.conftest"]
-    process = subprocess.Popen(
-        [RUN, "test", *options, tmp_path / "test_toy.py"], stdout=subprocess.PIPE, text=True
-    )
+    command = [RUN, "test", *options, tmp_path / "test_toy.py"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     lines = iter(process.stdout.readline, "")
     told = next(line for line in lines if "tests, " in line)  # the test goes on meanwhile
     process.kill()
@@ -105,9 +99,6 @@ def test_figure_is_written_where_the_caller_is(tmp_path):
     assert process.stdout.splitlines() == [str(path) for path in written]
     assert all(path.stat().st_size > 1000 for path in written)
     assert (tmp_path / "mine" / "7.1" / "pw-T6.json").exists()
-    process = run("figure", "nonsense", cwd=tmp_path)
-    assert process.returncode == 2
-    assert "there is no figure nonsense, but these:\nfig01 " in process.stderr
 
 
 TOOLS = (
@@ -175,7 +166,7 @@ NO_MOUNT = "no mount (apt-get install mount, as root)"
                 FOUND | {"id": "echo 0", "apt_cache": f"echo Candidate: {old}"},
                 f"{NO_MOUNT}, and apt offers no DOLFINx 0.9 or 0.11",
             )
-            for old in ("1:0.8.0-1", "1:0.10.0-2", "(none)")
+            for old in ("1:0.10.0-2", "(none)")
         ),
         (
             FOUND | MOUNTS | {"id": "echo 1000", "unshare": "exit 1"},
@@ -276,11 +267,6 @@ def test_a_signal_passes_through():
     assert run("sh", "-c", "kill -TERM $$").returncode == -signal.SIGTERM
 
 
-def test_one_thread_unless_asked_for_more():
-    assert environment(OMP_NUM_THREADS=None)["OMP_NUM_THREADS"] == "1"
-    assert environment(OMP_NUM_THREADS="2")["OMP_NUM_THREADS"] == "2"
-
-
 def test_processes_share_memory_in_a_folder_of_the_users_own():
     folder = Path(environment()["OMPI_MCA_btl_sm_backing_directory"])
     assert re.fullmatch(r"/dev/shm/pw-elements-\d+", str(folder))
@@ -296,20 +282,22 @@ COMMIT = "case $* in *rev-parse*) echo abc ;; *status*) echo '{}' ;; esac"
 
 
 @pytest.mark.parametrize(
-    ("git", "expected"),
+    ("git", "expected", "threads"),
     [
-        (COMMIT.format(""), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"}),
-        (COMMIT.format(" M run"), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"}),
-        ("exit 128", {}),
+        (COMMIT.format(""), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "0"}, None),
+        (COMMIT.format(" M run"), {"PW_ELEMENTS_COMMIT": "abc", "PW_ELEMENTS_DIRTY": "1"}, "2"),
+        ("exit 128", {}, None),
     ],
 )
-def test_commit_and_its_changes_are_told(tmp_path, git, expected):
-    """With a shell script as git."""
+def test_commit_its_changes_and_threads_are_told(tmp_path, git, expected, threads):
+    """With a shell script as git; one thread unless asked for more."""
     (tmp_path / "git").write_text(f"#!/bin/sh\n{git}\n")
     (tmp_path / "git").chmod(0o755)
+    given = dict.fromkeys(("PW_ELEMENTS_COMMIT", "PW_ELEMENTS_DIRTY"))
     path = f"{tmp_path}:{os.environ['PATH']}"
-    variables = environment(PATH=path, PW_ELEMENTS_COMMIT=None, PW_ELEMENTS_DIRTY=None)
+    variables = environment(PATH=path, OMP_NUM_THREADS=threads, **given)
     assert {k: v for k, v in variables.items() if k.startswith("PW_ELEMENTS_")} == expected
+    assert variables["OMP_NUM_THREADS"] == (threads or "1")
 
 
 def test_folders_outside_the_project_can_be_written():

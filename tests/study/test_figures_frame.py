@@ -211,6 +211,8 @@ def test_figure_whose_result_cannot_be_computed_is_1(tmp_path, script, capfd):
     assert main(["toy_never", "--results", str(tmp_path), "--out", str(tmp_path / "drawn")]) == 1
     assert capfd.readouterr().err == "study: there is no case 7.1/never: see ./run study list\n"
     assert not (tmp_path / "drawn").exists()
+    assert main(["nonsense"]) == 2
+    assert "there is no figure nonsense, but these:\nfig01 " in capfd.readouterr().err
 
 
 def test_every_script_has_what_the_frame_asks_for():
