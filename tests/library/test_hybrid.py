@@ -69,7 +69,7 @@ def state_of(mesh):
     return "solid" if mesh.geometry.dim == 3 else "plane strain"
 
 
-@pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
+@pytest.mark.parametrize("nu", [0.3, 0.5])
 @pytest.mark.parametrize("method", MAKERS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_uniaxial_stress_is_exact_whatever_the_units(cell, method, nu):
@@ -314,7 +314,7 @@ def test_both_fields_are_those_of_factors(cell, method, nu):
 
 
 def test_iterations_depend_neither_on_the_mesh_nor_on_units():
-    counts = [Clamped(block("tetrahedron", n)).differences()[1] for n in (2, 4, 6)]
+    counts = [Clamped(block("tetrahedron", n)).differences()[1] for n in (2, 3, 5)]
     assert max(counts) < 60
     assert counts[2] <= counts[1] + 3
     counts = []
@@ -331,7 +331,7 @@ def test_iterations_depend_neither_on_the_mesh_nor_on_units():
 
 
 def test_a_modulus_that_varies_by_four_powers_of_ten_radius_and_thickness_are_known():
-    mesh = block("tetrahedron", 4)
+    mesh = block("tetrahedron", 3)
     E = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)))
     E.interpolate(lambda x: 10.0 ** (4 * x[0]))
     off, iterations = Clamped(mesh, 0.4999, E).differences()
@@ -345,7 +345,7 @@ def test_a_modulus_that_varies_by_four_powers_of_ten_radius_and_thickness_are_kn
 @pytest.mark.parametrize(("held", "nu"), [("clamped", 0.4), ("free", 0.5)])
 def test_modes_are_those_of_factors(held, nu):
     """Pressures, too."""
-    mesh = block("tetrahedron", 3)
+    mesh = block("tetrahedron", 2)
     case = Clamped(mesh, nu)
     mesh.geometry.x[:] *= 1.0, 0.7, 2.0  # modes of cubes are double and triple
     case.K = assemble_matrix(case.body.stiffness())
@@ -365,7 +365,7 @@ def test_modes_are_those_of_factors(held, nu):
 
 
 def test_buckling_factors_are_those_of_factors_and_free_motions_are_refused():
-    case = Clamped(block("tetrahedron", 3), E=2e9)
+    case = Clamped(block("tetrahedron", 2), E=2e9)
     K_sigma = case.prestress(case.f, case.supports)
     mine, exact = (
         buckling(case.K, K_sigma, case.supports, solver=way()) for way in (Iterative, Direct)
@@ -396,7 +396,7 @@ def incompressible(spaces, mu=1.0):
 def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method, cell, mu):
     """sigma = mu (l^2 - l^-2) in plane strain."""
     size, stretch = 1e-3, 1.4
-    mesh = block(cell)
+    mesh = block(cell, 2)
     mesh.geometry.x[:] *= size
     spaces, dim = MAKERS[method](mesh), mesh.geometry.dim
     (w, residual), end = incompressible(spaces, mu), fem.Constant(mesh, (stretch - 1) * size)
@@ -405,7 +405,7 @@ def test_an_incompressible_block_is_stretched_exactly_whatever_the_units(method,
         return lambda x: np.isclose(x[axis], place * size)
 
     conditions = [prescribe(spaces.trial, k, side(k, 0.0)) for k in range(dim)]
-    conditions += [prescribe(spaces.trial, 2, side(2, 1.0))] * (dim == 3)
+    conditions += [prescribe(spaces.trial, k, side(k, 1.0)) for k in range(2, dim)]
     conditions.append(prescribe(spaces.trial, 0, side(0, 1.0), end))
     problem = PetrovGalerkinProblem(residual, w, conditions)
     problem.solve(end, increments=2)

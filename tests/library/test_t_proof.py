@@ -200,7 +200,7 @@ def test_tetrahedra_have_no_such_matrix(cuts):
     """
 
     def rows(variables, pieces):
-        forms = [lambda f, v=v, p=p: p * sp.diff(f, v) for v in variables for p in (1, *variables)]
+        forms = [lambda f, v=v, p=p: p * sp.diff(f, v) for v in (X, Y) for p in (1, *variables)]
         return [
             sp.Matrix([[sum(integral(g(w[i]), c, variables) for c, w in pieces) for g in forms]])
             for i in range(len(variables) + 1, len(pieces[0][1]))
