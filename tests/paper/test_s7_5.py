@@ -29,7 +29,7 @@ from tests.oracle.test_sections import converged, points
 
 # The first of the study's columns, its radii and heights from the base, in a coarser mesh
 RADII, HEIGHTS = (0.04787, 0.11121, 0.14669, 0.04126), (0.23155, 0.14025, 0.18777, 0.03384)
-COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (6, 4, 5, 2))
+COARSE = s7_5_profiles.Profile(RADII, HEIGHTS, (2, 1, 2, 1), (4, 3, 3, 2))
 
 
 def stepped_column(element):

@@ -165,7 +165,7 @@ def test_what_was_put_in_or_fitted_decides_the_verdict(claim, monkeypatch, tmp_p
         case dict(parameters):
             pass
         case str(name):
-            coarse = {"ring_divisions": (2, 1, 2, 1), "height_divisions": (6, 4, 5, 2)}
+            coarse = {"ring_divisions": (4, 1, 7, 4), "height_divisions": (6, 4, 5, 2)}
             monkeypatch.setitem(PROFILES, name, replace(PROFILES[name], **coarse))
         case constant:
             monkeypatch.setattr(claim.chosen, constant)
