@@ -148,7 +148,9 @@ def test_the_coarse_level_follows_what_is_held(blocked, sprung):
         held = np.einsum("na,nb->nab", normal, normal) * random.integers(0, 2, (len(nodes), 1, 1))
         B, springs = apart.T @ block_diag(*held) @ apart, None
         if sprung:
-            springs = PETSc.Mat().createDense(B.shape, array=B, comm=MPI.COMM_SELF).convert("aij")
+            springs = PETSc.Mat().createAIJ(B.shape, nnz=len(B), comm=MPI.COMM_SELF)
+            springs.setValues(range(len(B)), range(len(B)), B)  # zeros have places, too
+            springs.assemble()
         grid.hold(nodes, held, np.ones(len(nodes)), springs)
         blocks = np.eye(3) * supports.free.reshape(-1, 1, 3)
         if not sprung:
