@@ -213,7 +213,7 @@ def numbers(ends, more=()):
 def pressed_and_pushed(kind, solver, comm=MPI.COMM_SELF):
     """The state of a block of rubber under a ball that is rough, in space or in the plane."""
     dim, hybrid = (2 if kind == "T6" else 3), kind == "hybrid"
-    low, high, n = [-1.0] * dim, [*[1.0] * (dim - 1), 0.0], [4] * (dim - 1) + [2]
+    low, high, n = [-1.0] * dim, [*[1.0] * (dim - 1), 0.0], [3] * (dim - 1) + [2]
     if dim == 2:
         mesh = triangles(comm, low, high, (16, 8))
     else:

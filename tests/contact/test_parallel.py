@@ -132,7 +132,7 @@ def at_large_strains(comm, folder):
     roller = turning.roller(mesh=triangles(comm, (-1.0, -1.0), (1.0, 0.0), (8, 4))).problem
     found |= whole_and_resumed("turned", [roller] * 2, turning.WAY, folder, turning.PLACE)
     found |= large.numbers({"hybrid": large.pressed_and_pushed("hybrid", Iterative(), comm)})
-    (pair,) = slid(die(comm=comm), PATH[:3])[-1].pairs
+    (pair,) = slid(die(comm=comm, divisions=((8, 2), (6, 2))), PATH[:3])[-1].pairs
     for field in ("force_normal", "force_tangential", "slip", "gap", "opposite_force"):
         found[f"die's {field}"] = np.nan_to_num(getattr(pair, field), posinf=-1.0)
     case = Rubber(0, comm=comm)
