@@ -44,8 +44,6 @@ FreeMotions = Callable[[ActiveSet, Array], list[str]]  # of an active set in fra
 
 # Directions closer than this belong to the same active set
 _DIGITS = 10
-# How often points that had let go are asked to hold the body once more, in an increment
-_RESCUES = 3
 
 # A gap of this part of the surface's extent counts as closed in a cold start
 _TOUCHING_GAP = 1e-9
@@ -160,16 +158,12 @@ class LastHold:
     def __init__(self, free_motions: FreeMotions, interface: Interface) -> None:
         self._free_motions, self._interface = free_motions, interface
         self._comm: MPI.Comm = interface.comm
-        self.rescues = 0
 
     def kept(self, new: ActiveSet, old: ActiveSet, contact: Contact) -> ActiveSet:
         """The new set, less the changes by which the body would lose its last hold.
 
         Of the points that let go, those that violate the law least are kept for one more iteration,
-        as many as it takes. If they do not suffice, a point that slips the other way sticks in
-        their place. If there is none, points that slipped before stick, or an open pair lands: a
-        body may let go at one end to be held by another. NotFound is raised if nothing of that
-        holds it.
+        as many as it takes. NotFound is raised if they do not suffice.
         """
         loosened = (new.status != old.status) & (old.status != OPEN) & (new.status != STICK)
         in_space = new.direction.shape[1] > 1  # where a slipping point holds across its slip
@@ -186,50 +180,10 @@ class LastHold:
             if not self._free_motions(candidate, contact.frame):
                 return candidate
             count //= 2
-        pivoted = self._pivoted(new, contact, loosened)
-        if pivoted is not None and not self._free_motions(pivoted, contact.frame):
-            return pivoted
-        if self.rescues < _RESCUES:
-            self.rescues += 1
-            gripping = (new.status == SLIP) & ~loosened & contact.cone.rough
-            for touching in (gripping, gripping | self._landing(new, contact.gap)):
-                held = _gripping(touching, new, contact)
-                if not self._free_motions(held, contact.frame):
-                    return held
         raise NotFound(
             f"{' and '.join(motions)}: nothing holds it once the nodes that would have to pull are "
             f"open and those that cannot hold slip ({counted(new, self._comm)})"
         )
-
-    def _pivoted(self, new: ActiveSet, contact: Contact, loosened: Mask) -> ActiveSet | None:
-        """The new set with a point that sticks in place of those that let go, if there is one.
-
-        The body then moves against the forces that held it. Of the points that slipped the
-        other way, the slowest is the first that stands still. None if all slip one way: then
-        nothing brakes the body but what it overcomes.
-        """
-        tangents = contact.frame[:, 1:]
-        slip, shear = (
-            np.einsum("nab,na->nb", tangents, part) for part in (contact.slip, contact.shearing)
-        )
-        held = shear[loosened & (new.status == SLIP)].sum(axis=0)
-        self._comm.Allreduce(MPI.IN_PLACE, held, MPI.SUM)
-        braking = (new.status == SLIP) & ~loosened & contact.cone.rough & (slip @ held > 0)
-        speed = np.where(braking, np.linalg.norm(slip, axis=1), np.inf)
-        slowest = self._comm.allreduce(speed.min(initial=np.inf), MPI.MIN)
-        if not np.isfinite(slowest):
-            return None
-        return _gripping(braking & (speed <= slowest * (1 + 1e-9)), new, contact)
-
-    def _landing(self, active: ActiveSet, gap: Array) -> Mask:
-        landing = np.zeros(len(gap), dtype=bool)
-        for k in range(self._interface.pairs):
-            mine = (self._interface.pair == k) & np.isfinite(gap)
-            closed = int(np.any(active.status[mine] != OPEN))
-            nearest = self._comm.allreduce(gap[mine].min(initial=np.inf), MPI.MIN)
-            if not self._comm.allreduce(closed, MPI.MAX):
-                landing |= mine & (gap <= nearest)
-        return landing
 
 
 class Policy:
@@ -245,7 +199,6 @@ class Policy:
         """Forgets the active sets visited, as after a new linearisation; begins anew at a first."""
         self._cycles = Cycles(self._comm)
         if first is not None:
-            self._hold.rescues = 0
             self._cycles.repeats(first)
 
     def wanted(self, active: ActiveSet, contact: Contact) -> ActiveSet:
@@ -258,10 +211,6 @@ class Policy:
     def taken(self, wanted: ActiveSet, active: ActiveSet, contact: Contact) -> ActiveSet:
         """Notes the set that follows; takes another one where it has been there before."""
         return self.wanted(active, contact) if self._cycles.repeats(wanted) else wanted
-
-
-def _gripping(where: Mask, active: ActiveSet, contact: Contact) -> ActiveSet:
-    return mixed(where, sticking(where, contact.cone, active.direction.shape[1]), active)
 
 
 def same(a: ActiveSet, b: ActiveSet, comm: MPI.Comm) -> bool:
