@@ -359,15 +359,6 @@ def ends(comm, call):
     return comm.allgather(found)
 
 
-@pytest.mark.random
-def test_an_error_on_one_process_ends_all_with_the_same_words(request):
-    errors, processes = ERRORS[:1], 2
-    if request.config.getoption("--nightly"):
-        errors, processes = ERRORS, 3
-    told = run_on(processes, said, errors, limit=len(errors) * WAITING)
-    assert told == [[]] * processes
-
-
 def differing(comm, most):
     """Calls of public functions that do not end alike if one argument of a process differs."""
     wrong, count = [], 0
@@ -382,11 +373,18 @@ def differing(comm, most):
     return wrong, count
 
 
+def unlike(comm, errors, most):
+    return said(comm, errors), *differing(comm, most)
+
+
 @pytest.mark.random
-def test_processes_that_are_given_different_arguments_are_told(request):
-    processes, most = (3, 10) if request.config.getoption("--nightly") else (2, 1)
-    for wrong, count in run_on(processes, differing, most, limit=WAITING):
-        assert wrong == []
+def test_an_error_and_a_different_argument_on_one_process_end_all_with_the_same_words(request):
+    processes, errors, most = 2, ERRORS[:1], 1
+    if request.config.getoption("--nightly"):
+        processes, errors, most = 3, ERRORS, 10
+    limit = (1 + len(errors)) * WAITING
+    for wrong, different, count in run_on(processes, unlike, errors, most, limit=limit):
+        assert wrong == different == []
         assert count > 200
 
 
