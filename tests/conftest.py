@@ -47,8 +47,8 @@ def pytest_addoption(parser):
         help="1 600 random contact problems in place of 60, 400 for the second solver in place of "
         "24, 200 at large strains in place of 10, 100 that slide in place of 4, 60 pairs of blocks "
         "in place of 6, 5 000 examples of each property, new ones each time, in place of 25, "
-        "the study interrupted 80 times and killed 50 times, and contact with half a million "
-        "unknowns at large strains",
+        "contact on three processes in place of two, the study interrupted 80 times and killed "
+        "50 times, and contact with half a million unknowns at large strains",
     )
 
 
