@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from hashlib import blake2b
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -88,17 +89,53 @@ def read_state(
     history: Sequence[fem.FunctionSpace],
     problem: Mapping[str, Array],
 ) -> ContactState:
-    """Reads a state of a `problem`, each process the values of its own nodes."""
-    path, comm = checked_path(path), space.mesh.comm
+    """Reads a state of a `problem`: one process does, and hands out values of their nodes."""
+    path, comm, parts = checked_path(path), space.mesh.comm, _parts(space, history)
+    arrays: dict[str, npt.NDArray] = {}
+    numbers: dict[str, Any] = {}
+    pairs: list[dict[str, Any]] = []
     with collective(comm):
-        try:
-            data = b""
-            if comm.rank == 0:
-                _refuse_irregular(path, "it is not read")
-                data = path.read_bytes()
-        except OSError as failed:
-            raise type(failed)(f"the state cannot be read from {path}: {failed}") from failed
-    data = comm.bcast(data)
+        if comm.rank == 0:
+            arrays, numbers, pairs = _read(path)
+            if missing := [name for name, _, _ in parts if name not in arrays]:
+                raise ValueError(
+                    f"{path} has the state of a problem without {missing[0].partition('_')[0]}"
+                )
+    own, rows = {}, {}
+    for name, nodes, of in parts:
+        own[name], rows[name] = _handed_out(path, arrays.get(nodes), arrays.get(name), of)
+    with collective(comm):
+        for name, known in problem.items() if arrays else ():
+            stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
+            near = _SAME * np.abs(known[np.isfinite(known)]).max(initial=0.0)
+            if stored.shape != known.shape or not np.allclose(stored, known, rtol=0, atol=near):
+                raise ValueError(f"{path} has the state of a problem with another {name}")
+    fields = fields_of(space)
+    moved = fields[0]
+    today = np.argsort(rows["displacement"])
+    for pair, name in product(pairs, ("node", "faced", "opposite")):
+        pair[name] = np.where(pair[name] < 0, pair[name], today[pair[name]])
+    numbers, pairs = comm.bcast((numbers, pairs))
+    unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
+    spread = [field.spread(own[name]) for name, field in zip(_FIELDS, fields, strict=False)]
+    unknowns.setArray(np.sum(spread, axis=0))
+    values = {name: numbers[name] for name in _PLAIN}
+    given = {name: numbers[name] for name in _OF_NUMBERS}
+    values |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
+    values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
+    values["orientations"] = frozenset(numbers["orientations"])
+    values["pairs"] = tuple(PairState(**pair) for pair in pairs)
+    values["history"] = tuple(_with_ghosts(of, own[name]) for name, _, of in parts[len(fields) :])
+    return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
+
+
+def _read(path: Path) -> tuple[dict[str, npt.NDArray], dict[str, Any], list[dict[str, Any]]]:
+    """A file's arrays, the numbers of the state, and what makes its pairs."""
+    try:
+        _refuse_irregular(path, "it is not read")
+        data = path.read_bytes()
+    except OSError as failed:
+        raise type(failed)(f"the state cannot be read from {path}: {failed}") from failed
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)
@@ -117,34 +154,7 @@ def read_state(
     except Exception as failed:  # of whatever kind: any bytes may be in a file
         said = str(failed) or type(failed).__name__
         raise ValueError(f"{path} holds no contact state: {said}") from None
-    parts = _parts(space, history)
-    if missing := [name for name, _, _ in parts if name not in arrays]:
-        raise ValueError(
-            f"{path} has the state of a problem without {missing[0].partition('_')[0]}"
-        )
-    row = {name: _rows(path, arrays[nodes], of) for name, nodes, of in parts}
-    own = {name: arrays[name][row[name]].ravel() for name in row}
-    for name, known in problem.items():
-        stored = arrays.get(f"{_PROBLEM}{name}", np.empty(0))
-        near = _SAME * np.abs(known[np.isfinite(known)]).max(initial=0.0)
-        if stored.shape != known.shape or not np.allclose(stored, known, rtol=0, atol=near):
-            raise ValueError(f"{path} has the state of a problem with another {name}")
-    fields = fields_of(space)
-    moved = fields[0]
-    today = np.argsort(np.concatenate(comm.allgather(row["displacement"])))
-    for pair, name in product(pairs, ("node", "faced", "opposite")):
-        pair[name] = np.where(pair[name] < 0, pair[name], today[pair[name]])
-    unknowns = PETSc.Vec().createMPI(moved.rows, comm=comm)
-    spread = [field.spread(own[name]) for name, field in zip(_FIELDS, fields, strict=False)]
-    unknowns.setArray(np.sum(spread, axis=0))
-    values = {name: numbers[name] for name in _PLAIN}
-    given = {name: numbers[name] for name in _OF_NUMBERS}
-    values |= {k: None if v is None else _OF_NUMBERS[k](**v) for k, v in given.items()}
-    values["free"] = tuple((pair, axis) for pair, axis in numbers["free"])
-    values["orientations"] = frozenset(numbers["orientations"])
-    values["pairs"] = tuple(PairState(**pair) for pair in pairs)
-    values["history"] = tuple(_with_ghosts(of, own[name]) for name, _, of in parts[len(fields) :])
-    return ContactState(moved.part(unknowns), unknowns=unknowns, **values)
+    return arrays, numbers, pairs
 
 
 def checked_path(path: str | Path) -> Path:
@@ -168,19 +178,28 @@ def _with_ghosts(space: fem.FunctionSpace, own: Array) -> Array:
     return found.x.array.copy()
 
 
-def _rows(path: Path, stored: Array, space: fem.FunctionSpace) -> npt.NDArray[np.intp]:
-    """Row of each owned node in a file, which is the number that it had when that was written."""
-    places = _places(space)
-    wrong = stored.shape != (space.dofmap.index_map.size_global, places.shape[1])
-    if not wrong:
-        distance, nearest = cKDTree(stored).query(places)
-        times = np.bincount(nearest, minlength=len(stored))
-        space.mesh.comm.Allreduce(MPI.IN_PLACE, times, MPI.SUM)
-        extent = np.ptp(stored, axis=0).max()
-        wrong = bool(np.any(distance > _NEAR * extent) or np.any(times != 1))
-    if space.mesh.comm.allreduce(int(wrong), MPI.MAX):
-        raise ValueError(f"{path} has the state of another mesh")
-    return np.asarray(nearest)
+def _handed_out(
+    path: Path, stored: Array | None, values: Array | None, space: fem.FunctionSpace
+) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Values of the owned nodes in a file, whose places and values one process has.
+
+    That is told the row of each node of the body there, which was its number; others nothing.
+    """
+    comm, nearest = space.mesh.comm, np.empty(0, dtype=np.intp)
+    given, parts = comm.gather(_places(space)), None
+    with collective(comm):
+        if stored is not None and values is not None:
+            places = np.concatenate(given)
+            wrong = stored.shape != places.shape
+            if not wrong:
+                distance, nearest = cKDTree(stored).query(places)
+                extent = np.ptp(stored, axis=0).max()
+                wrong = distance.max() > _NEAR * extent or len(np.unique(nearest)) < len(nearest)
+            if wrong:
+                raise ValueError(f"{path} has the state of another mesh")
+            rows = np.split(nearest, np.cumsum([len(each) for each in given])[:-1])
+            parts = [values[each].ravel() for each in rows]
+    return comm.scatter(parts), nearest
 
 
 def _places(space: fem.FunctionSpace) -> Array:
