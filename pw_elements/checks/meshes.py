@@ -157,10 +157,14 @@ class _Cells:
 
 
 class _Surface:
-    """All exterior facets (m of k corners), on every process; areas (m, dim) point outwards."""
+    """Exterior facets (m of k corners) of this process, and all above, below and beside these.
+
+    Areas (m, dim) point outwards. Up is a direction in which hardly a facet stands.
+    """
 
     def __init__(self, cells: _Cells) -> None:
         self._cells, mesh = cells, cells.mesh
+        self._comm: MPI.Comm = mesh.comm
         side, self._cell = np.nonzero(cells.exterior)
         of_side = np.array(basix.topology(cells.element.cell_type)[cells.dim - 1])
         local = np.take_along_axis(cells.vertices[self._cell], of_side[side], axis=1)
@@ -169,28 +173,54 @@ class _Surface:
             .local_to_global(local.ravel().astype(np.int32))
             .reshape(local.shape)
         )
-        self.corner = self._gathered(mesh.geometry.x[local, : cells.dim])
-        self.vertex = self._gathered(numbers)
-        self.area = self._gathered(cells.area[:, side, self._cell].T)
+        corner = mesh.geometry.x[local, : cells.dim]
+        self._turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
+        self._centre = cells.middle[np.unique(self._cell)]
+        shadow = (corner @ self._turn)[:, :, :-1]
+        low, high = shadow.min(axis=1), shadow.max(axis=1)
+        centre = (self._centre @ self._turn)[:, :-1]
+        first = np.concatenate([low, centre]).min(axis=0, initial=np.inf)
+        last = np.concatenate([high, centre]).max(axis=0, initial=-np.inf)
+        slack = 2 * _NEAR * np.maximum(last - first, 0.0)
+        self._to = [
+            np.flatnonzero((high >= first).all(axis=1) & (low <= last).all(axis=1))
+            for first, last in self._comm.allgather((first - slack, last + slack))
+        ]
+        self.corner, self.vertex = self._exchanged(corner), self._exchanged(numbers)
+        self.area = self._exchanged(cells.area[:, side, self._cell].T)
+        self._owner = self._exchanged(np.full(len(corner), self._comm.rank))
         self._middle = self.corner.mean(axis=1)
         self._radius = np.linalg.norm(self.corner - self._middle[:, None], axis=2).max(axis=1)
 
+    def _exchanged(self, values: npt.NDArray) -> npt.NDArray:
+        """Values (m, ...) of the facets, by process, of those (own facets, ...) of this one."""
+        return np.concatenate(self._comm.alltoall([values[some] for some in self._to]))
+
     def _gathered(self, values: npt.NDArray) -> npt.NDArray:
-        return np.concatenate(self._cells.mesh.comm.allgather(values))
+        return np.concatenate(self._comm.allgather(values))
 
     def check_hanging(self) -> None:
         """Refuses smaller facets that lie on a larger one and share its vertices.
 
         Non-matching bodies in contact have no common vertices. Curved facets are not looked at.
         """
+        if len(places := self._gathered(self._middle[self._torn()])):
+            raise DegenerateMesh(
+                f"facets around {listed(places)} have hanging nodes: smaller facets of "
+                "their neighbours lie on them, and the mesh is torn apart there"
+            )
+
+    def _torn(self) -> Indices:
+        """Facets of this process whose corners are corners of smaller ones that lie on them."""
         vertex, first = np.unique(self.vertex, return_index=True)
-        x = self.corner.reshape(-1, self.corner.shape[2])[first]
-        facet, near = _near(cKDTree(x), self._middle, self._radius * (1 + _NEAR))
+        x, own = self.corner.reshape(-1, self._cells.dim)[first], self._owner == self._comm.rank
+        facet, near = _near(cKDTree(x), self._middle[own], self._radius[own] * (1 + _NEAR))
+        facet = np.flatnonzero(own)[facet]
         inside = self._contains(facet, x[near])
         corner = (self.vertex[facet] == vertex[near][:, None]).any(axis=1)
         suspects = np.unique(facet[inside & ~corner])
         if not len(suspects):
-            return
+            return suspects
         ones = np.ones(self.vertex.size, dtype=np.int32)
         at = np.searchsorted(vertex, self.vertex.ravel())
         facets = np.arange(0, self.vertex.size + 1, self.vertex.shape[1])
@@ -200,12 +230,7 @@ class _Surface:
         beside = (on @ corners.T == self.vertex.shape[1]).tolil()  # all of whose corners lie on it
         beside[np.arange(len(suspects)), suspects] = False
         shared = (beside.astype(np.int32) @ corners).multiply(corners[suspects]) > 0
-        torn = suspects[np.diff(shared.tocsr().indptr) == self.vertex.shape[1]]
-        if len(torn):
-            raise DegenerateMesh(
-                f"facets around {listed(self._middle[torn])} have hanging nodes: smaller facets of "
-                "their neighbours lie on them, and the mesh is torn apart there"
-            )
+        return suspects[np.diff(shared.tocsr().indptr) == self.vertex.shape[1]]
 
     def _contains(self, facet: Indices, x: Array) -> Mask:
         """Whether facets (n,) have points x (n, dim) on them, their rims included."""
@@ -224,9 +249,7 @@ class _Surface:
 
         A ray from each centre upwards leaves the body once oftener than it enters it.
         """
-        cells, mesh = self._cells, self._cells.mesh
-        turn = np.linalg.qr(_TURN[: cells.dim, : cells.dim])[0]
-        centre = cells.middle[np.unique(self._cell)]
+        cells, mesh, turn, centre = self._cells, self._cells.mesh, self._turn, self._centre
         x, corner, up = centre @ turn, self.corner @ turn, (self.area @ turn)[:, -1]
         if corner.shape[1] == 4:
             corner, up = np.concatenate([corner[:, :3], corner[:, 1:]]), np.tile(up, 2)
@@ -256,20 +279,23 @@ class _Surface:
             raise DegenerateMesh(f"cells around {listed(places)} lie in other parts of the mesh")
 
     def log_contacts(self) -> None:
-        pairs = cKDTree(self._middle).query_pairs(_NEAR * self._radius.min(), output_type="ndarray")
-        if not len(pairs):
+        least = self._comm.allreduce(self._radius.min(initial=np.inf), MPI.MIN)
+        pairs = cKDTree(self._middle).query_pairs(_NEAR * least, output_type="ndarray")
+        pairs = pairs[self._owner[pairs].min(axis=1) == self._comm.rank]
+        if not self._comm.allreduce(len(pairs)):
             return
         cells, mesh = self._cells, self._cells.mesh
         number, _ = pieces_of(mesh.comm, mesh.geometry.index_map(), cells.vertices)
-        piece = self._gathered(number[cells.vertices[self._cell, 0]])[pairs]
-        crack = piece[:, 0] == piece[:, 1]
+        piece = self._exchanged(number[cells.vertices[self._cell, 0]])[pairs]
+        crack = self._gathered(piece[:, 0] == piece[:, 1])
+        middle = self._gathered(self._middle[pairs[:, 0]])
         for which, level, what in (
             (crack, logging.WARNING, "a crack in one piece of the mesh"),
             (~crack, logging.INFO, "two pieces of the mesh that touch"),
         ):
             if which.any():
-                places = listed(self._middle[pairs[which, 0]])
-                told(mesh.comm, level, f"facets coincide, but share no nodes: {what} at {places}")
+                words = f"facets coincide, but share no nodes: {what} at {listed(middle[which])}"
+                told(mesh.comm, level, words)
 
 
 def _cofactors(jacobian: Array) -> Array:
