@@ -29,6 +29,8 @@ _ROWS_AT_ONCE = 12_000
 _MOST_PARTS = 32
 # Rows that are factorised as dense ones at once, to save memory
 _DENSE_AT_ONCE = 20_000
+# Modes that are taken together, though they may not be: in so few sparse algebra takes longer
+_FEW_MODES = 60
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
@@ -147,31 +149,42 @@ def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
     return r
 
 
-def triangle(rows: sp.csr_array, comm: MPI.Comm) -> sp.csr_array:
+def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:
     """R of QR factorisations of all processes' rows (n, modes): of modes that hang together.
 
-    A Gram matrix would lose what is small.
+    It is a dense one where modes are few. A Gram matrix would lose what is small.
     """
+    if rows.shape[1] <= _FEW_MODES:
+        return _dense_triangle(rows, comm)
     rows.eliminate_zeros()
     found = [sp.csr_array((0, rows.shape[1]))]
     for modes in together(sum(comm.allgather(abs(rows).T @ abs(rows)))):
-        own = rows[:, modes]
-        own, R = own[np.diff(own.indptr) > 0], np.zeros((0, len(modes)))
-        for first in range(0, own.shape[0], _DENSE_AT_ONCE):
-            some = own[first : first + _DENSE_AT_ONCE].toarray()
-            R = np.asarray(np.linalg.qr(np.vstack([R, some]), mode="r"))
-        R = np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
+        R = _dense_triangle(rows[:, modes], comm)
         places = np.repeat(np.arange(len(R)), len(modes)), np.tile(modes, len(R))
         found.append(sp.csr_array((R.ravel(), places), (len(R), rows.shape[1])))
     return sp.vstack(found, "csr")
 
 
-def null_space(rows: sp.csr_array, tolerance: float) -> Array:
+def _dense_triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> Array:
+    R = np.zeros((0, rows.shape[1]))
+    for first in range(0, rows.shape[0], _DENSE_AT_ONCE):
+        some = _dense(rows[first : first + _DENSE_AT_ONCE])
+        R = np.asarray(np.linalg.qr(np.vstack([R, some]), mode="r"))
+    return np.asarray(np.linalg.qr(np.concatenate(comm.allgather(R)), mode="r"))
+
+
+def _dense(rows: sp.csr_array | Array) -> Array:
+    return rows if isinstance(rows, np.ndarray) else rows.toarray()
+
+
+def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
     """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
     n = rows.shape[1]
     found = [np.zeros((0, n))]
-    for modes in together(abs(rows).T @ abs(rows)):
-        dense = np.vstack([rows[:, modes].toarray(), np.zeros((len(modes), len(modes)))])
+    few = n <= _FEW_MODES
+    for modes in [np.arange(n)] if few else together(abs(rows).T @ abs(rows)):
+        own = _dense(rows if few else rows[:, modes])
+        dense = np.vstack([own, np.zeros((len(modes), len(modes)))])
         _, values, vectors = np.linalg.svd(dense, full_matrices=False)
         none = vectors[values < tolerance * np.sqrt(n)]
         found.append(np.zeros((len(none), n)))

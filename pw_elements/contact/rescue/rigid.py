@@ -3,6 +3,7 @@
 Modes are motions of the connected pieces of a body and of surfaces; there are words for each.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mpi4py import MPI
@@ -158,8 +159,9 @@ class RigidMotions:
         first, last = system.stiffness.getOwnershipRange()
         ones = (np.ones(len(kept)), (column[kept] - first, kept))
         self._reduced = sp.csr_array(ones, (last - first, len(column))) @ self._full
-        self._held = self._hold(transposed=False)
-        self._relative = self._at_points(works=False)
+        self._held, self._relative = self._hold(transposed=False), self._at_points(works=False)
+        if isinstance(self._held, np.ndarray):  # of few modes
+            self._relative = self._relative.toarray()
 
     def left_free(self, active: ActiveSet, frame: Array) -> list[str]:
         """Names of the motions that an active set in its frames (m, dim, dim) leaves free."""
@@ -192,7 +194,7 @@ class RigidMotions:
         """
         hold, group = self._hold(transposed=True), self.modes.group
         alone = [hold @ sp.diags_array((group == k).astype(float)) for k in np.unique(group)]
-        free = null_space(sp.vstack([hold[:0], *alone], "csr"), _ZERO_STIFFNESS)
+        free = null_space(_stacked([hold[:0], *alone]), _ZERO_STIFFNESS)
         chosen = self.modes.simplest(free)
         works = self._at_points(works=True) @ chosen.motions.T
         return chosen, works.reshape(*self._system.interface.position.shape, works.shape[1])
@@ -208,10 +210,14 @@ class RigidMotions:
     def _free(self, active: ActiveSet, frame: Array) -> Array:
         """The motions (k, modes) that an active set in its frames (m, dim, dim) leaves free."""
         m, dim = frame.shape[:2]
-        constraints = equations(active, np.ones(m))[1] @ frame
-        turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
-        rows = triangle(sp.csr_array(turned @ self._relative), self._system.comm)
-        return null_space(sp.vstack([self._held, rows], "csr"), _FREE_STIFFNESS)
+        constraints, relative = equations(active, np.ones(m))[1] @ frame, self._relative
+        if isinstance(relative, np.ndarray):
+            rows = (constraints @ relative.reshape(m, dim, -1)).reshape(relative.shape)
+        else:
+            turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
+            rows = sp.csr_array(turned @ relative)
+        held = _stacked([self._held, triangle(rows, self._system.comm)])
+        return null_space(held, _FREE_STIFFNESS)
 
     def _at_points(self, works: bool) -> sp.csr_array:
         """Relative motions (m dim, modes) of the points, or those in which their forces do work."""
@@ -224,7 +230,7 @@ class RigidMotions:
         still = sp.csr_array((len(interface.pair) * dim, self.modes.of_pieces))
         return sp.csr_array(of_pieces - sp.hstack([still, surfaces]))
 
-    def _hold(self, transposed: bool) -> sp.csr_array:
+    def _hold(self, transposed: bool) -> sp.csr_array | Array:
         """Displacements in the pieces' modes at supports, and the forces that these cause.
 
         Forces K m count over the stiffness. They are there in axisymmetry, say, where only a
@@ -249,3 +255,8 @@ class RigidMotions:
         places = (x.astype(PETSc.IntType) for x in (motions.indptr, motions.indices))
         sizes = (motions.shape[0], PETSc.DETERMINE), (n if comm.rank == 0 else 0, n)
         return PETSc.Mat().createAIJ(sizes, csr=(*places, motions.data), comm=comm)
+
+
+def _stacked(parts: Sequence[sp.csr_array | Array]) -> sp.csr_array | Array:
+    dense = isinstance(parts[0], np.ndarray)
+    return np.vstack(parts) if dense else sp.vstack(parts, "csr")
