@@ -154,7 +154,7 @@ def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array
 
     It is a dense one where modes are few. A Gram matrix would lose what is small.
     """
-    if rows.shape[1] <= _FEW_MODES:
+    if isinstance(rows, np.ndarray) or rows.shape[1] <= _FEW_MODES:
         return _dense_triangle(rows, comm)
     rows.eliminate_zeros()
     found = [sp.csr_array((0, rows.shape[1]))]

@@ -13,6 +13,16 @@ from tests.contact.cases import Block
 BLOCK = Block(8)
 
 
+@pytest.fixture(autouse=True)
+def _own_log(monkeypatch):
+    """Without handlers and levels of whoever has been here before, as the study's."""
+    level = progress.logger.level
+    monkeypatch.setattr(progress.logger, "handlers", [])
+    progress.logger.setLevel(logging.NOTSET)
+    yield
+    progress.logger.setLevel(level)
+
+
 def solved(callback=None):
     loads = [0.01 * load for load in BLOCK.pulled(60.0, 2)]  # small displacements
     return BLOCK.contact(BLOCK.pair(0.3), loads=loads, callback=callback)
