@@ -289,9 +289,9 @@ class Increment:
         worst = self.equilibrium.violation(wrong.pop("equilibrium"), allowed + placed, now.full)
         for name, values in wrong.items():
             lost = loose if name in ("cone", "stick", "direction") else placed
-            values = np.nan_to_num(values, nan=np.inf)
-            share = np.divide(values, allowed + lost, out=np.zeros_like(values), where=values > 0)
-            worst = max(worst, float(share.max(initial=0.0)))
+            share = np.divide(values, allowed + lost, out=np.zeros_like(values), where=values != 0)
+            largest = float(share.max(initial=0.0))
+            worst = max(worst, np.inf if np.isnan(largest) else largest)
         return float(comm.allreduce(worst, MPI.MAX))
 
     def _largest(self, now: Iterate) -> float:
