@@ -47,7 +47,7 @@ def outcome(seed):
         elif _is_searchable(stated):
             increment = linear_increment(stated, states)
             one = kind != "FreeBody" or _is_determined(increment)
-            wrong += ["a search finds a state"] * (one and search(increment) is not None)
+            wrong += ["a search finds a state"] * bool(one and search(increment) is not None)
     found = residuals(*walked(stated, states))
     wrong += [found] * (not worst(found) < TOLERANCE)
     mu = max(pair.mu for pair in stated.sketch.pairs)

@@ -53,6 +53,9 @@ _ENOUGH = 6
 
 # Residual on the way, over the one before
 _FORCING = 0.02
+# Of bodies alike, the least share of springs over the law is one over this: of softer ones, whose
+# forces say less of where points are, less is left
+_SOFTER = 5.0
 # Residual at the end, over the largest nodal contact force, and what each further exact solution
 # takes of it
 _EXACT = 1e-11
@@ -438,7 +441,7 @@ class KrylovTangent:
         more = accuracy == "more" and self._final
         exact = _EXACT_TANGENT if self._renewed else _EXACT
         self._accuracy = self._accuracy * _MORE if more else exact
-        law, forcing = self._in_forces(law, right), _FORCING
+        law, forcing = self._in_forces(law, right)
         self._context.state(law)
         known, x = self._operator.createVecLeft(), self._solution
         known.setArray(np.append(right, balance[: known.getLocalSize() - len(right)]))
@@ -464,14 +467,15 @@ class KrylovTangent:
         collect_garbage(known)
         return Solved(np.array(x.array_r), exact=stalled, final=self._final)
 
-    def _in_forces(self, law: LinearisedLaw, right: Array) -> LinearisedLaw:
-        """The law, whose gaps are read as forces of springs if there are any."""
+    def _in_forces(self, law: LinearisedLaw, right: Array) -> tuple[LinearisedLaw, float]:
+        """The law, whose gaps are read as forces of springs if there are any; and the forcing."""
         if self._sprung is None:
-            return law
+            return law, _FORCING
         share, stated = self._sprung.shares(law), self._points.own >= 0
         right[self._points.own[stated]] *= share[stated]
         E, C, D = (share[:, :, None] * each for each in (law.E, law.C, law.D))
-        return replace(law, E=E, C=C, D=D, c=share * law.c)
+        least = self._comm.allreduce(share.min(initial=1.0), MPI.MIN)
+        return replace(law, E=E, C=C, D=D, c=share * law.c), _FORCING * min(1.0, _SOFTER * least)
 
     def _make_ready(self, law: LinearisedLaw) -> Array:
         """Makes the preconditioner for a law; projectors (m, dim, dim) onto what it fixes."""
