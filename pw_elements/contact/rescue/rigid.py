@@ -212,7 +212,9 @@ class RigidMotions:
         m, dim = frame.shape[:2]
         constraints, relative = equations(active, np.ones(m))[1] @ frame, self._relative
         if isinstance(relative, np.ndarray):
-            rows = (constraints @ relative.reshape(m, dim, -1)).reshape(relative.shape)
+            rows = (constraints @ relative.reshape(m, dim, relative.shape[1])).reshape(
+                relative.shape
+            )
         else:
             turned = sp.bsr_array((constraints, np.arange(m), np.arange(m + 1)), (m * dim,) * 2)
             rows = sp.csr_array(turned @ relative)
