@@ -103,8 +103,8 @@ class TwelveCellElement(basix.ufl._BasixElement):
 def _check_points(nderivs: int, points: Array, depth: Array) -> None:
     """Depth (12, n): least barycentric coordinate of the points in each of the twelve cells."""
     within = _within(points)
-    # values may be asked for anywhere, by an interpolation say
-    # rules that FFCx takes, of the cell or of the one-cut one
+    # values may be asked for anywhere, by an interpolation say, but for the rules that FFCx takes:
+    # those of the cell and of the one-cut cell
     rules = [] if nderivs else _rules().get(len(points), [])
     taken = any(np.allclose(points, rule, atol=_ON_SIDE) for rule in rules)
     if not (within.any() if nderivs else taken):

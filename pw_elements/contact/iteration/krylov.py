@@ -53,8 +53,8 @@ _ENOUGH = 6
 
 # Residual on the way, over the one before
 _FORCING = 0.02
-# Of bodies alike, the least share of springs over the law is one over this: of softer ones, whose
-# forces say less of where points are, less is left
+# Equally stiff bodies have a least share of springs in the law of about one over this; a softer
+# body has a smaller share, its forces say less of the gaps, and its residual has to be smaller
 _SOFTER = 5.0
 # Residual at the end, over the largest nodal contact force, and what each further exact solution
 # takes of it

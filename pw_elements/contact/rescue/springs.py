@@ -3,9 +3,9 @@
 From each point, and from each surface that is free to move, a spring goes to where it was found
 last. So nothing is loose, tangents are regular, and stiff springs leave points to themselves: the
 iteration then ends. Ends follow what is found, and springs get softer (the method of proximal
-points: R. T. Rockafellar, 1976, https://doi.org/10.1137/0314056); where it fails they get stiffer
-again. Sooner or later an active set stays, whatever the springs; it starts the ordinary iteration,
-which alone decides what is a solution.
+points: R. T. Rockafellar, 1976, https://doi.org/10.1137/0314056, whose proof does not cover
+friction); where it fails they get stiffer again. Sooner or later an active set stays, whatever the
+springs; it starts the ordinary iteration, which alone decides what is a solution.
 """
 
 import logging
@@ -23,11 +23,11 @@ from pw_elements.contact.model import ContactFailed, NotUnique
 from pw_elements.progress import told
 from pw_elements.solvers import SingularSystem
 
-# Stiffness of the first springs over the points' own, and of the softest; how much softer they get
-# where a state is found; how much stiffer where none is, from where on steps are smaller, by this
-# power, and not below the least; and how often that may be
+# Stiffness of the first and of the softest springs, over the points' own
 _FIRST, _SOFTEST = 1e-2, 1e-13
+# How much softer they get where a state is found, and stiffer where none is
 _SOFTER, _STIFFER = 30.0, 5.0
+# After a failure the factor of softening is raised to this power, but stays above the least
 _SLOWER, _LEAST = 0.7, 2.0
 _FAILURES = 20
 # Iterations with springs, and without
