@@ -107,6 +107,11 @@ class Contact:
         """Limits of friction l(max(0, p)), (n,), and their slopes, (n,)."""
         return self.cone.limit(np.maximum(0.0, self.pressing))
 
+    @cached_property
+    def at_rest(self) -> ActiveSet:
+        """The linearisation of F here, whatever was assumed before."""
+        return self.active_set()
+
     def active_set(self, before: ActiveSet | None = None) -> ActiveSet:
         """The linearisation of F here; with regard to the one before, if it is given."""
         p, s = self.pressing, self.shearing

@@ -64,7 +64,7 @@ def undeformed(interface: Interface, unknowns: PETSc.Vec) -> ContactState:
 
 def _pairs(increment: Increment, now: Iterate) -> tuple[PairState, ...]:
     interface, past, contact = increment.interface, increment.past, now.contact
-    active, normal, tangents = contact.active_set(), contact.frame[:, 0], contact.frame[:, 1:]
+    active, normal, tangents = contact.at_rest, contact.frame[:, 0], contact.frame[:, 1:]
     held = (interface.faced == DEFORMABLE) & interface.cone.rough & ~tangents.any(axis=(1, 2))
     status = np.where(held & (active.status != OPEN), HELD, active.status).astype(np.int8)
     moved = now.displacement - past.displacement

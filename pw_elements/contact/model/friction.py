@@ -99,6 +99,8 @@ class Cone:
 
         Where a law fails, and this is kept, limits are NaN.
         """
+        if self.cannot_fail:
+            return self._coefficients * force, self._coefficients
         try:
             parts = np.split(force, np.cumsum([len(at) for at in self.at])[:-1])
             pairs = zip(self.laws, self.at, parts, strict=True)
@@ -114,15 +116,18 @@ class Cone:
     @staticmethod
     def _of(law: Friction, at: Array, force: Array) -> tuple[Array, Array]:
         limit, slope = law.limit(at, force)
-        if isinstance(law, Coulomb):
-            return limit, slope
         words = "it gives the limits and their slopes, (n,) each"
         names = ("the limit of friction", limit), ("its slope", slope)
         return tuple(arguments.field(name, one, force.shape, words) for name, one in names)  # type: ignore[return-value]
 
-    @property
+    @cached_property
     def cannot_fail(self) -> bool:
         return all(isinstance(law, Coulomb) for law in self.laws)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        """Coulomb's coefficients (m,), where every pair's law is his."""
+        return np.concatenate(self.at)
 
     def tell(self) -> None:
         if self.failed:

@@ -170,7 +170,7 @@ class RigidMotions:
 
     def slides(self, contact: Contact, lost: float) -> bool:
         """Whether friction is used up, but for lost forces, so that a body may slide on and on."""
-        comm, shear, at_rest = self._system.comm, contact.force[:, 1:], contact.active_set()
+        comm, shear, at_rest = self._system.comm, contact.force[:, 1:], contact.at_rest
         size, limit = np.linalg.norm(shear, axis=1), contact.limits[0]
         used = contact.cone.rough & (at_rest.status != OPEN) & (size > lost)
         used &= size >= limit - lost

@@ -89,7 +89,7 @@ def by_springs(
         violation = increment.violation(now)
         if increment.nearest is None or violation < increment.nearest[1]:
             increment.nearest = now, violation
-        active = found.contact.active_set()
+        active = found.contact.at_rest
         if violation <= 1 or (known is not None and same(known, active, comm)):
             try:
                 solution = newton(increment, active, place, policy(), at_most(_CONFIRMED))

@@ -140,7 +140,8 @@ class FiniteStepping:
         policy = Policy(lambda *_: [], interface)
         met = len(system.tangent.solver.orientations)
         now = newton(increment, first, place, policy, self._most, reporter.iteration)
-        reporter.violation = increment.violation(now)
+        if reporter.iteration:
+            reporter.violation = increment.violation(now)
         lost = kinematics.lost(now.place, now.contact.pressing > 0)
         jumped = interface.gathered(interface.position[lost])
         if len(jumped):

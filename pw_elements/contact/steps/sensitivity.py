@@ -141,7 +141,7 @@ class Linearised:
             )
         self._system, self._K, self._reduction = increment.system, K, reduction
         self._check_margin(increment, now)
-        active, place = now.contact.active_set(), now.place
+        active, place = now.contact.at_rest, now.place
         self._law = place.law(active, self._system.scale)
         to_nodes = np.swapaxes(place.frame, 1, 2)
         of_slip = equations(active, self._system.scale)[1][:, :, 1:]

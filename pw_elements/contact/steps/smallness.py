@@ -130,7 +130,7 @@ class SmallnessCheck:
         self._check_way(increment.past, now.translations)
         interface, contact = self._interface, now.contact
         strain, rotation = self._gradients.largest(interface.field.part(now.full))
-        closed = contact.active_set().status != OPEN
+        closed = contact.at_rest.status != OPEN
         cosine = self._cosines(contact.frame[:, 0])
         for k in np.flatnonzero(self._rigid):
             mine = closed & (interface.pair == k)
@@ -150,7 +150,7 @@ class SmallnessCheck:
         was = past.displacement - past.translations[interface.pair]
         moved = moved - np.where((interface.faced == RIGID)[:, None], was, 0.0)
         slip = np.linalg.norm(np.einsum("nab,nb->na", contact.frame[:, 1:], moved), axis=1)
-        closed = contact.active_set().status != OPEN
+        closed = contact.at_rest.status != OPEN
         largest = np.max(slip / self._sizes, where=closed, initial=0.0)
         return float(self._comm.allreduce(largest, MPI.MAX))
 

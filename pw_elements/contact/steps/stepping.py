@@ -414,7 +414,8 @@ class Stepping:
                 state,
                 lambda: self._spent(target.free, before),
             )
-        reporter.violation = increment.violation(now)
+        if reporter.iteration:
+            reporter.violation = increment.violation(now)
         self.interface.check_supports(now.translations)
         smallness = self._watch.after(increment, now, state)
         iterations, report = self._spent(target.free, before)
