@@ -34,7 +34,6 @@ from pw_elements.solvers import (
     auto_solver,
     collect_garbage,
     is_matrix_free,
-    unbalanced,
     with_fallback,
 )
 from pw_elements.spaces import NOTHING, Assembled, SubSpace, is_hybrid
@@ -102,7 +101,7 @@ def reactions(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
         TypeError, ValueError: for arguments that do not fit together or are not finite.
     """
     check_problem({"the stiffness": K}, {"the displacement": a}, {"the load": f})
-    return unbalanced(K, a, f)
+    return K * a - f
 
 
 def free_pressure(
@@ -114,10 +113,10 @@ def free_pressure(
     pressure = SubSpace.pressure(reduction.space)
     constant = reduction.offset.duplicate()
     constant.setArray(pressure.spread(np.ones(len(pressure.owned))))
-    unknown, effect = matrix.createVecRight(), matrix.createVecLeft()
+    unknown = matrix.createVecRight()
     reduction.right.multTranspose(constant, unknown)
     unknown.setArray(np.array(unknown.array_r != 0, dtype=float))  # several may be tied
-    matrix.mult(unknown, effect)
+    effect = matrix * unknown
     if beside is not None:
         effect.array[beside] = 0.0
     largest = PETSc.NormType.INFINITY
@@ -136,8 +135,7 @@ def symmetric_part(matrix: PETSc.Mat) -> PETSc.Mat:
     """
     with collective(arguments.processes(matrix)):
         arguments.matrix("the matrix", matrix)
-    part = matrix.copy()
-    part.axpy(1.0, matrix.transpose(PETSc.Mat()), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    part = matrix + matrix.transpose(PETSc.Mat())
     part.scale(0.5)
     return Assembled.of(matrix).mark(part)
 

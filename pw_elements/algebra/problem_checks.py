@@ -73,8 +73,7 @@ def check_problem(
 def check_load(name: str, load: PETSc.Vec, K: PETSc.Mat) -> None:
     """Raises unless a load is a finite vector (n,) made with the weight functions of K (n, n)."""
     with collective(K.comm.tompi4py()):
-        arguments.petsc_vector(name, load)
-        arguments.same_sizes(name, load.getSizes(), _STIFFNESS, K.getSizes()[0])
+        arguments.petsc_vector(name, load, _STIFFNESS, K.getSizes()[0])
         _check_mesh(name, Assembled.of(load).mesh, K)
         _check_likeness(name, load, K)
     if not is_finite(load):

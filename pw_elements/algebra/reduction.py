@@ -29,7 +29,6 @@ from pw_elements.solvers import (
     diagonal_blocks,
     python_matrix,
     selection,
-    unbalanced,
     unblocked,
 )
 from pw_elements.spaces import (
@@ -272,7 +271,7 @@ class Reduction:
         self._check_system(K, f)
         if self.inner is None:
             return self
-        return replace(self, offset=self.offset - self.inner * unbalanced(K, self.offset, f))
+        return replace(self, offset=self.offset - self.inner * (K * self.offset - f))
 
     @same_everywhere
     def matrix(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -300,11 +299,8 @@ class Reduction:
             TypeError, ValueError: if K and f do not match the reduction.
         """
         self._check_system(K, f)
-        remainder = K.createVecLeft()
-        K.mult(self.offset, remainder)
-        remainder.aypx(-1.0, f)
         reduced = self.left.createVecRight()
-        self.left.multTranspose(remainder, reduced)
+        self.left.multTranspose(f - K * self.offset, reduced)
         return reduced
 
     @same_everywhere
@@ -317,23 +313,16 @@ class Reduction:
         Raises:
             TypeError, ValueError: if it is not a vector (n_r,).
         """
-        arguments.petsc_vector("the reduced vector", reduced)
         expected = self.right.getSizes()[1]
-        arguments.same_sizes(
-            "the reduced vector", reduced.getSizes(), "the reduced system", expected
-        )
-        full = self.offset.duplicate()
-        self.right.multAdd(reduced, self.offset, full)
-        return full
+        arguments.petsc_vector("the reduced vector", reduced, "the reduced system", expected)
+        return self.right * reduced + self.offset
 
     def _check_system(self, K: PETSc.Mat, *loads: PETSc.Vec) -> None:
         sizes = self.offset.getSizes()
         with collective(self.offset.comm.tompi4py()):
-            arguments.matrix("the matrix", K)
-            arguments.same_sizes("the matrix", K.getSizes()[0], "the reduction", sizes)
+            arguments.matrix("the matrix", K, "the reduction", sizes)
             for f in loads:
-                arguments.petsc_vector("the load", f)
-                arguments.same_sizes("the load", f.getSizes(), "the reduction", sizes)
+                arguments.petsc_vector("the load", f, "the reduction", sizes)
 
 
 def scaled(reduction: Reduction, share: float) -> Reduction:

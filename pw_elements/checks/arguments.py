@@ -21,11 +21,11 @@ from ufl.core.expr import Expr
 from pw_elements.arrays import Array, Mask
 from pw_elements.checks.guard import collective, processes
 
+Sizes = tuple[int, int]  # of vectors, own and global
+
 
 def is_number(value: Any) -> bool:  # noqa: ANN401
     """Whether a value is one real number, a 0-d array being one, too: no truth value, no text."""
-    if isinstance(value, bool):
-        return False
     plain = isinstance(value, int | float | np.number | np.ndarray)
     return plain and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
 
@@ -106,7 +106,8 @@ def flag(name: str, value: object) -> None:
     of_type(name, value, (bool, np.bool_), "it has to be True or False")
 
 
-def matrix(name: str, value: object) -> None:
+def matrix(name: str, value: object, whose: str = "", sizes: Sizes | None = None) -> None:
+    """Raises unless it is a square matrix; if sizes are given, of these."""
     of_type(name, value, PETSc.Mat, "assemble_matrix(form) makes a PETSc matrix")
     assert isinstance(value, PETSc.Mat)
     _set_up(name, value, "matrix")
@@ -115,12 +116,19 @@ def matrix(name: str, value: object) -> None:
         raise ValueError(f"{name} has the shape ({rows}, {columns}): it has to be square")
     if not value.isAssembled():
         raise ValueError(f"{name} is not assembled: call its assemble()")
+    if sizes is not None:
+        same_sizes(name, value.getSizes()[0], whose, sizes)
 
 
-def petsc_vector(name: str, value: object) -> None:
+def petsc_vector(
+    name: str, value: object, whose: str = "", other: fem.FunctionSpace | Sizes | None = None
+) -> None:
+    """Raises unless it is a vector; if another thing is given, of its sizes."""
     of_type(name, value, PETSc.Vec, "assemble_vector(form) makes one, float(s) * vector a share")
     assert isinstance(value, PETSc.Vec)
     _set_up(name, value, "vector")
+    if other is not None:
+        same_sizes(name, value.getSizes(), whose, other)
 
 
 def _set_up(name: str, value: PETSc.Mat | PETSc.Vec, what: str) -> None:
@@ -175,16 +183,13 @@ def components(name: str, value: object, size: int) -> Expr | Array:
     return value
 
 
-def sizes_of(space: fem.FunctionSpace) -> tuple[int, int]:
-    """Sizes of a space's vectors, own and global."""
+def sizes_of(space: fem.FunctionSpace) -> Sizes:
     index_map, block = space.dofmap.index_map, space.dofmap.index_map_bs
     return index_map.size_local * block, index_map.size_global * block
 
 
-def same_sizes(
-    name: str, sizes: tuple[int, int], whose: str, other: fem.FunctionSpace | tuple[int, int]
-) -> None:
-    """Raises ValueError unless sizes, own and global, are those of another thing; local."""
+def same_sizes(name: str, sizes: Sizes, whose: str, other: fem.FunctionSpace | Sizes) -> None:
+    """Raises ValueError unless sizes are those of another thing; local."""
     if isinstance(other, fem.FunctionSpace):
         other = sizes_of(other)
     if sizes[1] != other[1]:

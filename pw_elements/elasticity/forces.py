@@ -163,8 +163,7 @@ def forces_along(space: fem.FunctionSpace, forces: PETSc.Vec, where: Marker) -> 
     """
     arguments.space(space)
     with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of forces", forces)
-        arguments.same_sizes("the vector of forces", forces.getSizes(), "the space", space)
+        arguments.petsc_vector("the vector of forces", forces, "the space", space)
     nodes = some_nodes_of(space, "the line", where)
     values = forces.array_r.reshape(-1, space.dofmap.index_map_bs)
     return BoundaryForces(*_in_order(space, nodes, values)[:2])
@@ -494,8 +493,7 @@ def nodal_flux(
     arguments.of_type("spaces", spaces, Spaces, "Spaces.petrov_galerkin(mesh, 0) makes some")
     space = spaces.trial
     with collective(space.mesh.comm):
-        arguments.petsc_vector("the vector of reactions", reactions)
-        arguments.same_sizes("the vector of reactions", reactions.getSizes(), "the space", space)
+        arguments.petsc_vector("the vector of reactions", reactions, "the space", space)
     if area not in get_args(Area):
         raise ValueError(f"area {area!r}: it is 'geometric' or 'own'")
     if not is_finite(reactions):

@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx import fem
 
 from pw_elements.algebra import Reduction
-from pw_elements.checks import arguments, collective, listed, same_everywhere
+from pw_elements.checks import arguments, collective, listed, same_everywhere, sizes_of
 from pw_elements.elasticity.forces import transposed_transfer
 from pw_elements.solvers import unblocked
 from pw_elements.spaces import Assembled
@@ -78,8 +78,8 @@ class Sibling:
             TypeError, ValueError: if it is not a matrix of the space, or has another test space.
         """
         with collective(self.space.mesh.comm):
-            arguments.matrix("the matrix", standard)
-            self._check("the matrix", standard, standard.getSizes()[0])
+            arguments.matrix("the matrix", standard, "the space", sizes_of(self.space))
+            self._check("the matrix", standard)
         known = replace(Assembled.of(standard), sibling=self)
         return known.mark(unblocked(standard).ptap(self.basis))
 
@@ -136,9 +136,7 @@ class Sibling:
                 a vertex (or mid-side) next to it, on which its coefficient depends, is not.
         """
         standard = Reduction.dirichlet(self.space, conditions)
-        kept, free = standard.right.createVecRight(), standard.offset.duplicate()
-        kept.set(1.0)
-        standard.right.mult(kept, free)
+        free = standard.right.getRowSum()
         lacking = (self.basis * free).array_r * (1 - free.array_r) > _NO_SHARE
         dim, block = self.space.mesh.geometry.dim, self.space.dofmap.index_map_bs
         nodes = np.unique(np.flatnonzero(lacking) // block)
@@ -155,12 +153,11 @@ class Sibling:
 
     def _check_vector(self, name: str, vector: PETSc.Vec) -> None:
         with collective(self.space.mesh.comm):
-            arguments.petsc_vector(name, vector)
-            self._check(name, vector, vector.getSizes())
+            arguments.petsc_vector(name, vector, "the space", self.space)
+            self._check(name, vector)
 
-    def _check(self, name: str, thing: PETSc.Mat | PETSc.Vec, sizes: tuple[int, int]) -> None:
+    def _check(self, name: str, thing: PETSc.Mat | PETSc.Vec) -> None:
         """Raises ValueError for what is not the standard element's; local."""
-        arguments.same_sizes(name, sizes, "the space", self.space)
         known = Assembled.of(thing)
         if known.weights is not None and known.weights.element != self.space._cpp_object.element:
             raise ValueError(

@@ -38,7 +38,6 @@ from pw_elements.solvers.matrices import (
     selection,
     together,
     triangle,
-    unbalanced,
     unblocked,
 )
 from pw_elements.solvers.multigrid import Multigrid

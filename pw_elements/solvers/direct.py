@@ -372,9 +372,8 @@ class Factors:
         known = self._matrix.createVecRight()
         first, last = known.getOwnershipRange()
         known.setArray(np.cos(np.arange(first, last, dtype=float)))  # no rigid motion, nor any mode
-        image, back = self._matrix.createVecLeft(), known.duplicate()
-        self._matrix.mult(known, image)
-        self.ksp.solve(image, back)
+        back = known.duplicate()
+        self.ksp.solve(self._matrix * known, back)
         back.axpy(-1.0, known)
         error = back.norm() / known.norm()
         null_pivots = 0

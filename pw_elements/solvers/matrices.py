@@ -21,8 +21,6 @@ from scipy.sparse.csgraph import connected_components
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.spaces import Assembled, single_entries
 
-Sizes = tuple[int, int]
-
 # Rows of a matrix in blocks (a multiple of any block) that are converted at once, to save memory,
 # and the most parts in which it is done, for their sum takes time
 _ROWS_AT_ONCE = 12_000
@@ -140,13 +138,6 @@ def unblocked(matrix: PETSc.Mat) -> PETSc.Mat:
     if not is_blocked(matrix):
         return matrix
     return Assembled.of(matrix).mark(matrix.convert("aij", PETSc.Mat()))
-
-
-def unbalanced(K: PETSc.Mat, a: PETSc.Vec, f: PETSc.Vec) -> PETSc.Vec:
-    r = f.duplicate()
-    K.mult(a, r)
-    r.axpy(-1.0, f)
-    return r
 
 
 def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array:

@@ -189,8 +189,7 @@ def as_function(
     arguments.space(space)
     with collective(space.mesh.comm):
         arguments.of_type("name", name, str, "it has to be a string")
-        arguments.petsc_vector("the vector", values)
-        arguments.same_sizes("the vector", values.getSizes(), "the space", space)
+        arguments.petsc_vector("the vector", values, "the space", space)
         if out is not None:
             arguments.of_type("out", out, fem.Function, "it has to be a function of the space")
             if out.function_space != space:
