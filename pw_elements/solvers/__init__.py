@@ -23,6 +23,7 @@ from pw_elements.solvers.iterative import (
     with_levels,
 )
 from pw_elements.solvers.matrices import (
+    FEW_MODES,
     Masked,
     Projection,
     Supports,

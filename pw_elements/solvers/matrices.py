@@ -28,7 +28,7 @@ _MOST_PARTS = 32
 # Rows that are factorised as dense ones at once, to save memory
 _DENSE_AT_ONCE = 20_000
 # Modes that are taken together, though they may not be: in so few sparse algebra takes longer
-_FEW_MODES = 60
+FEW_MODES = 60
 
 
 def is_blocked(matrix: PETSc.Mat) -> bool:
@@ -145,7 +145,7 @@ def triangle(rows: sp.csr_array | Array, comm: MPI.Comm) -> sp.csr_array | Array
 
     It is a dense one where modes are few. A Gram matrix would lose what is small.
     """
-    if isinstance(rows, np.ndarray) or rows.shape[1] <= _FEW_MODES:
+    if isinstance(rows, np.ndarray) or rows.shape[1] <= FEW_MODES:
         return _dense_triangle(rows, comm)
     rows.eliminate_zeros()
     found = [sp.csr_array((0, rows.shape[1]))]
@@ -172,7 +172,7 @@ def null_space(rows: sp.csr_array | Array, tolerance: float) -> Array:
     """Orthonormal motions (k, modes) that rows of unit size take to nothing."""
     n = rows.shape[1]
     found = [np.zeros((0, n))]
-    few = n <= _FEW_MODES
+    few = n <= FEW_MODES
     for modes in [np.arange(n)] if few else together(abs(rows).T @ abs(rows)):
         own = _dense(rows if few else rows[:, modes])
         dense = np.vstack([own, np.zeros((len(modes), len(modes)))])

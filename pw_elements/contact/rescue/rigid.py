@@ -30,7 +30,14 @@ from pw_elements.contact.iteration import (
     mixed,
 )
 from pw_elements.contact.model import Free
-from pw_elements.solvers import Pieces, destroy, galerkin_product, null_space, triangle
+from pw_elements.solvers import (
+    FEW_MODES,
+    Pieces,
+    destroy,
+    galerkin_product,
+    null_space,
+    triangle,
+)
 
 _AXES = "xyz"
 # Part of a motion, over its largest one, that is none
@@ -239,18 +246,33 @@ class RigidMotions:
         translation along the axis is without strain. K^T m tells of which modes no state of
         strain changes the balance of forces; where it is unsymmetric, they may be fewer.
         """
-        system, K, modes = self._system, self._K, self._matrix(self._reduced)
-        right, left = system.reduction.right, system.reduction.left
-        moved = (left if transposed else right).matMult(modes)
-        if transposed:
-            forces = galerkin_product(K, right, moved)
-            forces.transpose()
-        else:
-            forces = galerkin_product(K, moved, left)
+        system, ends = self._system, (self._system.reduction.right, self._system.reduction.left)
+        first, last = reversed(ends) if transposed else ends
         largest = system.comm.allreduce(system.scale.max(initial=0.0), MPI.MAX)
-        rows = sp.vstack([self._full[self._prescribed], local_rows(forces, 0) / largest])
-        destroy(modes, moved, forces)
-        return triangle(sp.csr_array(rows), system.comm)
+        held = self._full[self._prescribed]
+        if self.modes.number <= FEW_MODES:
+            forces = self._forces_by_modes(first, last, transposed)
+            return triangle(np.vstack([held.toarray(), forces / largest]), system.comm)
+        modes = self._matrix(self._reduced)
+        moved = first.matMult(modes)
+        product = galerkin_product(self._K, *((last, moved) if transposed else (moved, last)))
+        if transposed:
+            product.transpose()
+        rows = sp.csr_array(sp.vstack([held, local_rows(product, 0) / largest]))
+        destroy(modes, moved, product)
+        return triangle(rows, system.comm)
+
+    def _forces_by_modes(self, first: PETSc.Mat, last: PETSc.Mat, transposed: bool) -> Array:
+        """Columns of `last`^T K `first` m, or with K^T: one at a time, for K in blocks has none."""
+        (x, moved), (force, pulled) = first.createVecs(), last.createVecs()
+        columns = []
+        for mode in self._reduced.T.tocsr():
+            x.setArray(mode.toarray())
+            first.mult(x, moved)
+            (self._K.multTranspose if transposed else self._K.mult)(moved, pulled)
+            last.multTranspose(pulled, force)
+            columns.append(force.array_r.copy())
+        return np.transpose(columns)
 
     def _matrix(self, motions: sp.csr_array) -> PETSc.Mat:
         comm, n = self._system.comm, self.modes.number
