@@ -1,47 +1,10 @@
 """Mortar interfaces: two deformable bodies whose meshes need not match.
 
-Body 1 (slave) and body 2 (master) are parts of one mesh. With w the piecewise-linear weights of
-both, N the quadratic trial functions, and psi the duals of the slave's weights,
-
-    integral of psi_j w_i over the slave's face = delta_ij A_j,     A_j = integral of w_j,
-
-body 2 acts on body 1 by the traction t = sum t_j psi_j, and body 1 on body 2 by -t at the place
-across. Tested with the weights v of both bodies these tractions do the work
-
-    integral of t·(v_1 - v_2) = sum over j of t_j·(A_j v_1j - sum over k of M_jk v_2k),
-
-M_jk = integral of psi_j w_k. So r_j = A_j t_j, a force, is all that slave node j gets, and the
-master's nodes k get - M_jk r_j / A_j. Pressure p_j = n_j·t_j and gap have the same normal, which is
-the slave's averaged one turned inwards: n_j points out of the master, p_j presses the slave along
-it, and the mean gap
-
-    g_j = integral of w_j n_j·(x_1 + u_1 - x_2 - u_2) / A_j
-
-is positive where the bodies are apart. The multiplier p_j is a pressure and the integral a length
-times an area; the law is stated node by node on p_j A_j and g_j, which have the scales of nodal
-forces and gaps, as A_j is the node's own area. H has the unit in a point's own equation, as for
-matching nodes; it is not G^T, for tractions are weighted with duals and gaps with weights.
-
-What is exact: H hands on the force, for sum w_k = 1, and the moment of a closed gap, for the
-weights reproduce positions on straight sub-facets; across a gap g friction t leaves a moment g t.
-An even pressure arrives as it is, whatever the meshes, since sum psi_j = 1. Gaps are weighted
-with w and not psi, for w is not negative. On every sub-facet the duals are D M^-1 w, with M the
-matrix of the weights over the part of the sub-facet that faces the master and D its row sums: so
-all of this holds where a facet is covered in part, too, and p_j is the pressure of that part.
-Integrals have the measure of the form, 2 pi r ds in axisymmetry, and are exact for polynomials on
-flat faces; of curved ones sub-facets are cut along their chords, between nodes, while positions
-and displacements are the quadratic functions: measures, and so pressures, are of second order, on
-cylinders and spheres alike. Gaps that meshes of one curved surface leave are as large as the
-elements' own errors on coarse meshes: so `DeformableSurface.coincident`.
-
-What is not: psi is negative in places, so that the master's nodal forces need not have one sign
-where neighbouring p_j differ by more than a factor of two, next to the edge of contact above all,
-and the more the coarser the slave is. Small sliding: who faces whom, and along which averaged
-normal of the slave, is settled on the undeformed bodies. Where next to nothing of a sub-facet is
-covered, a node's force is right, but not its quotient by the area.
-
-The duals of straight sub-edges and flat sub-triangles that are covered all are 3 w - 1 and
-4 w - 1 (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
+The guide's page on theory says what is computed, and what is exact ("Two bodies"): multipliers
+are expanded in the duals psi of the slave's weights w, node j gets the force r_j = A_j t_j, and
+the master's nodes k get - M_jk r_j / A_j, with M_jk = integral of psi_j w_k. H has the unit in a
+point's own equation, as for matching nodes; it is not G^T, for tractions are weighted with duals
+and gaps with weights (B. Wohlmuth, https://doi.org/10.1137/S0036142999350929).
 
 Sub-facets of two surfaces face each other in segments of lines or polygons of planes. A sub-facet
 is an interval, a triangle or a quadrilateral, given by its corners and seen as flat. The master's

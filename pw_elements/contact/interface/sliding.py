@@ -1,30 +1,12 @@
 """Mortars of two deformed sides in the plane, and their derivatives by all positions.
 
 Duals, forces and gaps are those of `mortar`, taken where the sides are now, with who faces whom
-found anew. Sides are the polylines through all nodes, vertices and middles, for that is where the
-weights are linear; so all sums over nodes below are exact, and a rigid motion changes nothing. With
+found anew; the guide's page on theory says why so ("Large strains"). With
 
     D_ji = integral of w_j w_i,   M_jk = integral of w_j w_k,   A_j = integral of w_j
 
 over what the slave's facets have of the master's, the mean place of a node over the mean place of
-what it faces is S x = (D x_1 - M x_2) / A, the gap n·S x, and the slip since S was S_0
-
-    v = t·(S_0 - S) x:
-
-what was paired then has gone so far apart along the tangent t now. It vanishes where both bodies
-move or stretch together, as current S times changes of x does not, and is of second order in the
-way along curved sides. A node that faced nothing then is paired with the point closest to it.
-
-Facets see each other along the slave's normals, interpolated between nodes, where a normal is that
-of the chord between both neighbours: so integrals have continuous derivatives as nodes slide by
-each other, but for the ends of the master.
-
-Duals are negative in places, so that single nodes of the master draw at the edge of contact, by a
-few per cent of the peak where the master is as fine as the slave or finer, hardly where it is
-coarser: section V17 of the study. With w in their place nothing draws, and an even pressure arrives
-as well; but then a force acts at the mean place of its weight, not at its node, and the moments of
-both sides, which duals nearly keep, are apart. Where the master is the coarser side, the slave sees
-its kinks.
+what it faces is S x = (D x_1 - M x_2) / A, the gap n·S x, the slip since S was S_0 t·(S_0 - S) x.
 """
 
 from collections.abc import Callable, Sequence

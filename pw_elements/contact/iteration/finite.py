@@ -1,21 +1,7 @@
 """Large strains: equilibrium of any residual, and contact at the deformed body.
 
-A surface turns by R about its pivot c, and is moved by U: a node is at y = c + R^T (X + u - U - c)
-in its frame. With a the node's displacement, w the axis, d = X + a - U - c, and q = (U, angle),
-
-    dy = R^T (da - V dq),   V = (I, w x d),   d(R^T r) = R^T (dr - w x r dangle),
-
-so that force and torque of a surface are the sums of V^T r. With the closest point p = y - g n of
-the surface, its normal n there, and N the derivative of n by y,
-
-    dg = n·dy,   dp = (I - n n^T - g N) dy,   dt = -(t·N dy) n
-
-for tangents t that turn with n. Slip is the way of p along the surface since the start of the
-increment, where p and n were p_0 and n_0: the chord's tangential part t·(p - p_0), times
-asin(s) / (s (1 - s^2)^(1/2)) with s = |n - n_0| / 2. So it is the arc on planes, circles and
-spheres, and differs from it by the third order of its length on others.
-
-Residuals need no areas: the force of a node is the residual's entry, r = L F(u), and
+The guide's page on theory has the kinematics of surfaces that move and turn, and of slip ("Large
+strains"). Residuals need no areas: the force of a node is the residual's entry, r = L F(u), and
 
     K a = f + H r,    K = F'(u_k),    f = K u_k - F(u_k)
 

@@ -1,30 +1,11 @@
 """The law of one contact node: unilateral contact and friction on nodal forces, and linearised.
 
-With r the force of the surface on the node, n the direction it pushes in, g the gap and v
-the slip of the increment (relative tangential displacement), r_n = n·r, r_t = r - r_n n:
+With p = r_n - c g, s = r_t - c v and the limit of friction l, the law is F = 0, where
 
-    r_n >= 0,  g >= 0,  r_n g = 0;      |r_t| <= l(r_n),  r_t |v| = -l(r_n) v,
+    F_n = r_n - max(0, p),    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)),
 
-l being the limit of friction, Coulomb's mu r_n say, is the same as the vanishing of the nodal
-Alart-Curnier function
-
-    F_n = r_n - max(0, p),                     p = r_n - c g,
-    F_t = r_t - projection of s on the disc |.| <= l(max(0, p)),    s = r_t - c v,
-
-for any c > 0; it is of the size of the node's stiffness diagonal, so that both terms are
-forces. Newton's method on F is an active-set iteration: a node is
-
-    open (p <= 0):        r = 0,
-    stick (|s| < l(p)):   g = 0, v = 0,
-    slip (else):          g = 0, (I - M) r_t - l'(p) r_n d + c M v = (l(p) - l'(p) p) d,
-                          d = s/|s|, M = (l(p) / |s|) (I - d d^T).
-
-M turns the direction of slip. In the plane there is one tangent, I - d d^T vanishes, the last line
-is r_t = ± mu r_n by Coulomb's law, and the iteration runs through finitely many sets. A tangent of
-length zero takes no part: that is how a prescribed tangential displacement is left alone.
-
-A node whose slip would turn back sticks for one iteration first: otherwise long slips, which
-c magnifies, let rows of nodes jump from one direction to the other and back.
+and Newton's method on F an active-set iteration. The guide's page on theory has the equations of
+open, sticking and slipping nodes ("The law, linearised").
 """
 
 from dataclasses import dataclass, replace

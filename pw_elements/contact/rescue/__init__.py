@@ -1,5 +1,4 @@
 """What is tried after the iteration has failed, and proofs that no state exists."""
 
-from pw_elements.contact.rescue.refusals import no_equilibrium, rescue
+from pw_elements.contact.rescue.refusals import by_springs, no_equilibrium, rescue
 from pw_elements.contact.rescue.rigid import RigidMotions
-from pw_elements.contact.rescue.springs import by_springs

@@ -1,36 +1,39 @@
 """What is tried where the iteration of an increment has failed, and which refusal it is.
 
-Statics alone may prove that no contact forces balance the loads. In a rigid motion of a piece, or
-of a free surface, only loads and contact forces do work. Let v be the velocity of a contact point
-relative to what it faces, v_n and v_t its parts. If
+Springs hold the contact points. They end where these were found last, get softer where a state is
+found, and stiffer where none is.
 
-    v_n >= mu |v_t|    at every point that a surface faces, and    the loads do work,
-
-then no force that the law admits (r_n >= 0, |r_t| <= mu r_n) takes any of that work away, and
-there is no equilibrium: the body is lifted, overturned or dragged off. (What slides along x in such
-a motion rises as well, by mu times as much.) By Farkas' lemma there is one whenever statics rule an
-equilibrium out. A linear program looks for it: most work in motions whose components are one at
-most; in space a cut is added wherever a cone is overstepped. Its multipliers give the least loads,
-in the sum of their components, that would have to be added for a balance. Nothing is claimed that
-plain arithmetic does not confirm afterwards.
-
-It is a proof for given normals. Nothing is claimed of what touches a curved surface whose
-translation is free, for its normals turn with that. On curved cells piecewise-linear weights do
-not contain the rotations: moments are not balanced there, and only translations prove anything.
+Statics alone may prove that no contact forces balance the loads: by a rigid motion in which they do
+work, with v_n >= mu |v_t| at every point that a surface faces. A linear program looks for it; the
+guide's page on theory has the argument ("Where the iteration fails").
 
 Only contact points are gathered, and the program runs on one process: 3 seconds for 10 000 points
 in space, 0.2 in the plane.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 from scipy.optimize import linprog
 
 from pw_elements.arrays import Array, Indices, Mask
 from pw_elements.checks import collective, listed
-from pw_elements.contact.iteration import TOLERANCE, Increment, Iterate, Place, contact_state
+from pw_elements.contact.iteration import (
+    TOLERANCE,
+    ActiveSet,
+    Increment,
+    Iterate,
+    Place,
+    Policy,
+    contact_state,
+    newton,
+    same,
+)
 from pw_elements.contact.model import (
     ContactFailed,
     ContactState,
@@ -42,7 +45,24 @@ from pw_elements.contact.model import (
     Smallness,
 )
 from pw_elements.contact.rescue.rigid import NOTHING, Basis, RigidModes, RigidMotions, direction
-from pw_elements.solvers import NotConverged, SolverReport, together
+from pw_elements.progress import told
+from pw_elements.solvers import NotConverged, SingularSystem, SolverReport, together
+
+# Stiffness of the first and of the softest springs, over the points' own
+_FIRST, _SOFTEST = 1e-2, 1e-13
+# How much softer they get where a state is found, and stiffer where none is
+_SOFTER, _STIFFER = 30.0, 5.0
+# After a failure the factor of softening is raised to this power, but stays above the least
+_SLOWER, _LEAST = 0.7, 2.0
+_FAILURES = 20
+# Iterations with springs, and without
+_MOST = 25
+_CONFIRMED = 12
+_LOOSE = (
+    "the loads are balanced without any contact force, and the body is loose: it can be where "
+    "nothing touches it, in many places; a support, or a load that presses it against something, "
+    "makes it one"
+)
 
 # Work of the loads over the sum of its parts' magnitudes: none below
 _ZERO_WORK = 1e-9
@@ -63,6 +83,10 @@ _ENCLOSED = (
     "Supports and contact enclose an incompressible body, whose volume has no room and whose "
     "pressure no scale: leave a part of its surface free, or use nu below 1/2"
 )
+
+# Makes an increment with springs of a share of the points' stiffness, which end where all unknowns
+# (n,) and the surfaces' translations (pairs, dim) are given
+Sprung = Callable[[float, PETSc.Vec, Array], Increment]
 
 
 @dataclass(frozen=True)
@@ -306,3 +330,60 @@ def _amount(centre: Array, missing: MissingForce) -> str:
 def _numbers(values: Array) -> str:
     words = ", ".join(f"{value:.4g}" for value in values)
     return f"({words})" if len(values) > 1 else words
+
+
+def by_springs(
+    increment: Increment,
+    sprung: Sprung,
+    active: ActiveSet,
+    place: Place,
+    unknowns: PETSc.Vec,
+    policy: Callable[[], Policy],
+    most: int,
+    left: Callable[[], float],
+) -> Iterate | None:
+    """The solution of an increment, or None; it starts at a place, from all unknowns (n,) there.
+
+    It goes on as long as linear systems are `left` to be solved, `most` in one iteration. Raises
+    NotUnique where tangents are singular at a solution.
+    """
+
+    def at_most(some: int) -> int:
+        return int(max(1, min(some, most, left())))
+
+    comm, translations = increment.interface.comm, place.translations
+    share, softer, failures, known = _FIRST, _SOFTER, 0, None
+    words = f"by springs, for what {left():.0f} linear systems take at most"
+    told(comm, logging.INFO, words, ".contact")
+    while share > _SOFTEST and failures < _FAILURES and left() > 0:
+        held = sprung(share, unknowns, translations)
+        free = Policy(lambda *_: [], increment.interface)
+        try:
+            found = newton(held, active, place, free, at_most(_MOST))
+        except ContactFailed as failed:
+            told(comm, logging.INFO, f"not with springs of {share:.0e}: {failed}", ".contact")
+            failures, softer = failures + 1, max(_LEAST, softer**_SLOWER)
+            share *= _STIFFER
+            continue
+        unknowns, translations = found.full, found.translations
+        place = increment.kinematics(translations, found.displacement, found.force)
+        now = increment.seen(found.reduced, translations, place)
+        violation = increment.violation(now)
+        if increment.nearest is None or violation < increment.nearest[1]:
+            increment.nearest = now, violation
+        active = found.contact.at_rest
+        if violation <= 1 or (known is not None and same(known, active, comm)):
+            try:
+                solution = newton(increment, active, place, policy(), at_most(_CONFIRMED))
+                told(comm, logging.INFO, f"solved by springs of {share:.0e}", ".contact")
+                return solution
+            except ContactFailed as failed:
+                told(comm, logging.INFO, f"not from springs of {share:.0e}: {failed}", ".contact")
+                if violation <= 1:
+                    if isinstance(failed.__cause__, SingularSystem):
+                        force = comm.allreduce(np.abs(now.force).max(initial=0.0), MPI.MAX)
+                        loose = force <= increment.round_off(now)
+                        raise NotUnique(_LOOSE if loose else f"at a solution, {failed}") from failed
+                    return now  # which the iteration leaves by round-off
+        known, share = active, share / softer
+    return None
