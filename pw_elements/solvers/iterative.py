@@ -1,18 +1,9 @@
-"""Krylov's method with two-level p-multigrid.
+"""Krylov's method with two-level p-multigrid; of hybrid bodies with a block triangle.
 
-In space, factors of quadratic elements take memory that grows faster than the power 4/3 of the
-number of unknowns; this method takes a few times that of the matrix, and time in proportion to it.
-
-The preconditioner of the hybrid element is a block triangle. With A the stiffness of
-displacements, B that of volume and S the pressure's mass over its moduli, -(1/(2 mu) + 1/lambda),
-the triangle [A 0; B S] takes the place of the matrix: A by multigrid, S by a Chebyshev polynomial.
-It is linear, so that plain GMRES does. See H. Elman, D. Silvester, A. Wathen, "Finite Elements and
-Fast Iterative Solvers" (2014), 4.2; of mass matrices, A. Wathen, IMA J. Numer. Anal. 7 (1987),
-doi:10.1093/imanum/7.4.449.
-
-Solver "auto" chooses between factors and Krylov's method. Factors serve every body, as long as
-there is memory for them; Krylov's method takes little, and may give up where supports or contact
-hardly hold the body. Then factors go on, if they fit.
+The guide's page on theory has its blocks ("Large systems"). Solver "auto" chooses between factors
+and Krylov's method. Factors serve every body, as long as there is memory for them; Krylov's method
+takes little, and may give up where supports or contact hardly hold the body. Then factors go on, if
+they fit.
 """
 
 import logging

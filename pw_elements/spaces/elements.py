@@ -5,13 +5,8 @@ Weight functions are built from the four principles of section 3 of the paper:
 of them, 3) it is continuous, 4) it is 1 at its node and 0 at all others.
 Principles 2 and 3 name a space, Basix's macro polynomials of degree 1; principle 4 names
 its basis, point evaluation at the nodes of the quadratic element; principle 1 then follows.
-
-On tetrahedra the weights are the mean over the three cuts of the octahedron inside. Mid-sides cut
-a tetrahedron into four corner ones and an octahedron, which one of three diagonals cuts into four
-more. Which one is arbitrary, and nodal forces would depend on it. All three meet in the
-octahedron's centre: the mean of the three sets of weights is linear on *twelve* tetrahedra, the
-corner ones and one between the centre and each face of the octahedron, and its value in the centre
-is the mean of the mid-sides'. Faces, and with them all traces, do not know the cut.
+On tetrahedra the weights are the mean over the three cuts of the octahedron inside: they are linear
+on twelve tetrahedra, see the guide's page on theory ("The element").
 """
 
 import functools

@@ -2,20 +2,10 @@
 
 With y = K a, the rows of the contact points become E r + C G a - D U with r read from y; all
 others stay, but those of opposite nodes, which r acts on, too. The preconditioner is multigrid for
-K in which the directions that an active set holds are taken out, as supports are, or held by
-springs against the opposite nodes, see `Sprung`: so a body that contact alone holds has a
-stiffness. Free translations U, of which
-there are few, are eliminated by the Schur complement of the preconditioner. In hybrid bodies held
-are displacements alone, the first block of the triangle, see `SaddlePoint`.
-
-Newton's iteration needs no exact solutions on its way: each reduces the residual, which begins
-at that of the nonlinear equations, to a part of it. The last ones are exact, when the loop asks.
-
-Where hardly any node sticks the preconditioner holds some. Friction may hold a body of which all
-nodes slide: it turns with the slip, and so makes the tangent regular. Multigrid for K knows
-nothing of that: with nothing held along the surface it is singular, and GMRES breaks down. A few
-nodes are therefore held in the preconditioner, not in the equations, which changes it by a matrix
-of low rank and costs about as many iterations.
+K in which directions are held, see the guide's page on theory ("Large systems") and `Sprung`. Free
+translations U, of which there are few, are eliminated by the Schur complement of the
+preconditioner. In hybrid bodies held are displacements alone, the first block of the triangle, see
+`SaddlePoint`.
 """
 
 from collections.abc import Callable

@@ -1,19 +1,8 @@
 """Derivatives of what a history results in by what it has been computed from.
 
-The state x = (u, U) at the end of increment k, unknowns and free translations, depends on data p
-and on where the increment began, since slip counts from there. With the tangent A of the law's
-active set at the end,
-
-    A_k dx_k = b_k dp - P_k dx_k-1.
-
-One parameter takes a back-substitution in each increment, forwards. Weights w of all states, in
-J = sum w_k·x_k, take one in each, backwards, whatever the number of parameters:
-
-    A_k^T l_k = w_k - P_k+1^T l_k+1,    dJ/dp = sum l_k·b_k.
-
-Both are exact for the discrete problem as long as no node changes its status, for then A is the
-derivative of its equations: P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994,
-doi:10.1002/nme.1620371408.
+With the tangent A of the law's active set at the end of increment k, A_k dx_k = b_k dp - P_k dx_k-1
+forwards, and A_k^T l_k = w_k - P_k+1^T l_k+1 backwards: see the guide's page on theory
+("Derivatives"; P. Michaleris, D. A. Tortorelli, C. A. Vidal, 1994, doi:10.1002/nme.1620371408).
 """
 
 from collections.abc import Callable, Iterator, Sequence
