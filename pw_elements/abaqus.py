@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-# Edges by Abaqus' corners, in the order of their mid-side nodes; faces S1, S2 ...
-EDGES = ({0, 1}, {1, 2}, {2, 0}, {0, 3}, {1, 3}, {2, 3})
+# Faces S1, S2 ... by their corners
 FACES = {
     "triangle": ("01", "12", "20"),
     "quadrilateral": ("01", "12", "23", "30"),
@@ -18,8 +17,8 @@ FACES = {
     "hexahedron": ("0123", "4765", "0451", "1562", "2673", "3740"),
 }
 # Types by the number in their names: dimension, cell, degree of its sides, nodes
-TETRAHEDRA = {"4": (3, "tetrahedron", 1, 4), "10": (3, "tetrahedron", 2, 10)}
-SOLID = TETRAHEDRA | {"8": (3, "hexahedron", 1, 8)}
+SOLID = {"4": (3, "tetrahedron", 1, 4), "10": (3, "tetrahedron", 2, 10)}
+SOLID["8"] = (3, "hexahedron", 1, 8)
 FLAT = {"3": (2, "triangle", 1, 3), "4": (2, "quadrilateral", 1, 4)}
 FLAT["6"] = FLAT["65"] = (2, "triangle", 2, 6)
 LINE = {"2": (1, "interval", 1, 2), "3": (1, "interval", 2, 3)}

@@ -11,6 +11,7 @@ import basix
 import basix.ufl
 import numpy as np
 from dolfinx import fem
+from dolfinx.io.utils import cell_perm_vtk
 from dolfinx.mesh import (
     CellType,
     DiagonalType,
@@ -21,7 +22,7 @@ from dolfinx.mesh import (
     meshtags,
 )
 
-from pw_elements.abaqus import EDGES, FACES, Model
+from pw_elements.abaqus import FACES, Model
 from pw_elements.arrays import Array, Indices, Local
 from pw_elements.checks import answer, arguments, collective, same_everywhere
 
@@ -149,12 +150,13 @@ def from_file(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> TaggedMesh:
             what cannot be read, such as elements C3D20 and CPS8, which DOLFINx has no cells for.
     """
     arguments.communicator(comm)
-    with collective(comm):
-        arguments.of_type("path", path, (str, Path), "it has to be the path of a file")
-        path = Path(path)
-        if path.suffix.lower() not in (".msh", ".inp"):
-            raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
-    return from_gmsh(comm, path) if path.suffix.lower() == ".msh" else _from_abaqus(path, comm)
+    arguments.of_type("path", path, (str, Path), "it has to be the path of a file")
+    path = Path(path)
+    if path.suffix.lower() == ".msh":
+        return from_gmsh(comm, path)
+    if path.suffix.lower() == ".inp":
+        return _from_abaqus(path, comm)
+    raise ValueError(f"{path}: files end with .msh (Gmsh) or .inp (Abaqus, CalculiX)")
 
 
 @same_everywhere
@@ -368,8 +370,9 @@ def _deck(path: Path) -> _Deck:
         raise ValueError(f"{path}: elements have the node {min(lost)[1]}, which is not there")
     x = np.array([at for key, at in model.nodes.items() if key in used])
     row = {key: k for k, key in enumerate(key for key in model.nodes if key in used)}
-    order = _order(cell, degree)
-    cells = np.array([[row[node] for node in nodes] for nodes in own.values()])[:, order]
+    cells = np.array([[row[node] for node in nodes] for nodes in own.values()])
+    order = cell_perm_vtk(CellType[cell], cells.shape[1])  # Abaqus' is VTK's
+    cells = cells[:, order]
     if dim == 2:
         _check_plane(str(path), x)
 
@@ -430,15 +433,6 @@ def _deck(path: Path) -> _Deck:
     tags = {"cells": cell_tags[:, None], "facets": facet_tags[which]}
     names = {"cells": of_cells, "facets": of_facets}
     return _Deck((cell, degree), np.ascontiguousarray(x[:, :dim]), cells, tags, names)
-
-
-def _order(cell: str, degree: int) -> list[int]:
-    """Abaqus' nodes of a cell in DOLFINx' order."""
-    if cell in ("quadrilateral", "hexahedron"):
-        return [0, 1, 3, 2, 4, 5, 7, 6][: len(basix.topology(basix.CellType[cell])[0])]
-    corners, edges = basix.topology(basix.CellType[cell])[:2]
-    middles = [len(corners) + EDGES.index({*edge}) for edge in edges]
-    return [*range(len(corners)), *middles[: len(edges) * (degree - 1)]]
 
 
 def _numbered(sets: dict[str, Indices], count: int) -> tuple[Indices, dict[str, tuple[int, ...]]]:

@@ -18,6 +18,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh, exterior_facet_indices
+from scipy.spatial.transform import Rotation
 from ufl.core.expr import Expr
 
 from pw_elements._compat import interpolation_points
@@ -223,7 +224,8 @@ def _space(
     from matplotlib.collections import PolyCollection
 
     corners, rim, shares = _parts(_FACETS[faces.x.shape[1]])
-    seen_from = _frame(*np.radians(view))
+    # unit vectors to the right, upwards and towards the eye
+    seen_from = Rotation.from_euler("ZX", [view[1] + 90, 90 - view[0]], degrees=True).as_matrix().T
     x = np.einsum("pn,fnd,ed->fpe", shares, faces.x, seen_from)
     values = np.einsum("pn,fn->fp", shares, faces.values)
     parts = x[:, corners]
@@ -248,14 +250,6 @@ def _space(
         PolyCollection(drawn, facecolors=fills, edgecolors=lines, linewidths=widths)
     )
     axes.set_axis_off()
-
-
-def _frame(elevation: float, azimuth: float) -> Array:
-    """Unit vectors to the right, upwards and towards the eye."""
-    up, turned = (np.array([np.cos(a), np.sin(a)]) for a in (elevation, azimuth))
-    eye = np.array([up[0] * turned[0], up[0] * turned[1], up[1]])
-    right = np.array([-turned[1], turned[0], 0.0])
-    return np.array([right, np.cross(eye, right), eye])
 
 
 def _parts(cell: basix.CellType) -> tuple[Indices, Indices, Array]:
